@@ -14,8 +14,9 @@ import numpy as np
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import Region
+from xfrustum.scenes.model.effects import FAR_MARGIN, ROUNDING_MARGIN, Region, loses_far_plane
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, SceneObject
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 
 Point = tuple[float, float, float]
@@ -270,8 +271,34 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     return np.asarray((np.abs(whole) > doubt) & beyond.all(axis=2).any(axis=1))
 
 
-def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
-    """Return (rows, columns) whether crossed frusta hold any part of an object; none that does is missed."""
+def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
+    """Return (rows, columns) whether a hogel can show anything, in truth or drawn; False is certain."""
+    plate, frustum = scene.plate, scene.frustum
+    flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, one) for one in settings))
+    # As `Region` has it: lines of a camera that steps back are farther aside by its half film and its shear.
+    step, widened = max(one.near for one in settings), []
+    for half, size, axis in zip(film_window(frustum, plate.middle)[1], plate.size, (0, 1), strict=True):
+        slope = 0.0
+        if frustum.screen is not None:
+            slope = (abs(frustum.screen.center[axis]) + size / 2) / abs(frustum.screen.height)
+        farthest = FAR_MARGIN * frustum.longest_reach + step
+        widened.append((half + slope) * step + ROUNDING_MARGIN * (size + (half + slope) * farthest))
+    toward, back = frustum.reach
+    farther = replace(frustum, reach=(FAR_MARGIN * toward, FAR_MARGIN * back))
+    for part in scene.objects:
+        flags |= apertures_in_view(part, farther, plate, (widened[0], widened[1]))
+        if flags.all():
+            break
+    return flags
+
+
+def apertures_in_view(
+    part: SceneObject, frustum: Frustum, plate: Plate, widened: tuple[float, float] = (0.0, 0.0)
+) -> Mask:
+    """Return (rows, columns) whether crossed frusta hold any part of an object; none that does is missed.
+
+    The frusta are wider by a length on all sides, scene units.
+    """
     columns, rows = plate.hogels
     # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative sums along
     # both are the numbers of rectangles over each aperture.
@@ -284,7 +311,9 @@ def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask
             quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
             split, total = np.concatenate([np.stack(one, axis=1) for one in quarters]), 4 * total
         for layer in _layers(split, frustum):
-            (left, right), (low, high) = (_aperture_range(layer, frustum, plate, axis) for axis in (0, 1))
+            (left, right), (low, high) = (
+                _aperture_range(layer, frustum, plate, axis, widened[axis]) for axis in (0, 1)
+            )
             # Rows are numbered downward, heights upward.
             top, end = rows - 1 - high, rows - low
             some = layer[1].any(axis=1) & (left <= right) & (top < end)
@@ -293,11 +322,14 @@ def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask
     return np.asarray(steps.cumsum(axis=0).cumsum(axis=1)[:rows, :columns] > 0)
 
 
-def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> tuple[Indices, Indices]:
+def _aperture_range(
+    layer: Layer, frustum: Frustum, plate: Plate, axis: int, widened: float
+) -> tuple[Indices, Indices]:
     """Return the (F,) first and last column, or row counted upward, whose lines may meet each part.
 
-    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s). The screen is at
-    s = S and has its middle at m; without a screen 1/S is zero. In a layer 1 - s/S keeps its sign.
+    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) + widened. The
+    screen is at s = S and has its middle at m; without a screen 1/S is zero. In a layer 1 - s/S keeps its
+    sign.
     """
     corners, valid, _ = layer
     s = -corners[..., 2]
@@ -309,8 +341,9 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
         toward_a = 1.0 - s / depth
     sign = np.where(np.where(valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     x, toward_a = x * sign, np.abs(toward_a) * (plate.size[axis] / 2)
+    aside = half * np.abs(s) + widened
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        low, high = (x - half * np.abs(s)) / toward_a, (x + half * np.abs(s)) / toward_a
+        low, high = (x - aside) / toward_a, (x + aside) / toward_a
     return _centers_between(low, high, valid, plate.hogels[axis])
 
 

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from xfrustum.scenes.arguments import settle, whole
-from xfrustum.scenes.arrays import Indices
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import SAMPLED_HOGELS
@@ -39,6 +39,13 @@ def aperture_at(plate: Plate, place: int) -> Aperture:
     columns = plate.hogels[0]
     row, along = divmod(int(place), columns)
     return plate.aperture(columns - 1 - along if row % 2 else along, row)
+
+
+def places_of(chosen: Mask) -> Indices:
+    """Return the places on the path of `aperture_at` of some hogels, (rows, columns), in ascending order."""
+    path = chosen.copy()
+    path[1::2] = chosen[1::2, ::-1]
+    return np.flatnonzero(path)
 
 
 def place_of(plate: Plate, aperture: Aperture) -> int:
@@ -78,20 +85,15 @@ def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class GrowingSample:
-    """Samples of a plate, each twice as large as the one before, which it contains; `first` is the first."""
+    """Samples of hogels, each twice as large as the one before, which it contains; `first` is the first."""
 
-    plate: Plate
+    hogels: int
     first: int
     seed: int = 0
 
     def __post_init__(self) -> None:
         asked = RandomSample(hogels=self.first, seed=self.seed)
         settle(self, first=min(asked.hogels, self.hogels), seed=asked.seed)
-
-    @property
-    def hogels(self) -> int:
-        """Number of hogels of the plate."""
-        return math.prod(self.plate.hogels)
 
     @property
     def looks(self) -> int:
@@ -103,7 +105,7 @@ class GrowingSample:
         return min(self.first << look, self.hogels)
 
     def places(self, look: int) -> Indices:
-        """Return where the hogels of a sample lie on the path, (n,) in ascending order."""
+        """Return the numbers of the hogels of a sample, (n,) in ascending order."""
         places = np.zeros(0, dtype=np.int64)
         for number in range(look + 1):
             runs = self.first << number

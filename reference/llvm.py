@@ -24,6 +24,8 @@ from xfrustum.scenes.errors import InputError
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 """Environment variable that Dr.Jit reads first. Where it is set, no other library is considered."""
 
+CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder of compiled kernels
+
 OLDEST_LLVM = 17
 """First version that is used: Dr.Jit refuses 14, and with 15 and 16 its minimum and maximum abort the
 process."""
@@ -167,6 +169,9 @@ def prepare_llvm() -> str:
     """Name an accepted LLVM to Dr.Jit, unless that is imported; return its path, or why there is none."""
     if "drjit" in sys.modules:
         return FOUND_BY_DRJIT
+    if "HOME" not in os.environ:  # Dr.Jit would print a line about its cache; the user has a home anyway
+        with suppress(RuntimeError):
+            os.environ.setdefault(CACHE_VARIABLE, str(Path.home() / ".drjit"))
     named = os.environ.get(LLVM_VARIABLE)
     library = accepted_llvm([Path(named)] if named else installed_llvms())
     if library is None:

@@ -11,7 +11,6 @@ import io
 import json
 import os
 import re
-import stat
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
@@ -24,6 +23,7 @@ import pyarrow.parquet as pq
 from xfrustum.reports.common.outputs import json_object, refused
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.durable import write_file
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.model.scene import Scene, look_hash
 
 DESCRIPTION = "_description.json"
@@ -154,11 +154,10 @@ def scene_description(scene: Scene) -> dict[str, Any]:
 
 
 def _regular(path: Path) -> bytes | None:
-    """Return the content of a regular file; None of anything else, such as a pipe, on which reading waits."""
+    """Return the content of a regular file; None where there is none."""
     try:
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            return file.read() if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
-    except OSError:
+        return read_input(path, "file")
+    except InputError:
         return None
 
 

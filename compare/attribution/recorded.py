@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from xfrustum.compare.attribution.budget import drawing_cameras, explain
 from xfrustum.compare.rounding.causes import HEADINGS
@@ -17,8 +17,10 @@ from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.disk.archives import read_arrays
+from xfrustum.scenes.disk.input_files import check_picture_size
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.device_model import DeviceModel, model_of
+from xfrustum.scenes.model.device_model import DeviceModel, Digits, model_of
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.opening import open_scene
@@ -79,22 +81,30 @@ class Replayed:
         }
 
 
+class _Device(BaseModel):
+    """Names of the device that drew, as a recording has them."""
+
+    renderer: str
+    version: str = ""
+    subpixel_bits: Digits
+
+
 def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
     """Read the names of the device and the frames of a recording; InputError where it is none."""
+    found = read_arrays(path, "recording of frames", "give a .npz of recorded frames")
     try:
-        with np.load(path) as found:
-            device = json.loads(str(found["device"]))
-            frames = [RecordedFrame(name=n, triangle=found[n]) for n in found.files if n != "device"]
-            {name: str(device[name]) for name in ("renderer", "subpixel_bits")}
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give a recording of frames, a .npz") from error
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path} is no recording of frames: {error}") from error
-    if not frames:
+        device = _Device.model_validate_json(str(found.pop("device", None)))
+    except ValidationError as error:
+        reason = error.errors(include_url=False)[0]["msg"]
+        raise InputError(f"{path} is no recording of frames: it names no device ({reason})") from error
+    if not found:
         raise InputError(f"{path} has no frames")
-    if any(frame.triangle.ndim != 2 or frame.triangle.dtype.kind != "i" for frame in frames):
-        raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
-    return device, frames
+    for triangle in found.values():
+        if triangle.ndim != 2 or triangle.dtype.kind != "i" or triangle.min(initial=NOTHING) < NOTHING:
+            raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
+        check_picture_size(path, triangle.shape[1], triangle.shape[0])
+    frames = [RecordedFrame(name=name, triangle=triangle) for name, triangle in found.items()]
+    return {name: str(value) for name, value in device}, frames
 
 
 def replay(

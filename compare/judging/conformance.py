@@ -125,15 +125,20 @@ def stored(truth: HogelImage) -> Arrays:
 
 
 def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any]]) -> HogelImage:
-    """Return the truth of `stored`; where its surfaces lie is not kept."""
-    triangle = arrays["triangle"]
+    """Return the truth of `stored`; where its surfaces lie is not kept.
+
+    Raises ValueError, TypeError or LookupError where the arrays are others.
+    """
+    # Types and shapes are those that `stored` gives: what has the frozen `digest` then differs in nothing.
+    triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
+    color = arrays.get("color")
     return HogelImage(
         camera=camera,
         triangle=triangle,
         object=scene.object_of_number[triangle],
         position=np.full((*triangle.shape, 3), np.nan),
-        companions=arrays["companions"],
-        color=arrays.get("color"),
+        companions=arrays["companions"].astype(np.int32).astype(np.int64).reshape(-1, 3),
+        color=None if color is None else color.astype(np.float32).reshape(*triangle.shape, 3),
     )
 
 

@@ -26,9 +26,14 @@ from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.display import encoding_curve
 from xfrustum.scenes.appearance.sampling import sub_apertures
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
+from xfrustum.scenes.disk.archives import read_arrays, read_member
 from xfrustum.scenes.disk.durable import Aside, new_file, scratch_folder
+from xfrustum.scenes.disk.input_files import damage_refused, open_input
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.hogel_image import HogelImage
+
+DESCRIBED = "archive of a conformance suite", "xfrustum conformance export makes one"
+"""Name of an archive in messages, and advice."""
 
 ARCHIVE = f"conformance-{SUITE}.zip"  #: name of the archive in the folder that `--out` names
 
@@ -213,13 +218,15 @@ class Archive:
 
     def __call__(self, case: Case, scene: Scene) -> list[HogelImage]:
         """Unpack the truth of each hogel of a case; InputError where the archive has another one."""
-        reference, truths = Reference(scene), []
+        reference, truths, archive = Reference(scene), [], _open_archive(self.path)
         try:
             for number, aperture in enumerate(case.apertures(scene)):
-                content = _open_archive(self.path).read(f"truths/{case.name}/{number}.npz")
-                with np.load(io.BytesIO(content)) as arrays:
-                    truths.append(restored(scene, reference.camera(aperture), arrays))
-        except (ValueError, KeyError, OSError, IndexError, zipfile.BadZipFile) as error:
+                name = f"truths/{case.name}/{number}.npz"
+                with damage_refused(self.path, *DESCRIBED):
+                    content = read_member(archive, name, self.path)
+                arrays = read_arrays(self.path, *DESCRIBED, content)
+                truths.append(restored(scene, reference.camera(aperture), arrays))
+        except (ValueError, KeyError, IndexError, TypeError) as error:
             raise InputError(
                 f"{self.path}: {case.name} in it is damaged ({error}); export it again"
             ) from error
@@ -232,13 +239,10 @@ class Archive:
 
 @cache
 def _open_archive(path: Path) -> zipfile.ZipFile:
-    try:
-        found = zipfile.ZipFile(path)
-        told = json.loads(found.read("suite.json"))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: is no archive of a conformance suite ({error}); xfrustum conformance export makes one"
-        ) from error
+    file = open_input(path, *DESCRIBED)
+    with damage_refused(path, *DESCRIBED):
+        found = zipfile.ZipFile(file)
+        told = dict(json.loads(read_member(found, "suite.json", path)))
     if told.get("digest") != suite_digest():
         raise InputError(f"{path}: is of suite {told.get('suite')}, and not of this {SUITE}; export it again")
     return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -35,6 +36,7 @@ from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import check_program, real
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.disk.input_files import read_small
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.files.foreign_images import Encoding, bytes_of, read_foreign
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -44,6 +46,8 @@ PARTS = "conformance.parquet"
 
 UNSUPPORTED = "unsupported"
 """File that a renderer writes in place of images, with the reason, for a case that it does not claim."""
+
+LARGEST_REASON = 1 << 16  # bytes of the largest such file
 
 SUFFIXES = (".png", ".exr")
 
@@ -153,11 +157,11 @@ class Contestant:
             run_program(arguments, aside, self.timeout_s, self.working)
         elif self.python is not None:
             self._call(case, aside / "case", out)
-        told = next(iter(sorted(out.glob(f"{UNSUPPORTED}*"))), None) if out.is_dir() else None
-        if told is not None:
-            raise UnsupportedError(
-                told.read_text(encoding="utf-8", errors="replace").strip() or "not claimed"
-            )
+        reasons = sorted(out.glob(f"{UNSUPPORTED}*"))
+        for path in (out, *reasons, *out.glob("hogel_*")):
+            _check_within(path, out if self.images is None else self.working / self.images)
+        if reasons:
+            raise UnsupportedError(_reason(reasons[0]) or "not claimed")
         return out
 
     def _call(self, case: Case, folder: Path, out: Path) -> None:
@@ -182,6 +186,22 @@ class Contestant:
                     f"{self.python} returned {drawn.dtype}; give integers from 0 to {(1 << 24) - 1:,}"
                 )
             write_hogel(case, out, index, drawn)
+
+
+def _check_within(path: Path, folder: Path) -> None:
+    """Raise Problem at a link out of a folder: a stranger's link would bring any file into the statement."""
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+        raise Problem(f"{path}: is a link out of {folder}; put the file itself there")
+
+
+def _reason(path: Path) -> str:
+    """Return the reason that a renderer's file states, which may be empty; Problem where it is no file."""
+    try:
+        empty = path.is_file() and path.stat().st_size == 0
+        content = b"" if empty else read_small(path, "file with a reason", LARGEST_REASON)
+    except InputError as error:
+        raise Problem(str(error)) from error
+    return content.decode(errors="replace").strip()
 
 
 def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> None:

@@ -15,6 +15,7 @@ a shared lock, for every process has the same bytes of them.
 from __future__ import annotations
 
 import fcntl
+import io
 import json
 import math
 import warnings
@@ -43,6 +44,7 @@ from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.parts import differences_words
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, Frustum, HogelCamera, InputError
 from xfrustum.scenes.disk.durable import new_file
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
@@ -273,8 +275,8 @@ class Table:
     def rows(self, block: Block) -> list[dict[str, Any]]:
         """Return the rows of a block, by row and column; none where its file is missing or damaged."""
         try:
-            found = pq.read_table(self.path(block).absolute())
-        except (OSError, pa.ArrowException, ValueError):
+            found = pq.read_table(io.BytesIO(read_input(self.path(block), "table")))
+        except (InputError, OSError, pa.ArrowException, ValueError):
             return []
         return list(found.to_pylist()) if set(PLACES) <= set(found.column_names) else []
 

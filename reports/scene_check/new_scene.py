@@ -135,8 +135,9 @@ def new_scene(
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
     if out.exists() and not asked.force:
         raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
-    if asked.units == "":
-        raise InputError("units must be a text that is not empty")
+    if asked.units is not None and not (asked.units and asked.units.isprintable()):
+        # A comment of the scene file names them too: a line feed would end it.
+        raise InputError(f"units must be printable text on one line, not {asked.units!r}")
     named = asked.units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
 
     def own(name: str, given: Length | None) -> float | None:

@@ -56,6 +56,7 @@ class Extent:
     """How many hogels were judged, and how they were chosen."""
 
     hogels: int  #: of the plate
+    seeing: int  #: of these, those that were judged or sampled; all others surely show nothing
     judged: int
     look: int | None  #: number of the last look, from 0; None for the whole plate, or one sample
     seed: int | None  #: start of the random numbers; None where nothing was drawn at random
@@ -63,8 +64,8 @@ class Extent:
 
     @property
     def everything(self) -> bool:
-        """Whether every hogel of the plate was judged."""
-        return self.judged == self.hogels
+        """Whether every hogel of the plate was judged, or surely shows nothing."""
+        return self.judged == self.seeing
 
     def bound(self, beyond: int, settings: int) -> float | None:
         """Return the bound on the share beyond, for all settings and looks together; None if incomplete."""
@@ -72,7 +73,8 @@ class Extent:
             return beyond / self.hogels
         if not self.complete:
             return None
-        return share_beyond(beyond, self.judged, self.hogels, risk_of_claim(settings, self.look))
+        bound = share_beyond(beyond, self.judged, self.seeing, risk_of_claim(settings, self.look))
+        return bound * self.seeing / self.hogels
 
     def decides(self, beyond: int, settings: int, limit: float) -> bool:
         """Return whether the share of one setting surely keeps a limit, or surely exceeds it.
@@ -84,7 +86,8 @@ class Extent:
         if bound is None or self.everything or bound <= limit:
             return bound is not None
         risk = risk_of_claim(settings, self.look)
-        return share_beyond_at_least(beyond, self.judged, self.hogels, risk) > limit
+        least = share_beyond_at_least(beyond, self.judged, self.seeing, risk)
+        return least * self.seeing / self.hogels > limit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -162,6 +165,8 @@ class Survey(Shown):
                 f"at most {share.bound_words} of the {extent.hogels:,} hogels are {self.judged_by} "
                 f"({percent(self.confidence)}; {share.beyond:,} of {extent.judged:,} sampled){with_what}"
             )
+        if extent.seeing < extent.hogels:
+            said += f"; {extent.hogels - extent.seeing:,} hogels see nothing of the scene and are not judged"
         if share.empty:
             said += f"; {share.empty:,} of the {share.judged:,} judged show nothing, and of the "
             said += f"{share.judged - share.empty:,} others {share.beyond:,} are beyond"
@@ -173,6 +178,7 @@ class Survey(Shown):
             "scene": self.scene.name,
             "hash": self.scene.content_hash,
             "hogels": self.extent.hogels,
+            "seeing": self.extent.seeing,
             "resolution": self.scene.frustum.resolution,
             **self.shares[self.best][1].record,
             "confidence": self.confidence,

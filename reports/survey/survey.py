@@ -9,16 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.extent import require_seen
-from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
+import numpy as np
+
+from xfrustum.compare.extent import apertures_drawn, require_seen
+from xfrustum.compare.sampling import GrowingSample, clean_sample, places_of, risk_of_claim
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import Parts, scene_description
 from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.answer import FILES, Extent, Survey, write_survey
 from xfrustum.reports.verification.sources import ForeignRenderer
-from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import one_of, real
+from xfrustum.scenes.arrays import Indices
 from xfrustum.scenes.notebook import percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -45,32 +48,50 @@ class Chosen:
 
 @dataclass(frozen=True, kw_only=True)
 class Hogels:
-    """Which hogels are judged: the whole plate, or samples that grow; in blocks of `size`."""
+    """Which hogels are judged: all of a population, or samples that grow; in blocks of `size`.
 
-    plate: Plate
+    Sampled are hogels that can show something; with `Chosen.sample` None, every hogel of the plate is judged.
+    """
+
+    population: Indices | range  #: places on the path of the plate
     sample: GrowingSample | None
     looks: int
     size: int
 
     @classmethod
-    def of(cls, scene: Scene, chosen: Chosen, settings: int) -> Hogels:
+    def of(cls, scene: Scene, chosen: Chosen, settings: Sequence[DoubleFrustum | None]) -> Hogels:
         """Return the hogels of a plate, of which something is claimed of each of several settings."""
         hogels, first = math.prod(scene.plate.hogels), chosen.sample
+        population: Indices | range = range(hogels)
+        drawn = [one for one in settings if one is not None]
+        # Images of another renderer may show something in any hogel.
+        if drawn and (first is not None or chosen.until is not None):
+            population = places_of(apertures_drawn(scene, drawn))
         if chosen.until is not None:
-            first = clean_sample(chosen.until, hogels, risk_of_claim(settings, look=0))
+            share = min(1.0, chosen.until * hogels / len(population))
+            first = clean_sample(share, len(population), risk_of_claim(len(settings), look=0))
         sample, looks = None, 1
-        if first is None or first >= hogels:
-            first = hogels
+        if first is None or first >= len(population):
+            first = len(population)
         else:
-            sample = GrowingSample(plate=scene.plate, first=first, seed=chosen.seed)
+            sample = GrowingSample(hogels=len(population), first=first, seed=chosen.seed)
             looks = 1 if chosen.until is None else sample.looks
-        size = rows.hogels_per_block(first, scene.frustum, settings)
-        return cls(plate=scene.plate, sample=sample, looks=looks, size=size)
+        size = rows.hogels_per_block(first, scene.frustum, len(settings))
+        return cls(population=population, sample=sample, looks=looks, size=size)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """Return what decides the blocks, beside the scene and the settings."""
+        return {**vars(self), "population": len(self.population)}
 
     def blocks(self, look: int, first: int) -> list[rows.HogelBlock]:
         """Return the blocks that a look adds, numbered from the first on; the last may have fewer hogels."""
-        whole = range(math.prod(self.plate.hogels))
-        places: Sequence[int] = whole if self.sample is None else self.sample.new_places(look).tolist()
+        if self.sample is not None:
+            places: Sequence[int] = np.asarray(self.population)[self.sample.new_places(look)].tolist()
+        elif isinstance(self.population, range):  # of millions of hogels, which are never listed
+            places = self.population
+        else:
+            places = self.population.tolist()
         begins = range(0, len(places), self.size)
         return [
             rows.HogelBlock(number=number, places=places[begin : begin + self.size])
@@ -124,8 +145,9 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         drawn = _each(settings, scene)
         job, several = rows.DrawnJob(settings=drawn, tracer=tracer, **common), drawn
         work = {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
-    hogels = Hogels.of(scene, chosen, len(several))
-    work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": hogels}
+    hogels = Hogels.of(scene, chosen, several)
+    described = hogels.description
+    work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": described}
     parts.open(json_ready(work))
 
     begun, found = time.perf_counter(), [rows.Tally(scene.plate.hogels) for _ in several]
@@ -138,6 +160,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             tallies=tuple(found),
             extent=Extent(
                 hogels=math.prod(scene.plate.hogels),
+                seeing=len(hogels.population),
                 judged=found[0].judged,
                 look=look if chosen.until is not None and sample else None,
                 seed=None if sample is None else sample.seed,

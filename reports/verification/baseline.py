@@ -26,6 +26,7 @@ from xfrustum.reports.common.outputs import check_writable_folder, json_object, 
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes import InputError
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.notebook import counted, digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"
@@ -49,6 +50,13 @@ coordinates up to 1e3 px, with some hundred operations."""
 
 MAX_TOLD, GIT_SECONDS = 8, 20.0
 """Largest number of changes of a kind that are named one by one; longest time that git may take."""
+
+HARMLESS = [
+    word
+    for setting in ("core.fsmonitor=false", "core.hooksPath=/dev/null", "protocol.allow=never")
+    for word in ("-c", setting)
+]
+"""Options with which git starts no program that a repository names."""
 
 Place = tuple[int, int]  #: column and row of a hogel
 
@@ -164,7 +172,6 @@ class Run:
     device: str
     judged: str
     commit: str | None
-    modified: bool
     xfrustum: str
     hogels: tuple[KeptHogel, ...]
 
@@ -301,8 +308,8 @@ def accepted_runs(folder: Path) -> list[Run]:
     # Hidden names are those of files that other processes are about to put there.
     for path in sorted((folder / ACCEPTED).glob("[!.]*")):
         try:
-            found.append(_RUN.validate_json(path.read_bytes()))
-        except (OSError, ValidationError) as error:
+            found.append(_RUN.validate_json(read_input(path, "accepted run")))
+        except (InputError, ValidationError) as error:
             raise InputError(
                 f"{OPTION} {path}: is no accepted run of this version; remove it, and approve anew"
             ) from error
@@ -316,7 +323,6 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
     judged += [f"near {options.near:.9g}"] if options.near else []
     judged += [f"encoding {options.encoding}"] if options.encoding else []
     judged += [f"accept {','.join(sorted(options.accept))}"] if options.accept else []
-    commit, modified = commit_of(options.repository or Path())
     name = f"{now:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"  # names sort by time
     return Run(
         run=name,
@@ -327,8 +333,7 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
         renderer=options.renderer or found.source,
         device=options.device or machine()["processor"],
         judged=", ".join(judged),
-        commit=commit,
-        modified=modified,
+        commit=commit_of(options.repository or Path()),
         xfrustum=metadata.version("xfrustum"),
         hogels=tuple(map(KeptHogel.of, found.hogels)),
     )
@@ -381,9 +386,9 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
     if told:
         yield f"Not compared: {'; '.join(told)}."
     alike = run.like(everything)
-    same = any(one.commit == run.commit and not one.modified for one in alike)
+    same = any(one.commit == run.commit for one in alike)
     if held.change in (Change.WORSE, Change.BETTER) and not options.repeated and run.commit and same:
-        yield "a run of this very commit is accepted: if the renderer has noise, give --approve --repeated"
+        yield "a run of this commit is accepted: if no file differs, give --approve --repeated for the noise"
     others = [one for one in everything if one.scene_hash == run.scene_hash]
     if others and not alike:
         kept = sorted({f"{one.renderer} on {one.device} ({one.judged})" for one in others})
@@ -391,18 +396,18 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
         yield f"what is judged now is {run.renderer} on {run.device} ({run.judged})"
 
 
-def commit_of(folder: Path) -> tuple[str | None, bool]:
-    """Return the commit that a folder is at, None without a repository, and whether files differ from it."""
+def commit_of(folder: Path) -> str | None:
+    """Return the commit at which a folder is checked out; None without a repository of this user.
 
-    def git(*arguments: str) -> str:
-        line = ["git", "-C", str(folder), *arguments]
-        null = subprocess.DEVNULL
-        return subprocess.check_output(line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS).strip()
-
+    The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree, so that no
+    filter runs; programs that the repository's settings name are switched off.
+    """
+    line = ["git", *HARMLESS, "-C", str(folder), "rev-parse", "HEAD"]
+    null = subprocess.DEVNULL
     try:
-        return git("rev-parse", "HEAD"), bool(git("status", "--porcelain", "--untracked-files=no"))
+        return subprocess.check_output(line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS).strip()
     except (OSError, subprocess.SubprocessError):
-        return None, False
+        return None
 
 
 def sentence(held: Baseline) -> str:

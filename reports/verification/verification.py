@@ -52,6 +52,7 @@ from xfrustum.reports.verification.worst import MAX_SHOWN_HOGELS, Pictured, Wors
 from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.disk.input_files import damage_refused
 from xfrustum.scenes.files import layouts
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.files.plate_files import FileSet, find_files
@@ -466,7 +467,8 @@ class VerifySession(Session):
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
         assert content is not None
-        return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
+        with damage_refused(parts.folder / QUESTION, "question of a verification", "delete its folder"):
+            return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
 
     def question(self) -> tuple[str, Question]:
         """Return `known`; a question to the workers."""

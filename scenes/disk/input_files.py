@@ -1,14 +1,17 @@
 """Files from outside: regular files only, and a bound on the memory that reading one may take.
 
 A name may lead to a pipe, on which reading waits for ever, to a device without end, or to a file of a few
-bytes that declares gigabytes. Every file goes through `regular_size` before it is read, and the memory that
-it declares through `check_declared`.
+bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a library that
+opens it itself is called after `regular_size`. The memory that a file declares goes through `check_declared`,
+and errors of a library that reads it through `damage_refused`.
 """
 
+import os
 import stat
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from xfrustum.scenes.errors import InputError
 
@@ -22,6 +25,8 @@ takes more is compressed, or declares more than it holds.
 
 #: Bytes of memory that a pixel of a picture takes: four channels as read, and three copies.
 MEMORY_PER_PIXEL = 16
+
+BLOCK_BYTES = 512  # bytes of a block, the unit in which a file system states what a file fills
 
 SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, sixteen million bytes; people write some hundreds
 RAISING_OPTION = "--max-input-memory"  # option of the command line that raises the bound on memory
@@ -70,7 +75,8 @@ def check_hogels(columns: int, rows: int) -> None:
 def regular_size(path: Path, what: str, advice: str = "") -> int:
     """Return the size in bytes of a regular file, called `what` in messages; symbolic links are followed.
 
-    Raises InputError where it is missing, which gets the advice, cannot be reached, or is no regular file.
+    Raises InputError where it is missing, which gets the advice, cannot be reached, is no regular file, or
+    is empty, as files of /proc are; or where its size is mostly a hole, which takes memory and no disk.
     """
     try:
         status = path.stat()
@@ -81,6 +87,14 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     except ValueError as error:  # the name contains a NUL
         raise InputError(f"{path}: no file has such a name ({error})") from error
     if stat.S_ISREG(status.st_mode):
+        if status.st_size == 0:
+            raise InputError(f"{path}: the {what} is empty; write it again")
+        filled = BLOCK_BYTES * status.st_blocks
+        if status.st_size > allowed_memory(filled):
+            raise InputError(
+                f"{path}: claims {in_words(status.st_size)} and fills {in_words(filled)} of the disk; "
+                f"mend the file, or raise the bound with {RAISING_OPTION}"
+            )
         return status.st_size
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a folder; give the name of {_article(what)}")
@@ -95,22 +109,53 @@ def check_mesh_file(path: Path) -> None:
     regular_size(path, what, "a mesh path is relative to its scene file")
 
 
-def head_of(path: Path, what: str, size: int = 1024) -> bytes:
-    """Return the first bytes of a file; InputError where `regular_size` takes none, or it cannot be read."""
-    regular_size(path, what)
+def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
+    """Open a file for reading; InputError where `regular_size` refuses it, or it cannot be opened."""
+    regular_size(path, what, advice)
     try:
-        with path.open("rb") as file:
-            return file.read(size)
+        # Nonblocking: a pipe that has taken the file's place since then is not waited for.
+        return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def read_small(path: Path, what: str, largest: int) -> bytes:
-    """Return the bytes of a file; InputError as from `head_of`, or where it has more than `largest`."""
-    size = regular_size(path, what)
+def head_of(path: Path, what: str, size: int = 1024) -> bytes:
+    """Return the first bytes of a file; InputError as from `open_input`, or where it cannot be read."""
+    try:
+        with open_input(path, what) as file:
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except MemoryError as error:
+        raise _too_much(path, "more memory than there is") from error
+
+
+def read_input(path: Path, what: str, advice: str = "") -> bytes:
+    """Return all bytes of a file; InputError as from `head_of`, with advice where it is missing."""
+    return head_of(path, what, regular_size(path, what, advice))
+
+
+def read_small(path: Path, what: str, largest: int, advice: str = "") -> bytes:
+    """Return the bytes of a file; InputError as from `read_input`, or where it has more than `largest`."""
+    size = regular_size(path, what, advice)
     if size > largest:
         raise InputError(f"{path}: has {in_words(size)}, more than {_article(what)} has; give the right file")
     return head_of(path, what, largest)
+
+
+@contextmanager
+def damage_refused(path: Path, what: str, advice: str) -> Iterator[None]:
+    """Make InputErrors of the exceptions of a library; the block holds nothing but its calls.
+
+    The exceptions are any: of one archive alone, `zipfile` and NumPy raise fourteen classes.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: is no {what} that can be read ({reason:.200}); {advice}") from error
 
 
 def allowed_memory(size: int) -> int:

@@ -52,7 +52,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     if ppm := _P6_HEADER.match(head):
         return int(ppm[1]), int(ppm[2])
     try:
-        with Image.open(path) as picture:
+        with input_files.open_input(path, "file") as file, Image.open(file) as picture:
             return picture.size
     except _DAMAGE as error:
         raise InputError(f"{path}: is not a picture that can be read") from error
@@ -61,7 +61,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 def picture_text(path: Path) -> dict[str, object]:
     """Return what a PNG file says of its own division; empty where it says nothing."""
     try:
-        with Image.open(path) as picture:
+        with input_files.open_input(path, "file") as file, Image.open(file) as picture:
             told = json.loads(getattr(picture, "text", {}).get(TEXT_KEY, "{}"))
     except (*_DAMAGE, RecursionError):
         return {}
@@ -78,8 +78,7 @@ def read_picture(path: Path) -> Picture:
     if not _P6_HEADER.match(head):
         rgb, lossy = read_rgb(path)
         return Picture(pixels=rgb, lossy=lossy)
-    with input_files.bounded_memory(path):
-        content = path.read_bytes()
+    content = input_files.read_input(path, "file")
     found = _P6_HEADER.match(content)
     assert found is not None
     width, height, levels = (int(number) for number in found.groups())
@@ -126,7 +125,11 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
     Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's resolution.
     """
     try:
-        with input_files.bounded_memory(path), Image.open(path) as picture:
+        with (
+            input_files.bounded_memory(path),
+            input_files.open_input(path, "file") as file,
+            Image.open(file) as picture,
+        ):
             if resolution is not None and picture.size != resolution:
                 found, said = (" x ".join(map(str, size)) for size in (picture.size, resolution))
                 raise InputError(f"{path}: is {found}, but the scene says {said}")
@@ -258,7 +261,7 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
 
 def _of_radiance(path: Path) -> Singles:
     """Return the pixels of a Radiance picture: Greg Ward, "Real Pixels", Graphics Gems II (1991)."""
-    content = path.read_bytes()
+    content = input_files.read_input(path, "environment map")
     found = _HDR_HEADER.match(content)
     if found is None:
         raise InputError(f"{path}: is not an OpenEXR or Radiance HDR picture; convert it to one")

@@ -30,6 +30,15 @@ if TYPE_CHECKING:
 
 Location = tuple[int | str, ...]
 
+MAX_KEY_PARTS = 16
+"""Largest number of parts of a dotted key; keys of scene files have at most three.
+
+`tomllib` takes time in proportion to the square of the parts: 8 seconds for a key of 20,000.
+"""
+
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}""")
+
 
 def _gray(value: Any) -> Any:
     """Return three times one number, which stands for gray; anything else as it is."""
@@ -38,7 +47,7 @@ def _gray(value: Any) -> Any:
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
-Count = Annotated[int, Field(strict=True, ge=1)]
+Count = Annotated[int, Field(strict=True, ge=1, lt=1 << 31)]
 Samples = Annotated[int, Field(strict=True, ge=1, le=MAX_SAMPLES)]
 Switch = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
@@ -172,9 +181,15 @@ def read_scene(path: Path) -> Scene:
 def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
     try:
-        tables = tomllib.loads(
-            input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE).decode("utf-8")
-        )
+        content = input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE)
+        text = content.decode("utf-8-sig")  # editors of some systems begin a file with a byte-order mark
+        if long := _LONG_KEY.search(text):
+            line = 1 + text.count("\n", 0, long.start())
+            raise InputError(
+                f"{path}: line {line}: the key {long[0][:40]}.. has more than {MAX_KEY_PARTS} parts; "
+                "keys of scene files have at most three"
+            )
+        tables = tomllib.loads(text)
     except ValueError as error:  # the file is no UTF-8 or no TOML
         hint = "" if path.suffix == ".toml" else "; for a mesh, write a scene file first: xfrustum new MESH"
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}{hint}") from error
@@ -241,7 +256,10 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
     if problem["type"] == "object":
         return f"{key} {problem['msg']}"
     advice = f" ([[{key}]] in TOML)" if problem["type"] == "list_type" else ""
-    shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
+    try:
+        shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
+    except ValueError:  # Python writes no integer of more than 4,300 digits
+        shown = "a number of thousands of digits"
     return f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{advice}, not {shown}"
 
 

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file
+from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file, read_input
 from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 
 #: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding.
@@ -233,9 +233,7 @@ def read_patches(path: Path) -> list[Floats]:
     check_mesh_file(path)
     with bounded_memory(path):
         try:
-            words = path.read_text(encoding="ascii").split(maxsplit=_MAX_WORDS)
-        except OSError as error:
-            raise InputError(f"{path}: cannot read the patches ({error.strerror})") from error
+            words = read_input(path, "patch file").decode("ascii").split(maxsplit=_MAX_WORDS)
         except ValueError as error:
             raise InputError(f"{path}: is not a text of Bezier patches; write the file again") from error
         count, at = _count(path, words, 0, "the number of patches"), 1

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
+from xfrustum.scenes.disk.input_files import read_small
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
@@ -22,6 +23,8 @@ Range = tuple[FiniteFloat, FiniteFloat]
 
 Digits = Annotated[int, Field(ge=0, le=24)]
 """Number of binary digits of a grid; float32, which places are computed in, has 24."""
+
+LARGEST_FILE = 1 << 20  # bytes of the largest device.json; `xfrustum device` writes some thousands
 
 NEAREST: Range = (-0.5, 0.5)
 """Storing the nearest step."""
@@ -77,12 +80,10 @@ class DeviceModel:
     @classmethod
     def read(cls, path: Path) -> DeviceModel:
         """Read the model of a `device.json`; InputError where it is not one."""
+        advice = "xfrustum device --out DIR writes DIR/device.json"
+        content = read_small(path, "device.json", LARGEST_FILE, advice)
         try:
-            return _Written.model_validate_json(path.read_bytes(), strict=True).model
-        except OSError as error:
-            raise InputError(
-                f"{path}: {error.strerror or error}; xfrustum device --out DIR writes DIR/device.json"
-            ) from error
+            return _Written.model_validate_json(content, strict=True).model
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             wrong = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}".removeprefix(": ")

@@ -14,6 +14,7 @@ from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import (
+    apertures_drawn,
     apertures_in_view,
     extents,
     in_view,
@@ -22,8 +23,9 @@ from xfrustum.compare.extent import (
     unseen_sentence,
     warnings,
 )
+from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.plate.plate import ApertureBlocks, Screen
 
@@ -100,6 +102,27 @@ def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum
         flags = apertures_in_view(part, frustum, plate)
         seen = np.array([[in_view(part, frustum, plate.aperture(i, j)) for i in range(6)] for j in range(6)])
         assert not (seen & ~flags).any()
+
+
+@FRUSTA
+def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustum: Frustum) -> None:
+    """A camera that steps back sees more than the truth: its hogels are among them, and not in view."""
+    plate = Plate(size=(16.0, 16.0), hogels=(6, 6))
+    drawn, only_drawn = 0, 0
+    for corners in triangles(5, 4, 0.3):
+        scene = Scene(name="one", plate=plate, frustum=frustum, objects=(one(corners),))
+        settings = DoubleFrustum(near=0.2 * frustum.longest_reach)
+        flags = apertures_drawn(scene, [DoubleFrustum(near=1e-3), settings])
+        seen = apertures_in_view(scene.objects[0], frustum, plate)
+        assert not (seen & ~flags).any() and not flags.all()
+        with Rasterizer(scene) as raster:
+            for aperture in plate.apertures():
+                image = raster.render(aperture, settings, normals=False, color=False)
+                covered = bool(image.covered.any())
+                assert flags[aperture.row, aperture.column] or not covered
+                drawn += covered
+                only_drawn += covered and not seen[aperture.row, aperture.column]
+    assert drawn > only_drawn > 0
 
 
 def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> None:

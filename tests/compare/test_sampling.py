@@ -48,7 +48,7 @@ PLATES = st.builds(plate, st.integers(1, 12), st.integers(1, 12))
 def test_each_sample_keeps_the_hogels_of_the_one_before_and_the_last_has_all(
     plate: Plate, first: int, seed: int
 ) -> None:
-    sample = GrowingSample(plate=plate, first=first, seed=seed)
+    sample = GrowingSample(hogels=math.prod(plate.hogels), first=first, seed=seed)
     before: set[int] = set()
     for look in range(sample.looks):
         places = sample.places(look).tolist()
@@ -62,7 +62,7 @@ def test_each_sample_keeps_the_hogels_of_the_one_before_and_the_last_has_all(
 
 @given(PLATES, st.integers(1, 40), st.integers(0, 3))
 def test_every_sample_has_one_hogel_of_each_of_as_many_runs(plate: Plate, first: int, look: int) -> None:
-    sample = GrowingSample(plate=plate, first=first)
+    sample = GrowingSample(hogels=math.prod(plate.hogels), first=first)
     look = min(look, sample.looks - 1)
     runs, hogels = sample.first << look, sample.hogels
     if runs <= hogels:
@@ -73,7 +73,7 @@ def test_every_sample_has_one_hogel_of_each_of_as_many_runs(plate: Plate, first:
 def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown() -> None:
     drawn = np.zeros(21)
     for seed in range(SEEDS):
-        drawn[GrowingSample(plate=plate(7, 3), first=3, seed=seed).places(1)] += 1
+        drawn[GrowingSample(hogels=math.prod(plate(7, 3).hogels), first=3, seed=seed).places(1)] += 1
     # Runs of 3 or 4 hogels after the first has been halved: each hogel 1/3 or 1/4 of the times.
     ends = np.arange(7) * 21 // 6
     expected = np.repeat(SEEDS / np.diff(ends), np.diff(ends))
@@ -90,7 +90,7 @@ def test_the_bound_of_one_sample_holds_on_finite_plates(spread: str, beyond: int
     )
     failed = 0
     for seed in range(SEEDS):
-        places = GrowingSample(plate=whole, first=130, seed=seed).places(0)
+        places = GrowingSample(hogels=math.prod(whole.hogels), first=130, seed=seed).places(0)
         failed += share_beyond(int(wrong[places].sum()), 130, 1000) < beyond / 1000
     assert failed / SEEDS < FAILURES
 
@@ -109,7 +109,7 @@ def test_bounds_hold_wherever_a_survey_stops() -> None:
     wrong[np.random.default_rng(2).permutation(1000)[:55]] = True
     lies, first = 0, clean_sample(0.05, 1000, risk_of_claim(look=0))
     for seed in range(SEEDS):
-        sample = GrowingSample(plate=plate(40, 25), first=first, seed=seed)
+        sample = GrowingSample(hogels=math.prod(plate(40, 25).hogels), first=first, seed=seed)
         for look in range(sample.looks):
             places = sample.places(look)
             bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_claim(look=look))
@@ -177,9 +177,9 @@ def test_a_sample_of_nothing_is_refused() -> None:
         with pytest.raises(InputError):
             RandomSample(**wrong)
     with pytest.raises(InputError, match="at least one hogel"):
-        GrowingSample(plate=plate(2, 2), first=0)
+        GrowingSample(hogels=math.prod(plate(2, 2).hogels), first=0)
     with pytest.raises(InputError, match="from 0"):
-        GrowingSample(plate=plate(2, 2), first=1, seed=-1)
+        GrowingSample(hogels=math.prod(plate(2, 2).hogels), first=1, seed=-1)
 
 
 @given(st.integers(1, 500), st.data())

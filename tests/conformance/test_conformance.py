@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -277,6 +278,38 @@ def test_images_of_a_folder_are_judged_and_missing_ones_are_named(tmp_path: Path
     (tmp_path / absent.name / "unsupported").write_text("no sky")
     (told,) = run((absent,), Trial(contestant=Contestant(images=str(tmp_path))))
     assert (told.verdict, told.cause) == ("unsupported", "no sky")
+
+
+def test_nothing_outside_the_folder_of_images_gets_into_the_statement(tmp_path: Path) -> None:
+    """Links, pipes and long files are named as what is wrong; their content is not."""
+    case, images, secret = of("L0-behind"), tmp_path / "images", tmp_path / "secret"
+    reason = images / case.name / "unsupported"
+    reason.parent.mkdir(parents=True)
+    secret.write_text("my password")
+
+    def found(told: str) -> None:
+        (verdict,) = run((case,), Trial(contestant=Contestant(images=str(images))))
+        assert (verdict.verdict, verdict.cause) == ("fail", "missing")
+        assert told in verdict.words[0] and "password" not in str(verdict)
+        reason.unlink()
+
+    reason.symlink_to(secret)
+    found("is a link out of")
+    os.mkfifo(reason)
+    found("is a pipe")
+    reason.write_text("password" * 10_000)
+    found("more than a file with a reason has")
+    # A link within the folder, and an empty file, which states no reason.
+    (images / "reason").write_text("")
+    reason.symlink_to(images / "reason")
+    (told,) = run((case,), Trial(contestant=Contestant(images=str(images))))
+    assert (told.verdict, told.cause) == ("unsupported", "not claimed")
+    reason.unlink()
+    reason.with_name("hogel_1x1.png").symlink_to(secret)
+    reason.parent.rename(tmp_path / case.name)
+    reason.parent.symlink_to(tmp_path / case.name)
+    reason.write_text("my password")
+    found("is a link out of")
 
 
 PROGRAM = """

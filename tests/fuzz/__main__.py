@@ -30,6 +30,7 @@ PREPARED = (
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
     *("xfrustum.reports.comparison", "xfrustum.reports.plate.plate", "xfrustum.reports.trace"),
     *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),
+    *("xfrustum.reports.conformance.statement", "xfrustum.reports.device"),
     "xfrustum.reports.verification.verification",
 )
 """Modules that children use, among them those that other libraries import late."""

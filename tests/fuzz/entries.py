@@ -59,4 +59,40 @@ def read_parts(out: Path) -> None:
     click.echo(str(sum(parts.read(number).num_rows for number in whole)))
 
 
-ENTRIES = (read_scene, read_picture, read_parts)
+@click.command("read-recording")
+@click.argument("recording", type=click.Path(path_type=Path))
+def read_recording(recording: Path) -> None:
+    """Read recorded frames, and open what they name, as `device --replay` does."""
+    from xfrustum.compare.attribution.recorded import read_frames
+    from xfrustum.scenes import open_scene
+    from xfrustum.scenes.model.device_model import model_of
+
+    device, frames = read_frames(recording)
+    model_of(device)
+    for frame in frames:
+        frame.asked(open_scene(frame.scene))
+    click.echo(str(len(frames)))
+
+
+@click.command("read-device")
+@click.argument("path", type=click.Path(path_type=Path))
+def read_device(path: Path) -> None:
+    """Read a device.json."""
+    from xfrustum.scenes.model.device_model import DeviceModel
+
+    click.echo(DeviceModel.read(path).name)
+
+
+@click.command("read-archive")
+@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("name")
+def read_archive(path: Path, name: str) -> None:
+    """Read the truths of a case from an archive, as `conformance judge --truth` does."""
+    from xfrustum.reports.conformance.cases import open_archive
+    from xfrustum.scenes.conformance.suite import chosen
+
+    (case,) = chosen(names=(name,))
+    click.echo(str(len(open_archive(path)(case, case.open()))))
+
+
+ENTRIES = (read_scene, read_picture, read_parts, read_recording, read_device, read_archive)

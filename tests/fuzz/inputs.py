@@ -9,6 +9,9 @@ picture                             `read-picture`, which reads as `verify` does
 exr-attributes                      `read-picture`; one in ten `compare`
 zarr, names, video                  `convert`; of zarr one in twenty `plate --check`
 parts                               `read-parts`, which reads the parts of a survey
+replay                              `read-recording`; one in ten `device --replay`
+device                              `read-device`; one in ten `budget --device`, `device --replay --device`
+archive                             `read-archive`; one in ten `conformance judge --truth`
 pattern, command                    the command itself
 
 The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
@@ -22,7 +25,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import trimesh
@@ -31,6 +34,7 @@ from PIL import Image
 from tests.support.environment_maps import write_map
 from tests.support.scene_file import film, named, part
 from xfrustum.scenes.files.pictures import write_video
+from xfrustum.scenes.model.device_model import H100, SOFTPIPE
 
 SCENE = named("small", "mm") + film((10.0, 8.0), (3, 2), (16, 12), (60.0, 50.0), (20.0, 20.0))
 
@@ -78,6 +82,8 @@ class Seed:
     outputs: frozenset[str]  #: files and folders that the command may leave when it ends with 0 or 1
     share: int = 1  #: number of inputs of this seed for each input of a seed of share 1
     how: str = "mutated"  #: name of the function of `mutations` that damages the file
+    #: Pattern of the files that the mutated file, a JSON list, names, and the content of each
+    listed: tuple[str, bytes] | None = None
 
 
 def _seed(
@@ -90,10 +96,31 @@ def _seed(
 
 def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
     """Return the files of a seed whose mutated file has some content."""
-    if seed.mutated != NAMES_FILE:
-        return {**seed.files, seed.mutated: payload}
-    picture = _picture((4, 4))
-    return {f"in/{name}": picture for name in json.loads(payload)}
+    if seed.listed is None:
+        return packed({**seed.files, seed.mutated: payload})
+    pattern, content = seed.listed
+    others = {name: data for name, data in seed.files.items() if name != seed.mutated}
+    return packed({**others, **{pattern.format(name): content for name in json.loads(payload)}})
+
+
+def packed(files: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> dict[str, bytes]:
+    """Return files of which folders called .npz or .zip are archives; texts called .npy become arrays.
+
+    So damage to a member leaves the archive about it whole, with checksums that are right.
+    """
+    found = dict(files)
+    folders = {one for name in files for one in PurePosixPath(name).parents if one.suffix in (".npz", ".zip")}
+    for folder in sorted(folders, key=lambda one: -len(one.parts)):
+        inside = [name for name in found if PurePosixPath(name).is_relative_to(folder)]
+        held = io.BytesIO()
+        with zipfile.ZipFile(held, "w", compression) as archive:
+            for name in inside:
+                data = found.pop(name)
+                if name.endswith(".npy") and not data.startswith(b"\x93NUMPY"):
+                    data = _array(data.decode("utf-8", "replace"))
+                archive.writestr(zipfile.ZipInfo(str(PurePosixPath(name).relative_to(folder))), data)
+        found[str(folder)] = held.getvalue()
+    return found
 
 
 def _also(seeds: list[Seed], word: str, line: str, outputs: str = "", share: int = 1) -> list[Seed]:
@@ -235,17 +262,13 @@ _NAMES = {
 
 def names() -> list[Seed]:
     """Return folders of pictures in several layouts, whose names are damaged."""
-    return [
+    found = [
         _seed(
-            f"names-{layout}",
-            {NAMES_FILE: json.dumps(listed).encode()},
-            NAMES_FILE,
-            f"convert in out {_CONVERT}",
-            "out",
-            "mutated_names",
+            f"names-{layout}", {NAMES_FILE: _listed(*names)}, NAMES_FILE, f"convert in out {_CONVERT}", "out"
         )
-        for layout, listed in _NAMES.items()
+        for layout, names in _NAMES.items()
     ]
+    return [replace(one, how="mutated_names", listed=("in/{}", _picture((4, 4)))) for one in found]
 
 
 def videos() -> list[Seed]:
@@ -266,6 +289,90 @@ def parts() -> list[Seed]:
     files = _made(line, {"scene.toml": _SHAPE_SCENE})
     inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))
     return [_seed(f"parts-{number}", files, name, "read-parts s") for number, name in enumerate(inside[:3])]
+
+
+FRAME = "scene.toml|0.1|d24|standard|1,1"
+"""Name of a recorded frame: the middle hogel of the small scene."""
+
+
+def _recording() -> dict[str, bytes]:
+    """Return the members of a recording of one frame, and its scene."""
+    numbers = np.zeros((12, 16), dtype=np.int32)
+    numbers[:, :8] = -1
+    device = {"vendor": "Mesa", "renderer": "llvmpipe", "version": "4.5", "subpixel_bits": "8"}
+    return {
+        "scene.toml": _SHAPE_SCENE,
+        "frames.npz/device.npy": json.dumps(device).encode(),
+        f"frames.npz/{FRAME}.npy": _array(numbers),
+    }
+
+
+def recordings() -> list[Seed]:
+    """Return recordings of frames: as a whole, member by member, and by the names of their frames."""
+    members = _recording()
+    device, frame = (name for name in members if name.startswith("frames.npz/"))
+    line = "device --replay frames.npz --json --quiet"
+    others = {name: data for name, data in members.items() if name != frame} | {NAMES_FILE: _listed(FRAME)}
+    named = _seed("replay-names", others, NAMES_FILE, line)
+    found = [
+        _seed("replay-deflated", packed(members), "frames.npz", line),
+        _seed("replay-stored", packed(members, zipfile.ZIP_STORED), "frames.npz", line),
+        _seed("replay-device", members, device, line),
+        _seed("replay-frame", members, frame, line),
+        replace(named, how="mutated_names", listed=("frames.npz/{}.npy", members[frame])),
+    ]
+    return [*found, *_also(found, "read", "read-recording frames.npz", share=9)]
+
+
+def devices() -> list[Seed]:
+    """Return files of devices, with every key."""
+    models = {"card": H100, "software": SOFTPIPE}
+    lines = (
+        "budget scene.toml --near 0.1 --json --device device.json",
+        "device --replay frames.npz --json --quiet --device device.json",
+    )
+    found = []
+    for (name, model), line in zip(models.items(), lines, strict=True):
+        text = json.dumps({"renderer": "any", "model": model.as_json(), "subpixel_bits": 8}).encode()
+        found.append(
+            _seed(f"device-{name}", {**packed(_recording()), "device.json": text}, "device.json", line)
+        )
+    return [*found, *_also(found, "read", "read-device device.json", share=9)]
+
+
+def archives() -> list[Seed]:
+    """Return an archive of two conformance cases: as a whole, and member by member."""
+    names = "L0-behind", "L0-colors"
+    exported = _made(f"conformance export --case {','.join(names)} --out a --quiet", {})
+    (content,) = exported.values()
+    images = {
+        name.replace("truth/", f"images/{case}/"): data
+        for case in names
+        for name, data in _made(f"conformance show {case} --out .", {}).items()
+        if name.startswith("truth/")
+    }
+    members: dict[str, bytes] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members["truth.zip/suite.json"] = archive.read("suite.json")
+        for name in (one for one in archive.namelist() if one.startswith("truths/")):
+            with zipfile.ZipFile(io.BytesIO(archive.read(name))) as arrays:
+                members |= {f"truth.zip/{name}/{one}": arrays.read(one) for one in arrays.namelist()}
+    found = []
+    whole = {**packed(members), **images}
+    for case in names:
+        line = f"conformance judge images --truth truth.zip --case {case} --json --quiet"
+        files = {**members, **images}
+        inside = [name for name in members if f"/{case}/0.npz" in name or name.endswith("suite.json")]
+        seeds = [
+            _seed(f"archive-{case}-whole", whole, "truth.zip", line),
+            *(_seed(f"archive-{case}-{PurePosixPath(name).stem}", files, name, line) for name in inside),
+        ]
+        found += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
+    name = f"images/{names[-1]}/unsupported"
+    return [
+        *found,
+        _seed("archive-reason", {**whole, name: b"no lights, and no more than 24 bits"}, name, line),
+    ]
 
 
 def patterns() -> list[Seed]:
@@ -320,6 +427,10 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "names": names,
     "video": videos,
     "parts": parts,
+    "replay": recordings,
+    "device": devices,
+    "archive": archives,
+    # Meshes that place others many times, "instances", have a function of their own here.
     "pattern": patterns,
     "environment": environments,
     "picture": pictures,
@@ -335,6 +446,17 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
     held = io.BytesIO()
     Image.fromarray(pixels).save(held, format={"tif": "tiff"}.get(suffix, suffix))
     return held.getvalue()
+
+
+def _array(content: object) -> bytes:
+    """Return the bytes of a .npy file."""
+    held = io.BytesIO()
+    np.save(held, np.array(content), allow_pickle=False)
+    return held.getvalue()
+
+
+def _listed(*names: str) -> bytes:
+    return json.dumps(names).encode()
 
 
 def _map(name: str) -> bytes:

@@ -94,7 +94,7 @@ def test_a_far_plane_that_clip_depth_hardly_knows_may_cut_before_half_the_reach(
 
 def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path) -> None:
     path = tmp_path / "frames.npz"
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such recording"):
         read_frames(path)
     np.savez(path, car=np.zeros((2, 2)))
     with pytest.raises(InputError, match="is no recording of frames"):

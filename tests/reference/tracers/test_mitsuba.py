@@ -209,6 +209,14 @@ class TestLlvm:
         assert accepted_llvm([fake]) is None
 
 
+def test_dr_jit_says_nothing_of_its_own_where_home_is_not_set() -> None:
+    code = "from xfrustum.reference.llvm import require_llvm; require_llvm(); from drjit.llvm import Float; "
+    bare = {name: value for name, value in os.environ.items() if name not in ("HOME", "DRJIT_CACHE_DIR")}
+    line = [sys.executable, "-c", f"{code}print(Float(1) + 1)"]
+    done = subprocess.run(line, env=bare, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("[2]\n", "")
+
+
 def python(code: str, *arguments: str, llvm: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, LLVM_VARIABLE: llvm}
     return subprocess.run(

@@ -165,12 +165,19 @@ def test_new_replaces_nothing_unless_told_to(
     assert open_scene(str(xfrustum.new_scene(glb).path)).units == "m"
 
 
+def test_a_new_scene_has_any_name_of_units(tmp_path: Path) -> None:
+    for units in ('"', "'\\\\", "µm # [x]"):
+        xfrustum.new_scene(mesh(tmp_path, "part.obj"), tmp_path / "a.toml", units=units, force=True)
+        assert open_scene(tmp_path / "a.toml").units == units
+
+
 @pytest.mark.parametrize(
     ("keywords", "said"),
     [
         ({"place": "beside"}, "through, behind, before"),
         ({"size": -1.0}, "positive"),
         ({"units": ""}, "units"),
+        ({"units": "mm\n[plate"}, "units must be printable text on one line"),
         ({}, "one point"),
     ],
 )

@@ -104,6 +104,31 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
     assert [one["settings"]["near"] for one in said["settings"]] == [NEAR]
 
 
+def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
+    """The others are empty and not beyond where all are judged, and the bound counts them so."""
+    place = named("corner", "mm") + film((60, 40), (15, 10), (8, 8), (40, 40), (40, 40))
+    (tmp_path / "corner.toml").write_text(place + part("box", 3, (-26, 17, -6)))
+    scene, settings, here = open_scene(tmp_path / "corner.toml"), DoubleFrustum(near=2.0), Engine(workers=1)
+    found, whole, few = (
+        survey(scene, settings, tmp_path / str(sample), Chosen(sample=sample), engine=here)
+        for sample in (75, None, 3)
+    )
+    seeing = found.extent.seeing
+    assert found.extent.judged == seeing < 40 and found.extent.everything
+    assert whole.extent.judged == whole.extent.seeing == 150
+    judged = {(row["column"], row["row"]) for row in rows_of(tmp_path / "75").to_pylist()}
+    for row in rows_of(tmp_path / "None").to_pylist():
+        if (row["column"], row["row"]) not in judged:
+            assert not (row["covered"] or row["beyond"] or row["unexplained"])
+    ((_, sampled),), ((_, everything),), ((_, share),) = found.shares, whole.shares, few.shares
+    assert sampled.beyond == everything.beyond > 0
+    assert sampled.share_beyond_at_most == everything.share_beyond_at_most
+    assert f"{150 - seeing} hogels see nothing of the scene and are not judged" in found.sentence
+    assert (share.judged, share.empty) == (3, 0)
+    bound = share_beyond(share.beyond, 3, seeing, risk_of_claim(1))
+    assert share.share_beyond_at_most == bound * seeing / 150
+
+
 def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: Scene) -> None:
     rows, settings = rows_of(whole).to_pylist(), DoubleFrustum(near=NEAR)
     worst = max(rows, key=lambda row: row["displacement_px_p99"] or 0.0)

@@ -16,7 +16,7 @@ import pytest
 from click import Context
 
 from tests.conftest import CHECKOUT
-from tests.reports.verification.synthetic import commit, verification
+from tests.reports.verification.synthetic import commit, git, verification
 from tests.support.scene_file import film, part
 from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
@@ -61,11 +61,43 @@ def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Pa
         "(compared exactly, with one accepted run)."
     )
     assert len(list((tmp_path / "kept" / ACCEPTED).iterdir())) == 2
-    (tmp_path / "renderer.py").write_text("pass")
-    name = commit(tmp_path, "One")
-    assert commit_of(tmp_path) == (name, False)
-    (tmp_path / "renderer.py").write_text("fail")
-    assert commit_of(tmp_path) == (name, True)
+
+
+def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) -> None:
+    """`git status` is the control: it runs the monitor, the hook and the filter of the same repository."""
+    folder, ran = tmp_path / "repository", tmp_path / "ran"
+    folder.mkdir()
+    (folder / ".gitattributes").write_text("*.txt filter=foreign\n")
+    (folder / "a.txt").write_text("one\n")
+    name = commit(folder, "One")
+    programs = folder / ".git" / "programs"
+    programs.mkdir()
+    for program in ("monitor", "filter", "fetch", "post-index-change"):
+        (programs / program).write_text(f"#!/bin/sh\necho {program} >> {ran}\ncat\n")
+        (programs / program).chmod(0o700)
+    settings = {
+        "core.fsmonitor": programs / "monitor",
+        "core.hooksPath": programs,
+        "filter.foreign.clean": programs / "filter",
+        "core.sshCommand": programs / "fetch",
+        "remote.origin.url": "ssh://example.invalid/a",
+        "remote.origin.promisor": "true",
+    }
+    for setting, value in settings.items():
+        git(folder, "config", setting, str(value))
+
+    (folder / "a.txt").write_text("two\n")  # of the same size: git compares the content, by way of the filter
+    assert held(folder, RIGHT, approve=True).run.commit == name
+    control = shutil.copytree(folder, tmp_path / "control", symlinks=True)
+    # As in a clone that fetches what it lacks.
+    shutil.rmtree(folder / ".git" / "objects")
+    (folder / ".git" / "objects").mkdir()
+    assert commit_of(folder) == name
+    assert not ran.exists()
+
+    (control / "a.txt").touch()
+    git(control, "status")
+    assert {"monitor", "filter", "post-index-change"} <= set(ran.read_text().split())
 
 
 def test_runs_kept_at_once_are_all_kept_and_read_as_they_were(tmp_path: Path) -> None:
@@ -106,7 +138,7 @@ def test_what_is_worse_at_the_same_commit_is_no_noise_unless_the_user_says_so(tm
     commit(tmp_path, "A renderer")
     held(tmp_path, {(0, 0): 40}, approve=True)
     worse = held(tmp_path, {(0, 0): 500}, approve=True)
-    assert "a run of this very commit is accepted" in lines(worse)
+    assert "a run of this commit is accepted" in lines(worse)
     assert not held(tmp_path, {(0, 0): 501}).passed
     held(tmp_path, {(0, 0): 503}, approve=True, repeated=True)
     noisy = held(tmp_path, {(0, 0): 501})

@@ -1,0 +1,124 @@
+"""Recordings, archives and scene files made by strangers: one line, and no more memory than allowed."""
+
+import os
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import CHECKOUT
+from tests.support.scene_file import film
+from xfrustum.cli.main import main
+from xfrustum.compare.attribution.recorded import read_frames
+from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes.disk.archives import read_arrays
+from xfrustum.scenes.disk.input_files import input_memory, read_input
+from xfrustum.scenes.model.device_model import DeviceModel
+
+HOSTILE = CHECKOUT.parent / "shared" / "data" / "inputs" / "hostile"
+SCENE = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+ADVICE = "archive", "make it again"
+
+
+@pytest.mark.skipif(not HOSTILE.is_dir(), reason="needs the files of attacks in ../shared")
+def test_recordings_of_an_attack_end_with_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    files = sorted(HOSTILE.glob("replay-*.npz"))
+    assert len(files) == 9
+    for path in files:
+        assert main(["device", "--replay", str(path)]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1 and path.name in err
+
+
+def test_arrays_are_read_without_pickles_and_declare_no_more_than_allowed(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, one=np.arange(6).reshape(2, 3), two=np.array("text"))
+    found = read_arrays(path, *ADVICE)
+    assert found["one"].tolist() == [[0, 1, 2], [3, 4, 5]] and str(found["two"]) == "text"
+    np.savez(path, one=np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="pickle"):
+        read_arrays(path, *ADVICE)
+    # Some kilobytes that become 32 MiB.
+    np.savez_compressed(path, one=np.zeros(1 << 25, np.uint8))
+    tracemalloc.start()
+    told = r"unpacking its arrays, 32 MiB of memory.*--max-input-memory"
+    with input_memory(1 << 20), pytest.raises(InputError, match=told):
+        read_arrays(path, *ADVICE)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_files_that_are_holes_empty_or_of_proc_are_refused(tmp_path: Path) -> None:
+    hole = tmp_path / "hole"
+    with hole.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(
+        InputError, match=r"hole: claims 1.02e\+03 GiB and fills 0 bytes of the disk|1024 GiB"
+    ):
+        read_input(hole, "mesh file")
+    for path in (tmp_path / "empty", Path("/proc/self/environ")):
+        if path.parent == tmp_path:
+            path.touch()
+        if path.exists():
+            with pytest.raises(InputError, match="the mesh file is empty"):
+                read_input(path, "mesh file")
+
+
+def test_devices_and_recordings_are_regular_files_of_bounded_size(tmp_path: Path) -> None:
+    pipe, large = tmp_path / "pipe", tmp_path / "large.json"
+    os.mkfifo(pipe)
+    for read in (DeviceModel.read, read_frames):
+        with pytest.raises(InputError, match="is a pipe"):
+            read(pipe)
+    large.write_text(" " * (1 << 21))
+    with pytest.raises(InputError, match=r"more than a device\.json has"):
+        DeviceModel.read(large)
+    large.write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"is no device\.json \(invalid json: recursion limit"):
+        DeviceModel.read(large)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ".".join(["a"] * 200_000) + " = 1",
+        "[" + ".".join(['"a.b"'] * 200_000) + "]",
+        "x = {" + " . ".join(["'a'"] * 200_000) + " = 1}",
+        "a" + ".a" * 16 + " = 1",
+    ],
+    ids=["bare", "header", "inline", "short"],
+)
+def test_keys_of_many_parts_are_refused_at_once(line: str, tmp_path: Path) -> None:
+    """Python's reader of TOML takes 8 seconds for a key of 20,000 parts, and ever more for longer ones."""
+    (tmp_path / "scene.toml").write_text(f"{SCENE}{line}\n")
+    begun = time.perf_counter()
+    with pytest.raises(InputError, match="has more than 16 parts"):
+        open_scene(tmp_path / "scene.toml")
+    assert time.perf_counter() - begun < 1
+
+
+def test_texts_with_dots_quotes_and_a_byte_order_mark_are_no_long_keys(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    name = "a.b " * 40 + "'\\\"..'.c" * 40
+    path.write_bytes(b"\xef\xbb\xbf" + f'name = "{name}"  # {"1.2, " * 99}\n{SCENE}'.encode())
+    assert open_scene(path).name == name.replace('\\"', '"')
+
+
+@pytest.mark.parametrize(
+    ("old", "key"),
+    [
+        ("hogels = [3", "plate.hogels"),
+        ("size = [10.0", "plate.size"),
+        ("resolution = [16", "frustum.resolution"),
+    ],
+)
+def test_numbers_of_thousands_of_digits_are_refused_by_the_name_of_their_key(
+    old: str, key: str, tmp_path: Path
+) -> None:
+    """Python reads any hexadecimal number, and writes none of more than 4,300 decimal digits."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.replace(old, f"{old.partition('[')[0]}[0x{'f' * 5000}"))
+    with pytest.raises(InputError, match=rf"{key}\[0\]: .*not a number of thousands of digits"):
+        open_scene(path)
