@@ -9,6 +9,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
+from xfrustum.compare.prediction.creases import crease_pixels
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     Stacks,
@@ -117,6 +118,7 @@ class Predictor:
         self._points = self._all_points.shown()
         self._stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
         self._silhouettes = Silhouettes(truth, frustum, self._all_points)
+        self._creases = crease_pixels(truth, reference.scene, device.subpixel_bits)
         self._in_plate = plate_segments(reference.scene, aperture)
         sides = np.ptp(reference.scene.triangles[truth.triangle[truth.covered]], axis=1).max(axis=1)
         large = sides > LARGE_SIDE * math.hypot(*reference.scene.plate.size)
@@ -149,7 +151,7 @@ class Predictor:
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
         swept = self._silhouettes.charged_pixels(chain)
         outside = outside_shares(self._all_points, self._frustum, chain)
-        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits)
+        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits) + self._creases
         moved = self._moved_by(chain)
         wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
         turned = 0

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.prediction.creases import mean_shift
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -181,12 +182,6 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
     return across, down
 
 
-SNAP_PER_HALF_SUBPIXEL = 0.39
-"""Mean distance by which a point of an edge moves along the edge's normal when both ends of the edge snap to
-the nearest subpixel in each axis, as a part of half a subpixel. Both errors of each end are uniform; the mean
-over points and directions is 0.390, by two million random edges."""
-
-
 class Silhouettes:
     """The contours of a true image, and the wrong pixels that displacement makes along them."""
 
@@ -205,7 +200,7 @@ class Silhouettes:
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the expected wrong pixels that each link makes wrong to the end of a chain."""
-        steps, *sides = self._contours_for(chain[-1])
+        steps = self._contours_for(chain[-1])[0]
         between, missing = steps.kind == Kind.OBJECTS, self._in_aperture
         if chain[-1].camera is not Camera.BOTH or chain[-1].offset is not Offset.PLATE:
             height = self._points.height
@@ -214,10 +209,7 @@ class Silhouettes:
         low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
         found: dict[DoubleFrustum, float] = {}
         for settings in dict.fromkeys(reversed(chain)):
-            # Where the front ends in the picture, and where the visible back begins. Both sides of a step are
-            # displaced at the contour, half a pixel from either center.
-            moved = (displacements(side, self._frustum, settings) for side in sides)
-            c, b = (-np.einsum("ij,ij->i", np.nan_to_num(side), steps.normal) for side in moved)
+            c, b = self._ends(settings)
             # Between objects, 0 to c is wrong too. Elsewhere only c to b is, and only where c < b.
             low = np.maximum(low, np.where(between, np.minimum(c, 0), c))
             high = np.minimum(high, np.maximum(np.where(between, np.maximum(b, 0), b), c))
@@ -226,15 +218,31 @@ class Silhouettes:
         return tuple(np.diff([found[settings] for settings in chain], prepend=0.0).tolist())
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
-        """Return the expected number of judged pixels that show a wrong surface because edges snap, at most.
+        """Return the expected number of judged pixels along contours that only snapping makes wrong.
 
-        Between objects every moved point of the contour makes a wrong pixel; inside one object only the half
-        of the contour that recedes does. Pixels that were wrong before are counted too.
+        With c and b as above, the front ends at c + d where its edge snaps; d has either sign equally often.
+        Pixels that were wrong before do not count. Between objects a front that grows makes wrong pixels
+        beyond c, 0, and b, and one that recedes before c and 0. Elsewhere only one that recedes does, before
+        c and b.
         """
         (steps, *_), judged = self._contours_for(settings), self._judged.ravel()
-        length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
+        c, b = self._ends(settings)
+        between = steps.kind == Kind.OBJECTS
+        grown = np.where(between, np.maximum(np.maximum(b, 0), c) - c, np.inf)
+        receded = c - np.where(between, np.minimum(c, 0), np.minimum(c, b))
+        shift = (mean_shift(subpixel_bits, grown) + mean_shift(subpixel_bits, receded)) / 2
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
-        return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
+        return float(np.sum(steps.length * shift * counted))
+
+    def _ends(self, settings: DoubleFrustum) -> tuple[Floats, Floats]:
+        """Return where each step's front ends in the picture, and where its visible back begins, pixels.
+
+        Both sides of a step are displaced at the contour, half a pixel from either center.
+        """
+        steps, *sides = self._contours_for(settings)
+        moved = (displacements(side, self._frustum, settings) for side in sides)
+        front, back = (-np.einsum("ij,ij->i", np.nan_to_num(side), steps.normal) for side in moved)
+        return front, back
 
     def _contours_for(self, settings: DoubleFrustum) -> tuple[Contours, TruePoints, TruePoints]:
         """Return contours, and the points before and behind each step, at the contour."""
