@@ -15,7 +15,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels, true_lines
 from xfrustum.compare.rounding.positions import POSITION_TOLERANCE
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -66,7 +66,7 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
 
 
 def _measured(
-    truth: HogelImage, scene: Scene, number: Indices, side: Indices
+    truth: HogelImage, scene: Scene, number: Numbers, side: Indices
 ) -> tuple[Floats, Floats, Floats]:
     """Measure sides (N,) of triangles on the true film: lengths, areas of the triangles, and offsets (2, N).
 
@@ -82,7 +82,7 @@ def _measured(
 
     def places(points: Floats) -> Floats:
         s = -points[:, 2:]
-        return ((points[:, :2] - np.asarray(lines.center)[:2]) / s - shear) * per_unit
+        return np.asarray(((points[:, :2] - lines.center[:2]) / s - shear) * per_unit)
 
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b, mine, its = (places(one) for one in (start, end, third, beyond))
