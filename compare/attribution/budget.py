@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.metrics import error_maps
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor
-from xfrustum.compare.prediction.reasons import Reason, Reasons, chance
+from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
@@ -360,46 +359,6 @@ def charged(
         predicted=predicted[1],
         reasons=predicted[0].reasons,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class LinkSum:
-    """Wrong surfaces of one link, summed over hogels; `reasons` are those of the sum."""
-
-    name: str
-    surface: int
-    predicted: float
-    reasons: frozenset[str]
-
-    @property
-    def ratio(self) -> float | None:
-        """Measured over predicted, None where nothing is predicted."""
-        return self.surface / self.predicted if self.predicted else None
-
-
-def sums_by_link(budgets: Iterable[Budget]) -> tuple[LinkSum, ...]:
-    """Sum measured and predicted wrong surfaces of each link over hogels drawn with one setting.
-
-    Few pixels in a hogel are no reason for which the sum does not hold: chance is that of the sum.
-    """
-    numbers: dict[str, list[tuple[int, LinkPrediction]]] = {}
-    for budget in budgets:
-        for cause, link in zip(budget.causes, budget.predicted, strict=True):
-            numbers.setdefault(cause.name, []).append((cause.surface, link))
-    found = []
-    for name, hogels in numbers.items():
-        predicted = sum(link.surface_pixels for _, link in hogels)
-        by_chance = chance(predicted, sum(link.flip_deviation for _, link in hogels))
-        reasons = {link.reasons.surface for _, link in hogels} - {Reason.FEW, Reason.ALIGNED}
-        found.append(
-            LinkSum(
-                name=name,
-                surface=sum(surface for surface, _ in hogels),
-                predicted=predicted,
-                reasons=frozenset(filter(None, (*reasons, by_chance))),
-            )
-        )
-    return tuple(found)
 
 
 def explain(

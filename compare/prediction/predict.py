@@ -24,13 +24,12 @@ from xfrustum.compare.prediction.reasons import (
     MAX_LARGE,
     MAX_OUTSIDE,
     MAX_THIN,
-    MIN_PIXELS,
     NO_REASONS,
     Reason,
     Reasons,
     chance,
 )
-from xfrustum.compare.prediction.silhouettes import Silhouettes
+from xfrustum.compare.prediction.silhouettes import Pair, Silhouettes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -83,8 +82,8 @@ class LinkPrediction:
 
     displacement_rms_px: float | None
     surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
-    #: standard deviation of those beside edges along rows and columns, which become wrong together
-    flip_deviation: float = 0.0
+    #: standard deviations of those beside edges along rows, and along columns: they go wrong together
+    flip_deviations: Pair = (0.0, 0.0)
     reasons: Reasons = NO_REASONS
 
 
@@ -162,8 +161,8 @@ class Predictor:
         together = self._silhouettes.flip_deviations(chain, self._device.subpixel_bits)
         links = zip([*moved, None], [*wrong, snapped], together, strict=True)
         made = (
-            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels, flip_deviation=deviation)
-            for rms, pixels, deviation in links
+            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels, flip_deviations=deviations)
+            for rms, pixels, deviations in links
         )
         return prediction, tuple(made)
 
@@ -204,15 +203,16 @@ class Predictor:
             displacement = next((reason for holds, reason in cases if holds), None)
         pixels = prediction.surface_fraction * self._stacks.judged
         by_depth = prediction.depth > prediction.surface_fraction / 100
-        together = math.hypot(*(link.flip_deviation for link in links))
+        together = sum(math.hypot(*link.flip_deviations) ** 2 for link in links)
+        by_chance = chance(pixels, together)
         kinds = (
             (self._is_thin(settings), Reason.THIN),
             (self._large, Reason.LARGE),
             (self._parallel and by_depth, Reason.PARALLEL),
-            (pixels < MIN_PIXELS, Reason.FEW),
+            (by_chance, by_chance),
             (by_depth and self._within_steps(settings), Reason.STEPS),
         )
-        surface = next((reason for holds, reason in kinds if holds), chance(pixels, together))
+        surface = next((reason for holds, reason in kinds if holds), None)
         return Reasons(displacement=displacement, surface=surface)
 
     def _with_reasons(
@@ -235,7 +235,7 @@ class Predictor:
         }
         found = []
         for place, link in enumerate(links):
-            by_chance = chance(link.surface_pixels, link.flip_deviation)
+            by_chance = chance(link.surface_pixels, math.hypot(*link.flip_deviations) ** 2)
             surface = next((reason for holds, reason in kinds[place] if holds), by_chance)
             moved = moves if place in traced and moves != Reason.LARGE else None
             none = not link.surface_pixels

@@ -49,14 +49,13 @@ those seen: with this share, surfaces of a twentieth of a pixel make a predictio
 small."""
 
 
-def chance(pixels: float, deviation: float = 0.0) -> Reason | None:
+def chance(pixels: float, together: float = 0.0) -> Reason | None:
     """Return the reason for which chance decides a number of wrong pixels, None where it does not.
 
     Pixels are as independent as a Poisson number, and have its variance, `pixels`. Those beside an edge
-    along a row or column are not: they add the square of `deviation`. Held to a factor of 3 is what
-    varies relatively as little as `MIN_PIXELS` independent ones. Deviations of several hogels add up: an
-    edge that is parallel to the plate lies at the same place between rows in all hogels of a row.
+    along a row or column are not: they add a variance, `together`. Held to a factor of 3 is what varies
+    relatively as little as `MIN_PIXELS` independent ones.
     """
-    if 0 < pixels < MIN_PIXELS:
-        return Reason.FEW
-    return Reason.ALIGNED if pixels**2 < MIN_PIXELS * (pixels + deviation**2) else None
+    if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
+        return None
+    return Reason.FEW if pixels < MIN_PIXELS and together <= pixels else Reason.ALIGNED

@@ -13,6 +13,7 @@ own nothing is hidden, but between c and b, where c < b, there is a gap. These s
 exact while displacement is small against the distance and the length of contours.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -31,6 +32,8 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Frustum
+
+Pair = tuple[float, float]  #: of edges along rows, and along columns
 
 CONTOUR_SIGMA_PX = 1.5
 """Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
@@ -225,27 +228,29 @@ class Silhouettes:
             high = np.minimum(high, np.maximum(np.where(between, np.maximum(b, 0), b), c))
             yield settings, low, high
 
-    def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> tuple[float, ...]:
-        """Return the standard deviation of the wrong pixels beside edges along rows and columns.
+    def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> list[Pair]:
+        """Return standard deviations of the wrong pixels beside edges along rows, and along columns.
 
-        One for each link of a chain, and one for rasterization. Of the distance over which such a
+        One pair for each link of a chain, and one for rasterization. Of the distance over which such a
         picture is wrong, whole pixels are whole rows of wrong pixels, and the rest f is a row with a
         chance of f: l steps of one edge have a variance of l^2 f (1 - f), of which l f (1 - f) is that
         of independent pixels, and left out.
         """
         steps = self._contours_for(chain[-1])[0]
         length = _lone_runs(self._truth.object.reshape(-1), steps)
+        row = np.abs(steps.back - steps.front) != 1
 
-        def variance(span: Floats) -> float:
+        def variances(span: Floats) -> Floats:
             rest = np.mod(np.maximum(span, 0.0), 1.0)
             # Each of l steps stands for one in l of the edge.
-            return float(np.sum((length - 1) * rest * (1 - rest)))
+            own = (length - 1) * rest * (1 - rest)
+            return np.array([own[row].sum(), own[~row].sum()])
 
-        found = {one: variance(high - low) for one, low, high in self._spans(chain)}
+        found = {one: variances(high - low) for one, low, high in self._spans(chain)}
         # A link's pixels are the difference of two such numbers.
-        later = [0.0 if two == one else found[one] + found[two] for one, two in pairwise(chain)]
-        snapped = variance(self._snapped(chain[-1], subpixel_bits))
-        return tuple(np.sqrt([found[chain[0]], *later, snapped]).tolist())
+        later = [np.zeros(2) if two == one else found[one] + found[two] for one, two in pairwise(chain)]
+        every = [found[chain[0]], *later, variances(self._snapped(chain[-1], subpixel_bits))]
+        return [(math.sqrt(rows), math.sqrt(columns)) for rows, columns in every]
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
         """Return the expected number of judged pixels along contours that only snapping makes wrong.
