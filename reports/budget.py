@@ -13,12 +13,13 @@ from xfrustum.compare.attribution import radiance_budget
 from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
-from xfrustum.compare.prediction.predict import CROSSES, FEW, MIN_PIXELS
+from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
 from xfrustum.reports.common.provenance import aperture_option, scene_command, settings_words
+from xfrustum.reports.common.reasons import SENTENCES, sentences
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
@@ -67,7 +68,8 @@ class BudgetReport(notebook.Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return one JSON object: the numbers of geometry, and those of radiance after them."""
-        return {**json_object(self.geometry.numbers), "radiance": json_object(self.radiance.numbers)}
+        geometry = json_object(with_sentences(self.geometry.numbers))
+        return {**geometry, "radiance": json_object(self.radiance.numbers)}
 
     def table(self) -> str:
         """Return the numbers as aligned lines."""
@@ -232,16 +234,28 @@ def table(geometry: Budget) -> str:
     )
 
 
+def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
+    """Return the numbers of a budget with the reasons of predictions in words."""
+    links = tuple(
+        replace(link, prediction_reasons=sentences(link.prediction_reasons)) for link in numbers.links
+    )
+    return replace(numbers, prediction_reasons=sentences(numbers.prediction_reasons), links=links)
+
+
 def prediction_notes(numbers: BudgetNumbers) -> list[str]:
     """Return where the predictions of a budget are not held to a factor of 3, and why, in words."""
-    reasons = numbers.prediction_reasons
-    named = {"moves by": reasons.displacement, "surface": reasons.surface}
+    named: dict[str, Reason] = {}
     for link in numbers.links:
-        if 0 < (link.predicted_surface or 0) < MIN_PIXELS:
+        reasons = link.prediction_reasons
+        if reasons.displacement and link.predicted_displacement_rms_px != 0:
+            named.setdefault("moves by", Reason(reasons.displacement))
+        if reasons.surface == Reason.FEW and link.surface >= MIN_PIXELS:
             # Rounding moves whole regions of a surface that passes through the aperture.
-            chance = link.surface < MIN_PIXELS or reasons.displacement != CROSSES
-            named[f"surface of {link.name}"] = FEW if chance else CROSSES
-    return [f"predicted {name}: {reason}" for name, reason in named.items() if reason]
+            crosses = numbers.prediction_reasons.displacement == Reason.CROSSES
+            named[f"surface of {link.name}"] = Reason.CROSSES if crosses else Reason.FEW
+        elif reasons.surface:
+            named[f"surface of {link.name}"] = Reason(reasons.surface)
+    return [f"predicted {name}: {SENTENCES[reason]}" for name, reason in named.items()]
 
 
 def _three_digits(value: float | None) -> str:

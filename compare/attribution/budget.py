@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.metrics import error_maps
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
-from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor, Reasons
+from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor
+from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
@@ -62,6 +63,7 @@ class LinkNumbers(Cause):
 
     pixels: int
     height_rms: float | None
+    prediction_reasons: Reasons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,8 +304,13 @@ class Budget(Shown):
             judged=self.judged,
             wrong=self.wrong,
             links=tuple(
-                LinkNumbers(**vars(cause), pixels=cause.triangle, height_rms=raised)
-                for cause, raised in zip(self.causes, self.height.rms(), strict=True)
+                LinkNumbers(
+                    **vars(cause),
+                    pixels=cause.triangle,
+                    height_rms=raised,
+                    prediction_reasons=link.reasons,
+                )
+                for cause, raised, link in zip(self.causes, self.height.rms(), self.predicted, strict=True)
             ),
             unexplained=counts.pop("unexplained"),
             explained=counts,

@@ -9,6 +9,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
+from xfrustum.compare.prediction.creases import crease_pixels
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     Stacks,
@@ -18,7 +19,17 @@ from xfrustum.compare.prediction.depth import (
     smallest_separation,
 )
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
-from xfrustum.compare.prediction.silhouettes import Silhouettes
+from xfrustum.compare.prediction.reasons import (
+    LARGE_SIDE,
+    MAX_LARGE,
+    MAX_OUTSIDE,
+    MAX_THIN,
+    NO_REASONS,
+    Reason,
+    Reasons,
+    chance,
+)
+from xfrustum.compare.prediction.silhouettes import Pair, Silhouettes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -44,36 +55,6 @@ class Separations:
     c_star: float | None
 
 
-CROSSES = "not predicted: surfaces cross the plate"
-"""Points that belong outside the film are shown, as near to the plate as one likes: the truth has none."""
-STARVED = "the depth buffer shows other surfaces than those that are displaced"
-ROUNDED = "smaller than the rounding of float32 positions"
-LARGE = "triangles are far larger than the plate: float32 rounds their depth by more than is predicted"
-PARALLEL = "surfaces are parallel to the plate: the depth of all their pixels is rounded alike"
-FEW = "fewer than 20 pixels are predicted: chance decides"
-OUTSIDE = "points from outside the film are shown, which the truth does not have"
-STEPS = "all depths lie within two steps below one: float32 rounds many pixels alike"
-
-MIN_PIXELS = 20
-"""Fewest pixels of which a prediction is held to a factor of 3: a Poisson number of 10 is off by that in one
-of 100, and pixels go wrong by twos, as neighbors."""
-
-MAX_OUTSIDE = 0.05
-"""Share of points from outside the film from which on displacement is not held to a factor of 3: five times
-what the 99th percentile leaves out. On the built-in scenes the least that is off by more is 7 %."""
-
-MAX_LARGE, LARGE_SIDE = 0.01, 8.0
-"""Share of the picture that may show triangles whose sides are so many times the plate's diagonal."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reasons:
-    """Why predictions do not hold, in words; None where they do (docs/answers.md, "Predictions")."""
-
-    displacement: str | None = None
-    surface: str | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
     """The errors that one choice of settings is expected to have; shares are of the judged pixels."""
@@ -86,7 +67,7 @@ class Prediction:
     outside: float  #: shown is what belongs outside the film
     separation: Separations
     culled: float = 0.0  #: culling leaves the true surface out
-    reasons: Reasons = Reasons()
+    reasons: Reasons = NO_REASONS
 
     @property
     def surface_fraction(self) -> float:
@@ -100,7 +81,10 @@ class LinkPrediction:
     """The errors that one link of the chain is expected to add; None where no closed form is known."""
 
     displacement_rms_px: float | None
-    surface_pixels: float | None  #: judged pixels with a wrong surface that are charged to the link
+    surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
+    #: standard deviations of those beside edges along rows, and along columns: they go wrong together
+    flip_deviations: Pair = (0.0, 0.0)
+    reasons: Reasons = NO_REASONS
 
 
 LinkedPrediction = tuple[Prediction, tuple[LinkPrediction, ...]]
@@ -117,6 +101,7 @@ class Predictor:
         self._points = self._all_points.shown()
         self._stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
         self._silhouettes = Silhouettes(truth, frustum, self._all_points)
+        self._creases = crease_pixels(truth, reference.scene, device.subpixel_bits)
         self._in_plate = plate_segments(reference.scene, aperture)
         sides = np.ptp(reference.scene.triangles[truth.triangle[truth.covered]], axis=1).max(axis=1)
         large = sides > LARGE_SIDE * math.hypot(*reference.scene.plate.size)
@@ -136,12 +121,14 @@ class Predictor:
 
         The settings differ in their depth buffers alone: they share most.
         """
-        (prediction, links), found = self._predicted(with_exact_depth(settings[0])), []
+        (prediction, rounded), found = self._predicted(with_exact_depth(settings[0])), []
         shares = depth_wrong_shares(self._stacks, self._frustum, settings, self._device)
         for one, share in zip(settings, shares, strict=True):
             depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
+            links = (*rounded, depth)
             whole = replace(prediction, depth=share, separation=self._separations(one))
-            found.append((replace(whole, reasons=self._reasons(one, whole)), (*links, depth)))
+            whole = replace(whole, reasons=self._reasons(one, whole, links))
+            found.append((whole, self._with_reasons(one, whole, links)))
         return found
 
     def _predicted(self, settings: DoubleFrustum) -> LinkedPrediction:
@@ -149,7 +136,7 @@ class Predictor:
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
         swept = self._silhouettes.charged_pixels(chain)
         outside = outside_shares(self._all_points, self._frustum, chain)
-        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits)
+        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits) + self._creases
         moved = self._moved_by(chain)
         wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
         turned = 0
@@ -163,7 +150,7 @@ class Predictor:
             moved = [None if one else one for one in moved]
         prediction = Prediction(
             displacement_px=None if crosses else displacement(self._points, self._frustum, settings),
-            reasons=Reasons(displacement=CROSSES if crosses else None),
+            reasons=Reasons(displacement=Reason.CROSSES if crosses else None),
             silhouettes=sum(swept) / judged,
             snapped=snapped / judged,
             depth=0.0,
@@ -171,8 +158,12 @@ class Predictor:
             separation=Separations(c=None, c_star=None),
             culled=turned / judged,
         )
-        links = zip([*moved, None], [*wrong, snapped], strict=True)
-        made = (LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels) for rms, pixels in links)
+        together = self._silhouettes.flip_deviations(chain, self._device.subpixel_bits)
+        links = zip([*moved, None], [*wrong, snapped], together, strict=True)
+        made = (
+            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels, flip_deviations=deviations)
+            for rms, pixels, deviations in links
+        )
         return prediction, tuple(made)
 
     def _crosses(self, settings: DoubleFrustum) -> bool:
@@ -197,27 +188,64 @@ class Predictor:
         fine = near_one and settings.depth is not DepthFormat.D16 and self._points.depth.size > 0
         return fine and settings.near < 2 * 2.0**-24 * float(np.median(self._points.depth))
 
-    def _reasons(self, settings: DoubleFrustum, prediction: Prediction) -> Reasons:
-        """Return why a prediction with its depth does not hold."""
+    def _reasons(
+        self, settings: DoubleFrustum, prediction: Prediction, links: Sequence[LinkPrediction]
+    ) -> Reasons:
+        """Return the reasons for which a prediction with its depth does not hold."""
         displacement, moved = prediction.reasons.displacement, prediction.displacement_px
         if moved is not None:
             cases = (
-                (prediction.depth > MAX_MISORDERED_FRACTION, STARVED),
-                (self._large, LARGE),
-                (prediction.outside > MAX_OUTSIDE, OUTSIDE),
-                (moved.rms < self._rounding_px, ROUNDED),
+                (prediction.depth > MAX_MISORDERED_FRACTION, Reason.STARVED),
+                (self._large, Reason.LARGE),
+                (prediction.outside > MAX_OUTSIDE, Reason.OUTSIDE),
+                (moved.rms < self._rounding_px, Reason.ROUNDED),
             )
-            displacement = next((words for holds, words in cases if holds), None)
+            displacement = next((reason for holds, reason in cases if holds), None)
         pixels = prediction.surface_fraction * self._stacks.judged
         by_depth = prediction.depth > prediction.surface_fraction / 100
+        together = sum(math.hypot(*link.flip_deviations) ** 2 for link in links)
+        by_chance = chance(pixels, together)
         kinds = (
-            (self._large, LARGE),
-            (self._parallel and by_depth, PARALLEL),
-            (pixels < MIN_PIXELS, FEW),
-            (by_depth and self._within_steps(settings), STEPS),
+            (self._is_thin(settings), Reason.THIN),
+            (self._large, Reason.LARGE),
+            (self._parallel and by_depth, Reason.PARALLEL),
+            (by_chance, by_chance),
+            (by_depth and self._within_steps(settings), Reason.STEPS),
         )
-        surface = next((words for holds, words in kinds if holds), None)
+        surface = next((reason for holds, reason in kinds if holds), None)
         return Reasons(displacement=displacement, surface=surface)
+
+    def _with_reasons(
+        self, settings: DoubleFrustum, prediction: Prediction, links: Sequence[LinkPrediction]
+    ) -> tuple[LinkPrediction, ...]:
+        """Return links with the reasons for which their own predictions do not hold.
+
+        Traced links round nothing, so that neither the size of triangles nor the steps of depth matter.
+        """
+        *traced, rasterized, depth = range(len(links))
+        thin, moves = self._is_thin(settings), prediction.reasons.displacement
+        kinds = {
+            **dict.fromkeys(traced, ((thin, Reason.THIN),)),
+            rasterized: ((thin, Reason.THIN), (self._large, Reason.LARGE)),
+            depth: (
+                (self._large, Reason.LARGE),
+                (self._parallel, Reason.PARALLEL),
+                (self._within_steps(settings), Reason.STEPS),
+            ),
+        }
+        found = []
+        for place, link in enumerate(links):
+            by_chance = chance(link.surface_pixels, math.hypot(*link.flip_deviations) ** 2)
+            surface = next((reason for holds, reason in kinds[place] if holds), by_chance)
+            moved = moves if place in traced and moves != Reason.LARGE else None
+            none = not link.surface_pixels
+            reasons = Reasons(displacement=moved, surface=None if none else surface)
+            found.append(replace(link, reasons=reasons))
+        return tuple(found)
+
+    def _is_thin(self, settings: DoubleFrustum) -> bool:
+        """Return whether contours are too often those of surfaces thinner than a pixel."""
+        return self._silhouettes.thin_share(settings) > MAX_THIN
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
         def rms(moved: Floats) -> float | None:

@@ -13,10 +13,12 @@ own nothing is hidden, but between c and b, where c < b, there is a gap. These s
 exact while displacement is small against the distance and the length of contours.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,11 +26,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.prediction.creases import mean_shift
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Frustum
+
+Pair = tuple[float, float]  #: of edges along rows, and along columns
 
 CONTOUR_SIGMA_PX = 1.5
 """Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
@@ -181,12 +186,6 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
     return across, down
 
 
-SNAP_PER_HALF_SUBPIXEL = 0.39
-"""Mean distance by which a point of an edge moves along the edge's normal when both ends of the edge snap to
-the nearest subpixel in each axis, as a part of half a subpixel. Both errors of each end are uniform; the mean
-over points and directions is 0.390, by two million random edges."""
-
-
 class Silhouettes:
     """The contours of a true image, and the wrong pixels that displacement makes along them."""
 
@@ -205,36 +204,94 @@ class Silhouettes:
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the expected wrong pixels that each link makes wrong to the end of a chain."""
-        steps, *sides = self._contours_for(chain[-1])
-        between, missing = steps.kind == Kind.OBJECTS, self._in_aperture
+        missing = self._in_aperture
         if chain[-1].camera is not Camera.BOTH or chain[-1].offset is not Offset.PLATE:
             height = self._points.height
             missing = missing | (np.isfinite(height) & ~is_drawn(height, chain[-1]))
-        # From the last link backward: the part of each step's wrong span that stays wrong to the end, px.
-        low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
-        found: dict[DoubleFrustum, float] = {}
-        for settings in dict.fromkeys(reversed(chain)):
-            # Where the front ends in the picture, and where the visible back begins. Both sides of a step are
-            # displaced at the contour, half a pixel from either center.
-            moved = (displacements(side, self._frustum, settings) for side in sides)
-            c, b = (-np.einsum("ij,ij->i", np.nan_to_num(side), steps.normal) for side in moved)
-            # Between objects, 0 to c is wrong too. Elsewhere only c to b is, and only where c < b.
-            low = np.maximum(low, np.where(between, np.minimum(c, 0), c))
-            high = np.minimum(high, np.maximum(np.where(between, np.maximum(b, 0), b), c))
-            found[settings] = expected_wrong(_swept(steps, low, high), missing, self._judged)
+        steps = self._contours_for(chain[-1])[0]
+        found = {
+            settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
+            for settings, low, high in self._spans(chain)
+        }
         # A link is charged with what is wrong to the end from it on, and was not from the one before.
         return tuple(np.diff([found[settings] for settings in chain], prepend=0.0).tolist())
 
-    def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
-        """Return the expected number of judged pixels that show a wrong surface because edges snap, at most.
+    def _spans(self, chain: Sequence[DoubleFrustum]) -> Iterator[tuple[DoubleFrustum, Floats, Floats]]:
+        """Yield settings from the last link backward, with the ends (N,) of what stays wrong, px."""
+        steps, *_ = sides = self._contours_for(chain[-1])
+        between = steps.kind == Kind.OBJECTS
+        low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
+        for settings in dict.fromkeys(reversed(chain)):
+            c, b = self._ends(settings, sides)
+            # Between objects, 0 to c is wrong too. Elsewhere only c to b is, and only where c < b.
+            low = np.maximum(low, np.where(between, np.minimum(c, 0), c))
+            high = np.minimum(high, np.maximum(np.where(between, np.maximum(b, 0), b), c))
+            yield settings, low, high
 
-        Between objects every moved point of the contour makes a wrong pixel; inside one object only the half
-        of the contour that recedes does. Pixels that were wrong before are counted too.
+    def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> list[Pair]:
+        """Return standard deviations of the wrong pixels beside edges along rows, and along columns.
+
+        One pair for each link of a chain, and one for rasterization. Of the distance over which such a
+        picture is wrong, whole pixels are whole rows of wrong pixels, and the rest f is a row with a
+        chance of f: l steps of one edge have a variance of l^2 f (1 - f), of which l f (1 - f) is that
+        of independent pixels, and left out.
         """
-        (steps, *_), judged = self._contours_for(settings), self._judged.ravel()
-        length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
+        steps = self._contours_for(chain[-1])[0]
+        length = _lone_runs(self._truth.object.reshape(-1), steps)
+        row = np.abs(steps.back - steps.front) != 1
+
+        def variances(span: Floats) -> Floats:
+            rest = np.mod(np.maximum(span, 0.0), 1.0)
+            # Each of l steps stands for one in l of the edge.
+            own = (length - 1) * rest * (1 - rest)
+            return np.array([own[row].sum(), own[~row].sum()])
+
+        found = {one: variances(high - low) for one, low, high in self._spans(chain)}
+        # A link's pixels are the difference of two such numbers.
+        later = [np.zeros(2) if two == one else found[one] + found[two] for one, two in pairwise(chain)]
+        every = [found[chain[0]], *later, variances(self._snapped(chain[-1], subpixel_bits))]
+        return [(math.sqrt(rows), math.sqrt(columns)) for rows, columns in every]
+
+    def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
+        """Return the expected number of judged pixels along contours that only snapping makes wrong.
+
+        With c and b as above, the front ends at c + d where its edge snaps; d has either sign equally
+        often. Pixels that were wrong before do not count. Between objects a front that grows makes
+        wrong pixels beyond c, 0, and b, and one that recedes before c and 0. Elsewhere only one that
+        recedes does, before c and b.
+        """
+        steps, judged = self._contours_for(settings)[0], self._judged.ravel()
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
-        return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
+        return float(np.sum(steps.length * self._snapped(settings, subpixel_bits) * counted))
+
+    def _snapped(self, settings: DoubleFrustum, subpixel_bits: int) -> Floats:
+        """Return the mean distance (N,) from each step at which only snapping makes pixels wrong."""
+        steps, *_ = sides = self._contours_for(settings)
+        c, b = self._ends(settings, sides)
+        between = steps.kind == Kind.OBJECTS
+        grown = np.where(between, np.maximum(np.maximum(b, 0), c) - c, np.inf)
+        receded = c - np.where(between, np.minimum(c, 0), np.minimum(c, b))
+        return (mean_shift(subpixel_bits, grown) + mean_shift(subpixel_bits, receded)) / 2
+
+    def _ends(
+        self, settings: DoubleFrustum, contours: tuple[Contours, TruePoints, TruePoints]
+    ) -> tuple[Floats, Floats]:
+        """Return where each step's front ends in the picture, and where its visible back begins, px.
+
+        Both sides of a step are displaced at the contour, half a pixel from either center.
+        """
+        steps, *sides = contours
+        moved = (displacements(side, self._frustum, settings) for side in sides)
+        front, back = (-np.einsum("ij,ij->i", np.nan_to_num(side), steps.normal) for side in moved)
+        return front, back
+
+    def thin_share(self, settings: DoubleFrustum) -> float:
+        """Return the share of the contours' length beside surfaces that are a single pixel wide."""
+        steps = self._contours_for(settings)[0]
+        step, front = steps.back - steps.front, steps.front * (4 * steps.resolution[0])
+        # The front of a thin surface ends on both sides along an axis.
+        thin = np.isin(front + step, front - step)
+        return float(steps.length[thin].sum() / max(steps.length.sum(), 1.0))
 
     def _contours_for(self, settings: DoubleFrustum) -> tuple[Contours, TruePoints, TruePoints]:
         """Return contours, and the points before and behind each step, at the contour."""
@@ -247,6 +304,36 @@ class Silhouettes:
             front, back = (replace(points, from_middle=places) for points in ends)
             self._contours[first] = steps, front, back
         return self._contours[first]
+
+
+def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
+    """Return the length of the straight run that each step (N,) is part of, px; 1 for steps of stairs.
+
+    A run is a row of steps between the same two columns or rows of pixels, and the same two `objects`,
+    given for all pixels. Where it goes on one column or row further, it is part of a line that leans,
+    or of a curve: distances from such a line to pixel centers are evenly distributed.
+    """
+    width, height = steps.resolution
+    step = steps.back - steps.front
+    row, column = np.divmod(np.minimum(steps.front, steps.back), width)
+    down = np.abs(step) != 1
+    line, along = np.where(down, (row, column), (column, row))
+    # Runs that may follow one another have one key, and places along both axes have room for one more.
+    sides = np.stack((down, np.sign(step), objects[steps.front], objects[steps.back]), axis=1)
+    kind = np.unique(sides, axis=0, return_inverse=True)[1].reshape(-1)
+    size = max(width, height) + 2
+    keys = (kind * size + line + 1) * size + along + 1
+    order = np.argsort(keys)
+    first = np.append(True, np.diff(keys[order]) != 1)[: len(keys)]
+    run = np.cumsum(first) - 1
+    count = np.bincount(run)
+    begin = keys[order][first]
+    end = begin + count - 1
+    beyond = [place + off for place in (begin - 1, end + 1) for off in (-size, size)]
+    goes_on = np.isin(beyond, keys).any(axis=0)
+    found = np.empty(len(keys))
+    found[order] = np.where(goes_on, 1, count)[run]
+    return found
 
 
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:

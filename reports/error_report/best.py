@@ -15,10 +15,12 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import PixelSet, Spread, is_worse
 from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
-from xfrustum.compare.prediction.predict import Prediction, Reasons, Separations
+from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.run import StageTimes
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import CERTIFIED
+from xfrustum.reports.common.reasons import sentences
 from xfrustum.reports.common.records import named_columns
 from xfrustum.scenes import Aperture, Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -284,7 +286,7 @@ class Measurement:
             predicted_surface=surface,
             smallest_separation=predicted.separation if predicted else None,
             measured_over_predicted=self.measured_over_predicted,
-            prediction_reasons=predicted.reasons if predicted else None,
+            prediction_reasons=sentences(predicted.reasons) if predicted else None,
             times_s=self.times_s,
             parts_s={"raster": {"gpu": self.gpu_s}},
         )

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
-from xfrustum.compare.prediction.predict import CROSSES
+from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
+from xfrustum.reports.common.reasons import SENTENCES, sentences
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images
 from xfrustum.reports.error_report.best import Measurement, geometry_names, geometry_of
@@ -121,7 +123,11 @@ def _surface_figure(rows: Rows, reach: float) -> Figure:
                     "mode": "lines",
                     "showlegend": False,
                     "line": {"color": look(place)[0], "dash": "dash", "width": 1.5},
-                    "text": [_reason(row.predicted.reasons.surface) for row, _ in predicted if row.predicted],
+                    "text": [
+                        _reason(sentences(row.predicted.reasons).surface)
+                        for row, _ in predicted
+                        if row.predicted
+                    ],
                     "hovertemplate": _HOVER + "predicted %{y:.2~p}%{text}",
                 }
             )
@@ -142,18 +148,22 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
         nears = sorted(near for near, spread in forms.items() if spread is not None)
         heights = [getattr(forms[near], statistic) or None for near in nears]
         hover = _HOVER + "predicted %{y:.3g} px%{text}"
-        reasons: dict[float, set[str]] = {near: set() for near in forms}
+        reasons: dict[float, set[Reason]] = {near: set() for near in forms}
         for _, row in rows:
             if row.predicted and row.predicted.reasons.displacement:
-                reasons[row.settings.near / reach].add(row.predicted.reasons.displacement)
-        text = [_reason("; ".join(sorted(reasons[near]))) for near in nears]
+                reasons[row.settings.near / reach].add(Reason(row.predicted.reasons.displacement))
+        text = [_reason("; ".join(sorted(SENTENCES[one] for one in reasons[near]))) for near in nears]
         lines.append({"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM})
-        crossing = [near for near, found in reasons.items() if CROSSES in found]
+        crossing = [near for near, found in reasons.items() if Reason.CROSSES in found]
         if crossing:
             # The curves rise to the right and leave this corner free; in the legend it would take their room.
             corner = {"xref": "paper", "yref": "paper", "x": 0.02, "y": 0.98, "showarrow": False}
             notes.append(
-                {"text": f"from {digits(min(crossing))} on {CROSSES}", "font": {"size": 11}, **corner}
+                {
+                    "text": f"from {digits(min(crossing))} on {SENTENCES[Reason.CROSSES]}",
+                    "font": {"size": 11},
+                    **corner,
+                }
             )
     figure = _log_figure(lines, title)
     figure["layout"]["annotations"] = notes
@@ -300,7 +310,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "unexplained": sum(row.unexplained or 0 for row in sweep.rows),
         "page_data": _page_data(sweep, shears),
     }
-    return html_page("report.html.j2", values, {"pixels": best.pixels, "address": address})
+    return html_page(
+        "report.html.j2", values, {"pixels": best.pixels, "address": address, "sentence": SENTENCES.get}
+    )
 
 
 def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
@@ -326,7 +338,9 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
                 "geometry": sweep.geometries.index(geometry_of(row.settings)),
                 "depth": row.settings.depth_label,
                 "near": row.settings.near,
-                **{name: getattr(row, name) for name in ("comparison", "predicted", "times_s")},
+                **{name: getattr(row, name) for name in ("comparison", "times_s")},
+                "predicted": row.predicted
+                and replace(row.predicted, reasons=sentences(row.predicted.reasons)),
                 "predicted_surface": row.predicted.surface_fraction if row.predicted else None,
                 "ratio": row.measured_over_predicted,
                 "parts_s": {"raster": {"gpu": row.gpu_s}},

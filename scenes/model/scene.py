@@ -311,6 +311,26 @@ class Scene(Shown):
         return read_only(normals)
 
     @cached_property
+    def twins(self) -> Indices:
+        """(F, 3) for each side of a triangle the number, 3 triangle + side, of the other side along it.
+
+        Side k runs from corner k to the next one. -1 where no other triangle of the object has corners at
+        the same two places, and where several have.
+        """
+        _, place = np.unique(self.vertices + 0.0, axis=0, return_inverse=True)
+        corners = place.reshape(-1)[self.faces]
+        ends = np.sort(np.stack((corners, np.roll(corners, -1, axis=1)), axis=-1), axis=-1).reshape(-1, 2)
+        owner = np.repeat(self.object_of_triangle, 3)
+        order = np.lexsort((ends[:, 1], ends[:, 0], owner))
+        keys = np.column_stack((owner, ends))[order]
+        same = np.append((keys[1:] == keys[:-1]).all(axis=1), False)
+        # Pairs alone: the side before them differs, and so does the side after.
+        first = np.flatnonzero(same & ~np.roll(same, 1) & ~np.roll(same, -1))
+        found = np.full(len(ends), -1)
+        found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
+        return read_only(found.reshape(-1, 3))
+
+    @cached_property
     def content_hash(self) -> str:
         """SHA-256 of plate, frustum and triangles, on which the geometry of images depends."""
         digest = hashlib.sha256()

@@ -14,7 +14,7 @@ from xfrustum.compare.attribution.budget import explain
 from xfrustum.compare.attribution.recorded import RecordedFrame, read_frames, recorded_image, replay
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.depth import Stacks, depth_wrong_shares
-from xfrustum.compare.prediction.predict import MIN_PIXELS
+from xfrustum.compare.prediction.reasons import MIN_PIXELS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DoubleFrustum, InputError

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup, view
-from xfrustum.compare.prediction.predict import (
-    CROSSES,
-    LARGE,
-    PARALLEL,
-    STARVED,
-    Predictor,
-    plate_segments,
-)
+from xfrustum.compare.prediction.predict import Predictor, plate_segments
+from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.run import Judge
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report.best import DEFAULT_DEPTHS
@@ -25,12 +19,12 @@ NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
 @pytest.mark.parametrize(
     ("name", "reasons"),
     [
-        ("car", {CROSSES, STARVED}),
-        pytest.param("crossing", {CROSSES}, marks=pytest.mark.slow),
-        pytest.param("large-triangles", {LARGE, STARVED}, marks=pytest.mark.slow),
-        ("sheets", {STARVED}),
-        ("grating", {PARALLEL}),
-        pytest.param("car-recentered", {CROSSES, STARVED}, marks=pytest.mark.slow),
+        ("car", {Reason.CROSSES, Reason.STARVED}),
+        pytest.param("crossing", {Reason.CROSSES}, marks=pytest.mark.slow),
+        pytest.param("large-triangles", {Reason.LARGE, Reason.STARVED}, marks=pytest.mark.slow),
+        ("sheets", {Reason.STARVED}),
+        ("grating", {Reason.PARALLEL}),
+        pytest.param("car-recentered", {Reason.CROSSES, Reason.STARVED}, marks=pytest.mark.slow),
     ],
 )
 def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons: set[str]) -> None:
@@ -49,7 +43,7 @@ def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons:
                 assert predicted is not None and measured.surface is not None
                 moved, spread, why = predicted.displacement_px, measured.displacement_px, predicted.reasons
                 found |= {why.displacement, why.surface}
-                assert (why.displacement == CROSSES) <= (moved is None)
+                assert (why.displacement == Reason.CROSSES) <= (moved is None)
                 pairs = [(measured.surface.fraction, predicted.surface_fraction, why.surface)]
                 if moved and spread:
                     pairs += [
@@ -59,7 +53,7 @@ def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons:
                 for one, other, reason in pairs:
                     near = other / MAX_RATIO <= one <= other * MAX_RATIO
                     assert near or reason, (drawing.settings, one, other)
-    assert reasons <= found and (None in found) == (LARGE not in found)
+    assert reasons <= found and (None in found) == (Reason.LARGE not in found)
 
 
 def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
@@ -75,7 +69,7 @@ def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
         half = reference.camera(aperture).half_extent[0]
         for near, crosses in ((0.99 * distance / half, False), (1.01 * distance / half, True)):
             found, links = predictor.predict_each([DoubleFrustum(near=near)])[0]
-            assert (found.reasons.displacement == CROSSES) == crosses
+            assert (found.reasons.displacement == Reason.CROSSES) == crosses
             assert not crosses or links[0].displacement_rms_px is None
     flat = soup(corners * [1, 1, 0], scene.frustum)
     assert not len(plate_segments(flat, at(0, 0))[0])

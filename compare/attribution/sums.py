@@ -1,0 +1,73 @@
+"""Predicted and measured wrong surfaces of many hogels, summed by link."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from xfrustum.compare.attribution.budget import Budget
+from xfrustum.compare.prediction.predict import LinkPrediction
+from xfrustum.compare.prediction.reasons import Reason, chance
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkSum:
+    """Wrong surfaces of one link, summed over hogels; `reasons` are those of the sum."""
+
+    name: str
+    surface: int
+    predicted: float
+    reasons: frozenset[str]
+
+    @property
+    def ratio(self) -> float | None:
+        """Measured over predicted, None where nothing is predicted."""
+        return self.surface / self.predicted if self.predicted else None
+
+
+@dataclass(kw_only=True)
+class _Sum:
+    """The sum of one link so far."""
+
+    surface: int = 0
+    predicted: float = 0.0
+    reasons: set[str | None] = field(default_factory=set)
+    #: standard deviations, by setting and the row or column of hogels
+    deviations: dict[object, float] = field(default_factory=lambda: defaultdict(float))
+
+    def add(self, budget: Budget, surface: int, link: LinkPrediction) -> None:
+        """Add what a budget charges to the link."""
+        camera = budget.drawn.camera
+        self.surface += surface
+        self.predicted += link.surface_pixels
+        self.reasons.add(link.reasons.surface)
+        lines = ("row", camera.aperture.row), ("column", camera.aperture.column)
+        for line, deviation in zip(lines, link.flip_deviations, strict=True):
+            self.deviations[camera.settings, line] += deviation
+
+    def of(self, name: str) -> LinkSum:
+        """Return the sum with its reasons."""
+        reasons = self.reasons - {Reason.FEW, Reason.ALIGNED}
+        if self.surface or self.predicted:
+            reasons.add(chance(self.predicted, sum(one**2 for one in self.deviations.values())))
+        return LinkSum(
+            name=name,
+            surface=self.surface,
+            predicted=self.predicted,
+            reasons=frozenset(filter(None, reasons)),
+        )
+
+
+def sums_by_link(budgets: Iterable[Budget]) -> tuple[LinkSum, ...]:
+    """Sum measured and predicted wrong surfaces of each link over hogels and settings.
+
+    Few pixels in a hogel are no reason for which the sum does not hold: chance is that of the sum. An
+    edge parallel to the plate lies at the same place between two rows in all hogels of a row, and between
+    two columns in all of a column: their deviations add up. Those of other hogels are independent.
+    """
+    sums: dict[str, _Sum] = defaultdict(_Sum)
+    for budget in budgets:
+        for cause, link in zip(budget.causes, budget.predicted, strict=True):
+            sums[cause.name].add(budget, cause.surface, link)
+    return tuple(one.of(name) for name, one in sums.items())
