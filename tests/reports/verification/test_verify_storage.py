@@ -8,6 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 import xfrustum
 from xfrustum import DoubleFrustum, Rasterizer
@@ -25,10 +26,8 @@ STORED = {
 }
 #: Positions that are wrong, made of true ones (H, W, 3) and the aperture's center.
 WRONG: dict[str, Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]] = {
-    "meters": lambda points, _: points / 1000,
     "meters from the aperture": lambda points, center: center + (points - center) / 1000,
     "camera space": lambda points, center: (points - center) * (1, 1, -1),
-    "upside down": lambda points, _: points[::-1],
 }
 
 
@@ -85,3 +84,11 @@ def test_files_of_other_programs_are_read_as_they_are_meant(tmp_path: Path, name
     numbers = found.as_found
     assert numbers is not None and numbers.surface is not None
     assert (numbers.surface.fraction <= 0.002) == right
+
+
+def test_files_whose_format_changes_pixels_are_said_in_text_and_json(tmp_path: Path) -> None:
+    of = open_scene("hard/only-behind")
+    Image.new("RGB", of.frustum.resolution, (90, 90, 90)).save(tmp_path / "h.jpg")
+    found = xfrustum.verify(of, str(tmp_path / "h.jpg"), encoding="srgb", apertures=[(0, 0)])
+    assert found.summary()["storage"] == {"JPEG, lossy": 1}
+    assert "stored as: JPEG, lossy (1 of 1 hogels)" in found.table()
