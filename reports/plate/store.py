@@ -160,6 +160,15 @@ class Layout:
             arrays.append(array)
         return tuple(arrays)
 
+    @property
+    def hogel_bytes(self) -> int:
+        """Size of all images of a hogel before they are compressed."""
+        return sum(map(self.array_bytes, self.arrays))
+
+    def array_bytes(self, array: ImageArray) -> int:
+        """Return the size of one image of a hogel before it is compressed."""
+        return math.prod(array.shape) * array.dtype.itemsize
+
     def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], str, Mapping[str, str]]]:
         """Yield name, dimension, values, meaning and unit of every coordinate."""
         columns, rows = self.plate.hogels
@@ -201,9 +210,8 @@ class Layout:
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
     """Return the columns and rows of the largest block, a power of two, that `BLOCK_BYTES` hold."""
     whole = Layout(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
-    hogel_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in whole.arrays)
     side = MAX_BLOCK_SIDE
-    while side > 1 and side * side * hogel_bytes > BLOCK_BYTES:
+    while side > 1 and side * side * whole.hogel_bytes > BLOCK_BYTES:
         side //= 2
     return min(side, plate.hogels[0]), min(side, plate.hogels[1])
 

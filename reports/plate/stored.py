@@ -1,7 +1,7 @@
-"""Plates that `xfrustum plate` has drawn, for readers: nothing that their files declare is believed unchecked.
+"""Plates that `xfrustum plate` has drawn, for readers, who believe nothing that the files declare unchecked.
 
-Zarr reads a chunk whose file is gone as the fill value, so that a plate without the file `x/c/0` has all of its
-hogels at x = 0. A plate's description decides all its arrays and their labels: they are compared with it.
+Zarr reads a chunk whose file is gone as the fill value, so that a plate without the file `x/c/0` has all of
+its hogels at x = 0. A plate's description decides all its arrays and their labels: they are compared with it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Whatever is wrong with a stored plate's coordinates or descriptions, no command reads it as if it were right."""
+"""No command reads a stored plate whose labels or descriptions differ, and a plate's size is known before."""
 
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ import pytest
 import zarr
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small
+from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import convert
-from xfrustum.reports.plate.plate import write_plate
+from xfrustum.reports.plate.plate import layout_of, write_plate
+from xfrustum.reports.plate.size import plate_size
 from xfrustum.reports.view import StoredPlate
 from xfrustum.scenes import InputError
 
@@ -103,3 +106,29 @@ def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
         convert(place, tmp_path / "out", write_as="hogels")
     assert write_plate(small(), SETTINGS, place, content=EVERYTHING).drawn == 35
     assert convert(place, tmp_path / "out", write_as="hogels").files == 35
+
+
+def test_a_plate_says_how_large_it_will_be_and_stops_where_the_disk_is_smaller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["plate", "hard/only-behind", "--near", "0.1", "--ids", "--out", str(tmp_path / "p.zarr")]
+    needed = 25 * 64 * 64 * (3 * 2 + 4)  # hogels, pixels, float16 colors and 32-bit numbers
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
+    assert main([*command, "--quiet"]) == 2
+    told = capsys.readouterr().err
+    assert "25 hogels to draw take at most 1 MB before compression" in told and told.count("\n") == 1
+    assert "free some space" in told and "--ignore-disk-space" in told
+    assert not list(tmp_path.iterdir())
+    assert main([*command, "--quiet", "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
+    assert "note: " in (said := capsys.readouterr().err) and "10 hogels to draw" in said
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed * 15 // 25))
+    assert main([*command, "--quiet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["bytes_at_most"] == needed * 15 // 25
+
+
+def test_the_size_said_is_that_of_the_arrays_in_memory(whole: Path) -> None:
+    scene, group = small(), zarr.open_group(whole)
+    images = [np.asarray(group[name][:]) for name in ("color", "triangle")]  # type: ignore[index]
+    size = plate_size(whole.parent / "new.zarr", layout_of(scene, EVERYTHING, None), scene.plate.apertures())
+    assert size.needed == sum(image.nbytes for image in images)
+    assert plate_size(whole, layout_of(scene, EVERYTHING, None), scene.plate.apertures()).hogels == 0
