@@ -101,6 +101,7 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
         levels=None if floating else BYTE_LEVELS,
         dtype=dtype,
         row=row,
+        linear=chosen is PlateArray.COLOR and ATTRIBUTE in group.attrs,
     )
     return found
 
@@ -316,7 +317,7 @@ def _into_files(
             # The part of a parameters.cfg that the pictures decide.
             staging.write(plate_files.PARAMETERS_FILE, plain_text("parameters.cfg.j2", vars(shape)))
         written = staging.commit()
-    notes = (*done.notes, *target.notes(shape))
+    notes = (*done.notes, *target.notes(plate))
     return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
 
 

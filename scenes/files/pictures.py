@@ -25,6 +25,8 @@ PLENO_LEVELS = 1023  # largest level of the 10-bit pictures that JPEG Pleno's te
 BYTE_LEVELS = 255  # largest level of 8-bit pictures
 #: Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object.
 TEXT_KEY = "xfrustum:layout"
+#: Content of the chunk gAMA of a PNG file whose pixels are linear: an exponent of 1, in 1 / 100,000.
+LINEAR_GAMMA = (100_000).to_bytes(4, "big")
 #: Pillow's names of formats that change pixels; WebP and others may, but need not.
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
 #: Pillow's names of kinds of pixels that are red, green and blue of 8 bits, or become these unchanged.
@@ -42,6 +44,7 @@ class Picture:
     pixels: Pixels  #: (H, W, 3); (frames, H, W, 3) of a video
     levels: int | None = BYTE_LEVELS  #: the largest level of integers; None of floating-point numbers
     lossy: str = ""  #: name of the file's format where it changes pixels, such as "JPEG"
+    linear: bool = False  #: whether a PNG file states that its pixels are linear radiance
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -107,6 +110,8 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         info, buffer = PngInfo(), io.BytesIO()
         if text:
             info.add_text(TEXT_KEY, json.dumps(text))
+        if picture.linear:
+            info.add(b"gAMA", LINEAR_GAMMA)
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
         path.write_bytes(buffer.getvalue())
     elif suffix == ".ppm" and picture.levels is not None:

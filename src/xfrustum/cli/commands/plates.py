@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from operator import truediv
 from typing import TYPE_CHECKING, Any
@@ -14,36 +13,12 @@ from xfrustum.cli.commands.verifying import tell_losses
 from xfrustum.cli.light import ALL, light_options
 from xfrustum.cli.options import choice, flag, group, option
 
-Span = tuple[int, int] | None
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")
-
-
-def _span(text: str) -> Span:
-    """Return the first and the last index of N, N-M; None for *."""
-    match = re.fullmatch(r"(\*)|(\d+)(?:-(\d+))?", text.strip())
-    if match is None:
-        raise ValueError
-    every, first, last = match.groups()
-    if every:
-        return None
-    if int(last or first) < int(first):
-        raise ValueError
-    return int(first), int(last or first)
-
-
-def _block(text: str) -> tuple[Span, Span]:
-    columns, rows = text.split(",")
-    return _span(columns), _span(rows)
-
-
-_BLOCKS = options.list_of(
-    options.Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5"
-)
 
 
 class _Plate(options.Measured):
     scene = options.scene_argument
-    blocks = option(_BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
+    blocks = option(options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
     settings = options.settings_options()
     light = light_options(*ALL)
     color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
