@@ -23,8 +23,8 @@ from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import address, html_page, plain_text, png
 from xfrustum.reports.exchange.convert import packed
 from xfrustum.reports.inspection import first_triangles
-from xfrustum.reports.plate import store
-from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
+from xfrustum.reports.plate import stored
+from xfrustum.reports.plate.store import COLOR, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
 from xfrustum.scenes.appearance.display import LEVELS
@@ -98,7 +98,7 @@ class StoredPlate:
     def __init__(self, path: Path, scene: Scene) -> None:
         self.name = path.name
         try:
-            plate = store.StoredPlate(path)
+            plate = stored.StoredPlate(path)
             said = plate.description["scene"]
             drawn_from = said["hash"], said["look"]
             kind: TypeAdapter[DoubleFrustum | None] = TypeAdapter(DoubleFrustum | None)
@@ -128,11 +128,9 @@ class StoredPlate:
             )
         for column, row in parts:
             try:
-                arrays = {name: np.asarray(array[row, column]) for name, array in self._arrays.items()}
-            except DAMAGE as error:
-                raise InputError(
-                    f"--plate {self._path}: hogel {column},{row} is damaged; xfrustum plate --check mends it"
-                ) from error
+                arrays = {name: self._plate.image(name, column, row) for name in self._arrays}
+            except InputError as error:
+                raise InputError(f"--plate {error}") from error
             yield loss.DrawnHogel(index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
 
 

@@ -249,7 +249,7 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
                 depth = volume / values.sum(axis=0) * model.scene_scale
-            distance *= np.sign(volume)
+                distance *= np.sign(volume)
         outside = np.maximum(0.0, -distance.min(axis=0))
         seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * model.camera(side).near)
         distances.append(distance.T)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,10 @@ from scipy.ndimage import maximum_filter
 from xfrustum.compare.metrics.error_maps import (
     Spread,
     SurfaceErrors,
+    beyond_storage,
     covered_by,
     existing_triangles,
+    floating_pixels,
     hidden_pixels,
     judged_pixels,
     lengths,
@@ -384,7 +387,8 @@ def judge(
     invalid = question.upright(strange) & shown
     count, error, surface, radiance = int(shown.sum()), seen.differs, None, None
     if by not in COLOR_ONLY:
-        errors = wrong_surfaces(reference, question, answer, upright)
+        placed = bool(np.isfinite(image.position[..., :2]).any())
+        errors = wrong_surfaces(reference, question, answer, upright, placed=placed)
         error = (errors.wrong & shown) | invalid
         wrong, outside = int(error.sum()), int((errors.outside & shown).sum())
         surface = SurfaceFigures(wrong=wrong, fraction=wrong / count if count else 0.0, outside=outside)
@@ -395,7 +399,8 @@ def judge(
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
         places = question.project(scene, answer.camera.aperture, upright.position.astype(np.float64))
-        length = lengths(places - pixel_centers(answer.camera))
+        shift = beyond_storage(places - pixel_centers(answer.camera), upright)
+        length = lengths(shift)
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
         # What most pixels do not say, the others do not say for them.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
@@ -468,6 +473,7 @@ class _Compared:
             object=np.where(upright(image.object) != NOTHING, upright(image.object), objects),
             position=upright(points),
             color=None if image.color is None else upright(image.color),
+            uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
         )
         # One that shows no surface at all is judged by what it could have.
         by = "triangle"
@@ -507,13 +513,14 @@ class _Compared:
 
 
 def wrong_surfaces(
-    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage
+    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage, *, placed: bool
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
 
     A point belongs outside the film when its own camera draws it beyond the border. It is hidden when its own
     camera's line meets something else first, or when it lies behind the plate and the answer has the viewer's
     half where the point is drawn. A triangle that neither camera draws anywhere shows no point, and is wrong.
+    Points that the image has `placed` itself must lie on a surface, too.
     """
     scene, plate, aperture = reference.scene, question.plate_height, answer.camera.aperture
     wrong = other_surfaces(answer, image, scene)
@@ -547,4 +554,8 @@ def wrong_surfaces(
                 return np.asarray(behind | (on_film & (answer.height[row, column] > plate)))
 
         wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
+        if placed:
+            lines = unflipped(question.pencil(scene, aperture, side))
+            hidden = partial(reference.hidden_from, lines)
+            wrong |= floating_pixels(asked & ~wrong, answer, image, lines, hidden)
     return SurfaceErrors(wrong=wrong, outside=outside)

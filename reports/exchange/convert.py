@@ -13,7 +13,16 @@ import zarr
 
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group, told
+from xfrustum.reports.plate.store import (
+    ATTRIBUTE,
+    COMPRESSOR,
+    DAMAGE,
+    FINISHED,
+    METADATA,
+    open_group,
+    told,
+)
+from xfrustum.reports.plate.stored import checked_group, read_hogel
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
@@ -53,13 +62,13 @@ class GroupRows(plate_files.PlateRows):
 
 def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     """Return a plate's pixels, by default its colors or else its numbers; InputError where it is none."""
-    group = open_group(place)
+    group = checked_group(place)
     try:
         names = [name for name in PlateArray if name in group]
         chosen = array or (names[0] if names else PlateArray.COLOR)
         if chosen not in names:
             raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
-        stored = group[chosen]
+        stored, flags = group[chosen], group.get(FINISHED) if ATTRIBUTE in group.attrs else None
     except DAMAGE as error:
         raise InputError(f"{place}: is no plate that can be read ({told(error)})") from error
     dimensions = 5 if chosen is PlateArray.COLOR else 4
@@ -74,14 +83,13 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     if dtype not in (np.uint8, np.float16, np.float32):
         raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
 
+    # Hogels that were not drawn stay empty; groups of others may leave out the files of empty ones.
+    finished = flags if isinstance(flags, zarr.Array) and flags.shape == (rows, columns) else None
+
     def row(number: int) -> layouts.Pixels:
         pixels = plate_files.empty_row(found)
-        for column in range(columns):
-            try:
-                hogel: Any = stored[number, column]
-            except DAMAGE as error:
-                damage = f"hogel {column},{number} is damaged ({told(error)})"
-                raise InputError(f"{place}: {damage}; `plate --check` draws it again") from error
+        for column in range(columns) if finished is None else np.flatnonzero(finished[number]).tolist():
+            hogel = read_hogel(place, stored, column, number, must_exist=finished is not None)
             pixels[column] = hogel if chosen is PlateArray.COLOR else packed(hogel)
         return pixels
 
@@ -93,6 +101,7 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
         levels=None if floating else BYTE_LEVELS,
         dtype=dtype,
         row=row,
+        linear=chosen is PlateArray.COLOR and ATTRIBUTE in group.attrs,
     )
     return found
 
@@ -308,7 +317,7 @@ def _into_files(
             # The part of a parameters.cfg that the pictures decide.
             staging.write(plate_files.PARAMETERS_FILE, plain_text("parameters.cfg.j2", vars(shape)))
         written = staging.commit()
-    notes = (*done.notes, *target.notes(shape))
+    notes = (*done.notes, *target.notes(plate))
     return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
 
 

@@ -292,6 +292,7 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     check: bool = False,
     engine: Engine = HERE,
     progress: bool = False,
+    begun: Callable[[], object] = lambda: None,
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, block by block, each into a shard of its own.
 
@@ -302,7 +303,8 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without shards;
     None for those of a store that exists, and for a new one as many as `BLOCK_BYTES` hold. `judge` says
     whether every hogel is traced too, and its measures are stored beside its pixels; `check`, whether every
-    hogel that is there is read in full, and drawn again where it is damaged.
+    hogel that is there is read in full, and drawn again where it is damaged. `begun` is called once the store
+    is open, before the first hogel is drawn.
 
     InputError: see `source_of` and `open_store`; or the block is none, no scheduler answers, or a worker has
     another device than the one that began the plate.
@@ -326,6 +328,7 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     with open_workers(engine, some, draws=settings is not None) as workers:
         layout = workers.ask(job, PlateSession.layout)
         store = PlateStore(out, layout)
+        begun()
 
         def blocks() -> Iterator[Block]:
             # Made anew for each use: a plate has millions of hogels.

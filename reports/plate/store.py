@@ -162,6 +162,15 @@ class Layout:
             arrays.append(array)
         return tuple(arrays)
 
+    @property
+    def hogel_bytes(self) -> int:
+        """Size of all images of a hogel before they are compressed."""
+        return sum(map(self.array_bytes, self.arrays))
+
+    def array_bytes(self, array: ImageArray) -> int:
+        """Return the size of one image of a hogel before it is compressed."""
+        return math.prod(array.shape) * array.dtype.itemsize
+
     def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], str, Mapping[str, str]]]:
         """Yield name, dimension, values, meaning and unit of every coordinate."""
         columns, rows = self.plate.hogels
@@ -203,9 +212,8 @@ class Layout:
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
     """Return the columns and rows of the largest block, a power of two, that `BLOCK_BYTES` hold."""
     whole = Layout(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
-    hogel_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in whole.arrays)
     side = MAX_BLOCK_SIDE
-    while side > 1 and side * side * hogel_bytes > BLOCK_BYTES:
+    while side > 1 and side * side * whole.hogel_bytes > BLOCK_BYTES:
         side //= 2
     return min(side, plate.hogels[0]), min(side, plate.hogels[1])
 
@@ -250,11 +258,16 @@ class _RegularFiles(LocalStore):
 def open_group(place: Path, mode: str = "r") -> zarr.Group:
     """Open the Zarr group in a folder; InputError where there is none, or its description is damaged."""
     try:
-        return zarr.open_group(_RegularFiles(place.resolve(), read_only=mode == "r"), mode=mode)  # type: ignore[arg-type]
+        return _opened(place, mode)
     except DAMAGE as error:
         raise InputError(
             f"{place}: is no plate that can be read ({told(error)}); draw one with `xfrustum plate`"
         ) from error
+
+
+def _opened(place: Path, mode: str, *, consolidated: bool | None = None) -> zarr.Group:
+    files = _RegularFiles(place.resolve(), read_only=mode == "r")
+    return zarr.open_group(files, mode=mode, use_consolidated=consolidated)  # type: ignore[arg-type]
 
 
 def told(error: Exception) -> str:
@@ -293,38 +306,74 @@ class Table:
         return merged
 
 
-class StoredPlate:
-    """The hogels of a Zarr group that `xfrustum plate` has made, for those who read it.
+def require_described(place: Path, layout: Layout) -> None:
+    """Raise InputError unless the arrays of a plate, and their labels, are those of its layout.
 
-    `description` is everything that decides the pixels, as the group says it; `arrays` are those of images by
-    name, (rows, columns, H, W) or (rows, columns, H, W, 3).
+    Shapes, types, fill values, dimensions and units are compared, and the values of coordinates: every file
+    that is gone reads as zeros. The copies of the descriptions in the group's own file are compared, too.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        group = open_group(path)
+    expected = _make(MemoryStore(), layout, {})
+    for consolidated in (True, False):
         try:
-            said, found = group.attrs.get(ATTRIBUTE), {name: group.get(name) for name in (*Channel, FINISHED)}
+            group = _opened(place, "r", consolidated=consolidated)
+            _require_alike(group, expected, layout)
+        except _Differs as differs:
+            raise InputError(
+                f"{place}: {differs}; draw the plate again, at another place, or bring its files back"
+            ) from differs
         except DAMAGE as error:
-            raise InputError(f"{path}: its description is damaged; draw the plate again") from error
-        self.description: Mapping[str, Any] = said if isinstance(said, dict) else {}
-        finished = found.pop(FINISHED)
-        self.arrays = {name: array for name, array in found.items() if isinstance(array, zarr.Array)}
-        shapes = {array.shape[:4] for array in self.arrays.values()}
-        shape = next(iter(shapes), ())
-        if not self.description or len(shapes) != 1 or len(shape) != 4 or 0 in shape:
-            raise InputError(f"{path}: is no plate of xfrustum, or damaged; draw it with `xfrustum plate`")
-        # Plates of version 0.2 do not say which hogels are there: all are taken for finished.
-        self._finished: Any = np.ones(shape[:2], np.uint8)
-        if isinstance(finished, zarr.Array) and finished.shape == shape[:2]:
-            self._finished = finished
+            if consolidated and "onsolidated" in str(error):  # which readers of Zarr need not have
+                continue
+            raise InputError(
+                f"{place}: is damaged ({told(error)}); draw the plate at another place"
+            ) from error
 
-    def finished(self, aperture: Aperture) -> bool:
-        """Return whether a hogel is there."""
-        try:
-            return bool(self._finished[aperture.row, aperture.column])
-        except DAMAGE as error:
-            raise InputError(f"{self.path}: array {FINISHED} is damaged; draw the plate again") from error
+
+class _Differs(Exception):
+    """An array that is not as the scene says, in words."""
+
+
+def _require_alike(group: zarr.Group, expected: zarr.Group, layout: Layout) -> None:
+    values = {name: found for name, _, found, _, _ in layout.coordinates()}
+    if group.attrs.get("units") != layout.units:
+        raise _Differs(f"its units are {group.attrs.get('units')}, and the scene's {layout.units}")
+    for name in expected.array_keys():
+        if name == FINISHED and name not in group:  # plates of version 0.2
+            continue
+        if name not in group:
+            raise _Differs(f"has no array {name}")
+        found, wanted = (_declared(one[name]) for one in (group, expected))
+        for key in wanted:
+            if found[key] != wanted[key]:
+                raise _Differs(f"{key} of {name} is {found[key]}, and should be {wanted[key]}")
+        if name in values:
+            stored = np.asarray(group[name][:])  # type: ignore[index]
+            if wrong := int(np.count_nonzero(stored != values[name])):
+                place = int(np.flatnonzero(stored != values[name])[0])
+                raise _Differs(
+                    f"{wrong:,} of {stored.size:,} values of {name} are not the scene's: "
+                    f"{name}[{place}] is {stored[place]:.6g}, and should be {values[name][place]:.6g}"
+                )
+
+
+def _declared(array: Any) -> dict[str, str]:
+    """Return what the description of an array declares of its values."""
+    said = array.metadata.to_dict()
+    keys = ("shape", "data_type", "fill_value", "dimension_names")
+    facts = {key.replace("_", " "): json.dumps(said.get(key), default=str) for key in keys}
+    return facts | {"units": json.dumps(said.get("attributes", {}).get("units"))}
+
+
+def has_shard(place: Path, array: Any, column: int, row: int) -> bool:
+    """Return whether the file that holds a hogel of a plate's array exists."""
+    return shard_file(place, array, column, row).is_file()
+
+
+def shard_file(place: Path, array: Any, column: int, row: int) -> Path:
+    """Return the file that holds a hogel of a plate's array."""
+    side = (array.shards or array.chunks)[:2]
+    number = (row // side[0], column // side[1], *(0 for _ in array.shape[2:]))
+    return place / array.basename / array.metadata.encode_chunk_key(number)
 
 
 class PlateStore:
@@ -335,6 +384,7 @@ class PlateStore:
         side = side_of((said_by(out) or {}).get(LAYOUT), layout.plate)
         self.out, self.layout = out, layout if side is None else replace(layout, side=side)
         self._place = out.resolve()
+        require_described(out, self.layout)
         group, expected = open_group(out, "r+"), _make(MemoryStore(), self.layout, {})
 
         def array(name: str) -> zarr.Array[Any]:
@@ -436,10 +486,7 @@ class PlateStore:
             return np.zeros(block.shape, np.uint8)
 
     def _shard(self, name: str, block: Block) -> Path:
-        array = self._arrays[name]
-        side = (array.shards or array.chunks)[:2]
-        place = (block.rows.start // side[0], block.columns.start // side[1], *(0 for _ in array.shape[2:]))
-        return self._place / name / array.metadata.encode_chunk_key(place)
+        return shard_file(self._place, self._arrays[name], block.columns.start, block.rows.start)
 
 
 def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:

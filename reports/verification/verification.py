@@ -269,6 +269,7 @@ class Run:
             as_found=as_found.numbers,
             corrected=corrected.numbers,
             places=places_of(as_found),
+            storage=image.storage,
         )
         return judged, (as_found, corrected)
 

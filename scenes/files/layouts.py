@@ -287,7 +287,7 @@ LAYOUTS = (
            r"(?P<r>\d+)_(?P<c>\d+)", "{r}_{c}", "rc", _pixel_view),
     Layout("quilt", "one picture of views, view 0 of the leftmost eye at the bottom left, "
            "the name says columns x rows",
-           r".*_qs(?P<columns>\d+)x(?P<rows>\d+)a\d+(?:\.\d+)?",
+           r".*_qs(?P<columns>\d+)x(?P<rows>\d+)(?:a\d+(?:\.\d+)?)?",
            "{stem}_qs{columns}x{rows}a{aspect:.4g}", "",
            lambda pixels, _, tiles: tiled_views(pixels, tiles, downward=False),
            stated=("columns", "rows"), states=_quilt_tiles, horizontal=True),

@@ -46,6 +46,8 @@ PLATE_FILE = "plate.json"  # in which the script for Blender states the plate wh
 MAX_FACTS_BYTES = 1 << 24
 #: Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file.
 MAX_BYTES_IN_MEMORY = 1 << 28
+#: Names of layouts of pictures for displays, which take their pixels for sRGB.
+FOR_DISPLAYS = ("quilt", "cubevi")
 
 
 @dataclass(kw_only=True, eq=False)
@@ -57,16 +59,17 @@ class PlateRows:
     dtype: np.dtype[Any]
     #: Function that returns the pixels (columns, H, W, 3) of a row of hogels; InputError where it cannot.
     row: Callable[[int], Pixels]
+    linear: bool = False  #: whether pixels are known to be linear radiance; else as their files have them
 
 
 class Plates(PlateRows):
-    """All pixels (rows, columns, H, W, 3) of a plate; lossy where the format of some file changes pixels."""
+    """All pixels (rows, columns, H, W, 3) of a plate; `lossy` names a format that changes pixels."""
 
     def __init__(self, pixels: Pixels, levels: int | None) -> None:
         rows, columns, height, width, _ = pixels.shape
         shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
         super().__init__(shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__)
-        self.pixels, self.lossy = pixels, False
+        self.pixels, self.lossy = pixels, ""
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
@@ -122,6 +125,7 @@ def plate_with_levels(plate: PlateRows, levels: int | None) -> PlateRows:
     return PlateRows(
         shape=plate.shape,
         levels=levels,
+        linear=plate.linear,
         dtype=with_levels(np.empty(0, plate.dtype), plate.levels, levels).dtype,
         row=lambda number: with_levels(plate.row(number), plate.levels, levels),
     )
@@ -202,7 +206,7 @@ class FileSet:
             picture = self._read(index)
             plate = plate or Plates.empty(self.shape, picture.pixels.dtype, picture.levels)
             self._put(index, picture, plate, plate.pixels)
-            plate.lossy |= picture.lossy
+            plate.lossy = plate.lossy or picture.lossy
         assert plate is not None
         return plate
 
@@ -383,8 +387,21 @@ class Target:
             found.append(f"levels: {plate.levels} are rounded to {after}")
         return tuple(found)
 
-    def notes(self, shape: PlateShape) -> tuple[str, ...]:
+    def notes(self, plate: PlateRows) -> tuple[str, ...]:
         """Return what readers of this layout may expect and files do not have, one sentence each."""
+        return (*self._layout_notes(plate.shape), *self._encoding_notes(plate))
+
+    def _encoding_notes(self, plate: PlateRows) -> tuple[str, ...]:
+        """Return how the pixels of pictures for displays are encoded, which take them for sRGB."""
+        if self.layout.name not in FOR_DISPLAYS:
+            return ()
+        if not plate.linear:
+            return ("pixels are encoded as in the files that were read; displays take them for sRGB",)
+        linear = "pixels are linear radiance, as the plate stores them, and displays take them for sRGB"
+        told = " (a PNG file says so: gAMA)" if self.naming.suffix == ".png" else ""
+        return (f"{linear}{told}; `view --quilt` writes sRGB",)
+
+    def _layout_notes(self, shape: PlateShape) -> tuple[str, ...]:
         if self.layout.name == "burnett":
             return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
         if self.layout.name == "quilt":
@@ -415,7 +432,9 @@ def write_files(
             path = folder / target.file_name(index, shape)
             held = np.ascontiguousarray(layout.view(pixels, index, stated))
             stored = held.reshape(*_stored_shape(layout, shape, index, stated), 3)
-            picture = Picture(pixels=with_levels(stored, plate.levels, levels), levels=levels)
+            linear = plate.linear and layout.name in FOR_DISPLAYS
+            values = with_levels(stored, plate.levels, levels)
+            picture = Picture(pixels=values, levels=levels, linear=linear)
             if layout.suffix == VIDEO_SUFFIX:
                 write_video(path, picture.pixels)
             else:

@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
@@ -318,7 +319,15 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
 
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
         part = shapes.flipped(part) if entry.flip_winding else part
-        return shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
+        part = shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
+    # Whoever flips the winding knows it.
+    if np.linalg.slogdet(matrix[:3, :3])[0] > 0 or entry.flip_winding:
+        return part
+    mirrored = (
+        f"object[{index}].transform mirrors {part.name} (its determinant is negative): left and right are "
+        "exchanged, and the winding faces inward; negate a row, or set flip_winding = true if it is meant"
+    )
+    return replace(part, warnings=(*part.warnings, mirrored))
 
 
 def _appearance(path: Path, file: _SceneTables) -> appearance.Appearance:

@@ -239,6 +239,27 @@ def _size(text: str) -> tuple[tuple[float, str | None], ...]:
     return (first[0], first[1] or second[1]), second
 
 
+Span = tuple[int, int] | None  # first and last index; None for all
+
+
+def _span(text: str) -> Span:
+    """Return the first and the last index of N, N-M; None for *."""
+    match = re.fullmatch(r"(\*)|(\d+)(?:-(\d+))?", text.strip())
+    if match is None:
+        raise ValueError
+    every, first, last = match.groups()
+    if every:
+        return None
+    if int(last or first) < int(first):
+        raise ValueError
+    return int(first), int(last or first)
+
+
+def _block(text: str) -> tuple[Span, Span]:
+    columns, rows = text.split(",")
+    return _span(columns), _span(rows)
+
+
 def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
     form, _, mapping = text.lower().partition(":")
     return DepthFormat(form), DepthMapping(mapping or "standard")
@@ -257,6 +278,7 @@ COUNT = Read("N", functools.partial(number, kind=int, least=1), "a number of at 
 SIZES = list_of(COUNT, wants="a list of positive whole numbers such as 512,1024")
 INDEX = Read("I,J", pair, "column,row such as 40,30")
 INDICES = list_of(INDEX, ";", "I,J;I,J", "a list of column,row such as 40,30;0,0")
+BLOCKS = list_of(Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5")
 RESOLUTION = Read("W,H", functools.partial(pair, least=1), "W,H such as 400,300")
 TILES = Read("CxR", functools.partial(pair, by="x", least=1), "COLUMNSxROWS such as 8x6")
 FIT: Read[Fit | float] = Read(
@@ -462,6 +484,15 @@ def check_out(folder: Path | None, files: Sequence[str]) -> None:
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     """Return the aperture of an index, the middle one where there is none."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
+
+
+def indices_of(scene: Scene, blocks: Sequence[tuple[Span, Span]] | None) -> Sequence[tuple[int, int]] | None:
+    """Return the columns and rows of blocks of apertures; None for the whole plate."""
+    from xfrustum.reports.plate.plate import blocks_of_apertures
+
+    if blocks is None or (None, None) in blocks:
+        return None
+    return [aperture.index for aperture in blocks_of_apertures(scene.plate, blocks)]
 
 
 def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:

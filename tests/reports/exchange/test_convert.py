@@ -89,6 +89,20 @@ def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert np.array_equal(found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8))
 
 
+def test_quilts_say_that_they_are_linear_and_of_files_that_nobody_knows(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    where = film((6, 4), (4, 3), (6, 1), (60, 60), (9, 9))
+    scene.write_text(named("s") + where + part("sphere", 1.0, (0, 0, 3)))
+    drawn = write_plate(open_scene(str(scene)), DoubleFrustum(near=0.1), tmp_path / "drawn.zarr").out
+    done = convert(drawn, tmp_path / "quilt.png", write_as="quilt")
+    assert any("pixels are linear radiance" in note for note in done.notes)
+    assert Image.open(done.out).info["gamma"] == 1.0
+    again = convert(done.out, tmp_path / "again.png", write_as="quilt")
+    assert any("encoded as in the files" in note for note in again.notes)
+    assert "gamma" not in Image.open(again.out).info
+    assert np.array_equal(np.asarray(Image.open(again.out)), np.asarray(Image.open(done.out)))
+
+
 def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) -> None:
     numbers = np.array([-1, 0, 254, 255, 65535, (1 << 24) - 2], dtype=np.int32).reshape(1, 1, 2, 3)
     plate = zarr.create_group(tmp_path / "plate.zarr")

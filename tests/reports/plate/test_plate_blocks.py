@@ -23,7 +23,8 @@ from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, layout_of, write_plate
-from xfrustum.reports.plate.store import StoredPlate, Table, camera_of
+from xfrustum.reports.plate.store import Table, camera_of
+from xfrustum.reports.plate.stored import StoredPlate
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent

@@ -1,5 +1,6 @@
 """Layouts: every one is written, read back, and recognized; the files hold what their layout says."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,16 @@ def test_pixels_beside_the_tiles_of_a_quilt_are_left_out(tmp_path: Path) -> None
     write_picture(tmp_path / "quilt_qs3x2a1.333.png", Picture(pixels=wide))
     after = find_files(tmp_path).plate
     assert np.array_equal(after.pixels, before.pixels)
+
+
+def test_a_quilt_need_not_state_an_aspect(tmp_path: Path) -> None:
+    before = plate(shape_for("quilt"))
+    write_files(before, target("quilt"), tmp_path)
+    (file,) = tmp_path.iterdir()
+    file.rename(bare := file.with_name(re.sub(r"a[\d.]+(?=\.png)", "", file.name)))
+    assert re.fullmatch(r".*_qs\d+x\d+\.png", bare.name)
+    found = find_files(bare)
+    assert found.layout.name == "quilt" and np.array_equal(found.plate.pixels, before.pixels)
 
 
 def test_a_folder_of_other_pictures_looks_like_nothing(tmp_path: Path) -> None:

@@ -230,3 +230,17 @@ def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: Si
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes) as file:
         file.write(str(tmp_path / "sky.exr"))
     np.testing.assert_array_equal(read_environment(tmp_path / "sky.exr").radiance, sky)
+
+
+def test_a_transform_that_mirrors_is_said_unless_the_winding_is_flipped(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    for first, flip, said in ((-2.0, "false", True), (-2.0, "true", False), (2.0, "false", False)):
+        path.write_text(
+            'units = "mm"\nplate = {size = [2, 2], hogels = [3, 3]}\n'
+            "frustum = {resolution = [8, 8], fov_deg = [60, 60], reach = [9, 9]}\n"
+            f'[[object]]\nshape = "sphere"\nflip_winding = {flip}\n'
+            f"transform = [[{first}, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]\n"
+        )
+        assert (
+            any("object[0].transform mirrors sphere" in one for one in open_scene(str(path)).warnings) == said
+        )

@@ -97,6 +97,7 @@ def view(asked: _Asked) -> None:
     if quilt is not None and out is not None:
         record = write_quilt(opened, eyes[0], quilt, source, out, **how)
         names = quilt_names(opened, quilt, drawn=source is not None)[1:]
+        options.note("quilts are encoded as sRGB, which displays take them for")
         asked.tell(lambda: record, lambda: "\n".join(str(out / name) for name in names))
         return
     count = len(eyes) * (1 if stereo is None else 2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from operator import truediv
 from typing import TYPE_CHECKING, Any
@@ -14,36 +13,12 @@ from xfrustum.cli.commands.verifying import tell_losses
 from xfrustum.cli.light import ALL, light_options
 from xfrustum.cli.options import choice, flag, group, option
 
-Span = tuple[int, int] | None
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")
-
-
-def _span(text: str) -> Span:
-    """Return the first and the last index of N, N-M; None for *."""
-    match = re.fullmatch(r"(\*)|(\d+)(?:-(\d+))?", text.strip())
-    if match is None:
-        raise ValueError
-    every, first, last = match.groups()
-    if every:
-        return None
-    if int(last or first) < int(first):
-        raise ValueError
-    return int(first), int(last or first)
-
-
-def _block(text: str) -> tuple[Span, Span]:
-    columns, rows = text.split(",")
-    return _span(columns), _span(rows)
-
-
-_BLOCKS = options.list_of(
-    options.Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5"
-)
 
 
 class _Plate(options.Measured):
     scene = options.scene_argument
-    blocks = option(_BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
+    blocks = option(options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
     settings = options.settings_options()
     light = light_options(*ALL)
     color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
@@ -61,6 +36,7 @@ class _Plate(options.Measured):
         options.LAYOUT,
         "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
     )
+    ignore_disk_space = flag("Begin where the disk may be too small: hogels are compressed.")
     engine = options.engine_options("this process")
     out = option(options.FOLDER, "Folder of a Zarr group.", required=True)
 
@@ -100,7 +76,8 @@ def plate(asked: _Plate) -> None:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.plate import blocks_of_apertures, layout_of, write_plate
+    from xfrustum.reports.plate.size import plate_size
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
@@ -118,6 +95,11 @@ def plate(asked: _Plate) -> None:
     how: dict[str, Any] = {"block": asked.block, "judge": asked.judge, "check": asked.check}
     how |= {"engine": asked.engine or HERE, "progress": asked.progress}
     group = asked.out if placed is None else placed.group
+    layout = layout_of(opened, content, None, judged=asked.judge)
+    size = plate_size(group, layout, chosen, files=placed is not None)
+    if not asked.ignore_disk_space:
+        size.require_room()
+    how["begun"] = lambda: options.note(size.words)
     files = write_plate(opened, asked.settings, group, chosen, content, **how)
     for note in files.notes:
         options.note(note)
@@ -125,6 +107,7 @@ def plate(asked: _Plate) -> None:
     # A group that was drawn for the files of a layout alone is gone.
     summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
     summary |= {"drawn": files.drawn, "found": files.found, "damaged": files.damaged, "table": files.table}
+    summary["bytes_at_most"] = size.needed
     lines = [f"{files.drawn} hogels drawn, {files.found} found"]
     lines += [str(place) for place in (summary["out"], files.table) if place is not None]
     laid_out = None

@@ -90,7 +90,7 @@ class _Verify(options.Measured):
         ),
         encoding=options.encoding_option,
         layout=option(options.LAYOUT, "Layout of SOURCE.  [default: what it looks like]"),
-        apertures=option(options.INDICES, "Column,row of each.  [default: the whole plate]"),
+        apertures=option(options.BLOCKS, "Columns,rows, such as 20,20;0-80,3.  [default: the whole plate]"),
         near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
         accept=option(
             options.ACCEPTED, "Conventions that are no faults, such as orientation,order; or all.", default=()
@@ -137,9 +137,9 @@ class _Verify(options.Measured):
         """Judge here or where the options say; None where other parts are not finished yet."""
         from xfrustum.reports.verification.verification import VerifyOptions, verify, verify_on
 
-        judged = VerifyOptions(
-            channels=self.out is not None, progress=self.progress, device=self.model, **self.judged
-        )
+        how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
+        apertures = options.indices_of(scene, self.judged["apertures"])
+        judged = VerifyOptions(**{**self.judged, **how, "apertures": apertures})
         if self.engine is None:
             return verify(scene, self.source, judged)
         if judged.layout is not None:
