@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 from trimesh.transformations import quaternion_matrix
@@ -43,9 +42,10 @@ _LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|
 _COPIES = 3
 #: Bytes of memory of one placed part besides its arrays.
 _MEMORY_PER_PART = 4000
-#: Largest difference of a sum of joint weights from one: beyond it, viewers that divide by the sum and viewers
-#: that do not place a vertex differently by more than a part per thousand of its position.
+#: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the sum and
+#: one that does not differ by more than a part per thousand of a vertex's position.
 _WEIGHT_TOLERANCE = 1e-3
+_NO_TRIANGLES = UnreadFeature(feature="points and lines", consequence="are not shown")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,36 +65,27 @@ def read_gltf(path: Path) -> MeshContent:
     """Read a .gltf or .glb file; InputError where it breaks the format or needs what is not read."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
+    tree, look, parts = gltf.tree, cache(partial(look_of, gltf)), []
+
+    @cache
+    def primitives(mesh: int, weights: tuple[float, ...]) -> list[_Local | None]:
+        return [_local(gltf, each, weights, look) for each in tree.meshes[mesh].primitives]
+
     with np.errstate(all="ignore"):  # coordinates that overflow are refused with all vertices
         worlds = _world_matrices(gltf)
         placed = list(_visible_meshes(gltf))
-        _check_memory(gltf, [gltf.tree.nodes[number] for number in placed])
-        parts: list[MeshPart] = []
-        look = cache(partial(look_of, gltf))
-        locals_of: dict[tuple[int, tuple[float, ...]], list[_Local | None]] = {}
-        for number in placed:
-            node = gltf.tree.nodes[number]
-            mesh_number = node.mesh or 0
-            mesh = gltf.tree.meshes[mesh_number]
-            weights = tuple(mesh.weights if node.weights is None else node.weights)
-            key = (mesh_number, weights)
-            if key not in locals_of:
-                locals_of[key] = [
-                    _local(gltf, primitive, weights, look) for primitive in mesh.primitives
-                ]
+        _check_memory(gltf, placed)
+        for number, mesh in placed:
+            node = tree.nodes[number]
             place = _placing(gltf, node, worlds, number)
-            for primitive, local in enumerate(locals_of[key]):
+            weights = tree.meshes[mesh].weights if node.weights is None else node.weights
+            for index, local in enumerate(primitives(mesh, weights)):
                 if local is None:
-                    unread.append(_UNREAD_MODES)
+                    unread.append(_NO_TRIANGLES)
                 elif len(local.faces):
                     unread += local.look.unread
-                    parts.append(
-                        replace(place(local), name=f"mesh {mesh_number}, primitive {primitive}")
-                    )
+                    parts.append(replace(place(local), name=f"mesh {mesh}, primitive {index}"))
     return MeshContent(parts=tuple(parts), unread=tuple(dict.fromkeys(unread)))
-
-
-_UNREAD_MODES = UnreadFeature(feature="points and lines", consequence="are not shown")
 
 
 def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
@@ -103,7 +94,7 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
     primitives = [primitive for mesh in tree.meshes for primitive in mesh.primitives]
     extended: list[Any] = [tree, *tree.nodes, *tree.meshes, *primitives, *tree.skins, *tree.scenes]
     extended += [*tree.accessors, *tree.buffer_views, *tree.buffers]
-    inside = [name for entry in extended for name in entry.extensions.model_extra or ()]
+    inside = [name for entry in extended for name in entry.extensions]
     names = dict.fromkeys([*tree.extensions_required, *tree.extensions_used, *inside])
     for name in names:
         unknown = (
@@ -113,8 +104,8 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
         )
         if unknown or name in _CHANGING_GEOMETRY:
             raise InputError(
-                f"{gltf.path}: the extension {name} is not read, and may change the geometry; export the mesh "
-                "without it"
+                f"{gltf.path}: the extension {name} is not read, and may change the geometry; "
+                "export the mesh without it"
             )
     unread = [unread_extension(name) for name in names if name not in _HONOURED]
     if tree.animations:
@@ -126,14 +117,15 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
 
 def _local_matrix(gltf: Gltf, node: Node) -> Floats:
     if node.matrix is not None:
-        matrix = np.array(node.matrix).reshape(4, 4).T
+        matrix: Floats = np.array(node.matrix).reshape(4, 4).T
         if node.translation or node.rotation or node.scale:
             raise gltf.error("a node has a matrix beside translation, rotation or scale")
         if matrix[3].tolist() != [0, 0, 0, 1]:
             raise gltf.error("the last row of a node's matrix is not 0 0 0 1")
         return matrix
     given = [[part] if part else None for part in (node.translation, node.rotation, node.scale)]
-    return _matrices(*given, count=1)[0]
+    placed: Floats = _matrices(*given, count=1)[0]
+    return placed
 
 
 def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Floats:
@@ -171,8 +163,8 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
     return [worlds[number] for number in range(len(nodes))]
 
 
-def _visible_meshes(gltf: Gltf) -> Iterator[int]:
-    """Yield numbers of the visible nodes that have a mesh, in the order of their triangles."""
+def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
+    """Yield visible nodes with their meshes, by number, in the order of their triangles."""
     tree = gltf.tree
     children = {child for node in tree.nodes for child in node.children}
     roots = [number for number in range(len(tree.nodes)) if number not in children]
@@ -184,17 +176,17 @@ def _visible_meshes(gltf: Gltf) -> Iterator[int]:
     while waiting:
         number = waiting.pop()
         node = gltf.entry(tree.nodes, number, "node")
-        if not node.extensions.visibility.visible:
+        if not node.visibility.visible:
             continue
         waiting += node.children
         if node.mesh is not None:
             gltf.entry(tree.meshes, node.mesh, "mesh")
-            yield number
+            yield number, node.mesh
 
 
 def _instances(gltf: Gltf, node: Node) -> int:
     """Return the number of places of a node's mesh."""
-    instancing = node.extensions.instancing
+    instancing = node.instancing
     if instancing is None:
         return 1
     counts = {gltf.accessor(index).count for index in instancing.attributes.values()}
@@ -203,7 +195,7 @@ def _instances(gltf: Gltf, node: Node) -> int:
     return counts.pop() if counts else 1
 
 
-def _check_memory(gltf: Gltf, nodes: Sequence[Node]) -> None:
+def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
     """Raise InputError where the triangles of all nodes and instances take too much memory."""
 
     def size(primitive: Primitive) -> int:
@@ -218,19 +210,10 @@ def _check_memory(gltf: Gltf, nodes: Sequence[Node]) -> None:
         return 24 * (vertices * arrays + faces) * _COPIES + _MEMORY_PER_PART
 
     sizes = [sum(map(size, mesh.primitives)) for mesh in gltf.tree.meshes]
-    counts = [_instances(gltf, node) for node in nodes]
-    total = sum(sizes[node.mesh or 0] * count for node, count in zip(nodes, counts, strict=True))
-    what = f"{len(nodes):,} nodes with {sum(counts):,} instances of meshes"
-    files = [gltf.path, *(gltf.path.parent / unquote(uri) for uri in _files(gltf))]
-    sizes_of_files = {
-        file: input_files.regular_size(file, "file that a mesh refers to") for file in files
-    }
-    input_files.check_declared(max(files, key=sizes_of_files.__getitem__), total, what)
-
-
-def _files(gltf: Gltf) -> list[str]:
-    uris = [buffer.uri for buffer in gltf.tree.buffers if buffer.uri is not None]
-    return [uri for uri in uris if not uri.startswith("data:")]
+    counts = [_instances(gltf, gltf.tree.nodes[number]) for number, _ in placed]
+    total = sum(sizes[mesh] * count for (_, mesh), count in zip(placed, counts, strict=True))
+    what = f"{len(placed):,} nodes with {sum(counts):,} instances of meshes"
+    input_files.check_declared(gltf.path, total, what)
 
 
 def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
@@ -260,41 +243,37 @@ def _local(
         return None
     if weights and len(weights) != len(primitive.targets):
         raise gltf.error(f"{len(weights)} weights for {len(primitive.targets)} morph targets")
-    if (
-        primitive.extensions.draco is not None
-        and gltf.accessor(names["POSITION"]).buffer_view is None
-    ):
-        _decode_draco(gltf, primitive, primitive.extensions.draco)
+    if primitive.draco is not None and gltf.accessor(names["POSITION"]).buffer_view is None:
+        _decode_draco(gltf, primitive, primitive.draco)
     count = gltf.accessor(names["POSITION"]).count
+
+    def read(index: int, *widths: int, shares: bool = False) -> Floats:
+        values = gltf.values(index, *widths, shares=shares)
+        if len(values) != count:
+            raise gltf.error(f"accessor {index} has {len(values)} elements for {count} vertices")
+        return values
 
     def attribute(name: str, *widths: int, shares: bool = False) -> Floats | None:
         if name not in names:
             return None
-        values = gltf.values(names[name], *widths, shares=shares)
+        values = read(names[name], *widths, shares=shares)
         for weight, target in zip(weights, primitive.targets, strict=False):
             if weight and name in target:
-                delta = gltf.values(target[name], *widths)
-                if len(delta) != len(values):
-                    raise gltf.error(
-                        f"a morph target of {name} has {len(delta)} of {count} vertices"
-                    )
-                values = values + weight * delta
-        if len(values) != count:
-            raise gltf.error(f"{name} has {len(values)} elements for {count} vertices")
+                values = values + weight * read(target[name], *widths)
         return values
 
     look = Look() if primitive.material is None else look_of(primitive.material)
     uv = None if primitive.material is None else attribute(look.coordinates, 2)
-    joints = []
-    while f"JOINTS_{len(joints)}" in names:
-        shares = attribute(f"WEIGHTS_{len(joints)}", 4, shares=True)
-        numbers = gltf.stored(names[f"JOINTS_{len(joints)}"], 4).astype(np.int64)
+    joints: list[tuple[Indices, Floats]] = []
+    while (name := f"JOINTS_{len(joints)}") in names:
+        shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
+        numbers = gltf.stored(names[name], 4).astype(np.int64)
         if shares is None or numbers.shape != shares.shape:
             raise gltf.error("joints of a skin have no weights")
         joints.append((numbers, shares))
+    gltf.check_bounds(names["POSITION"])
     points = attribute("POSITION", 3)
     assert points is not None  # the name is there
-    gltf.check_bounds(names["POSITION"])
     return _Local(
         points=points,
         faces=_faces(gltf, primitive, count),
@@ -324,7 +303,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
         }
         faces = np.asarray(mesh.faces, np.uint32).reshape(-1, 1)
     except Exception as error:  # any type: DracoPy has its own, and those of its bindings
-        raise gltf.error(f"{_DRACO}: {error or type(error).__name__}") from error
+        raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
     if primitive.indices is None or primitive.mode != _TRIANGLES:
         raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")
     gltf.decoded.update({**arrays, primitive.indices: faces})
@@ -334,7 +313,7 @@ def _placing(
     gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int
 ) -> Callable[[_Local], MeshPart]:
     """Return the function that places the primitives of a node's mesh."""
-    instancing = node.extensions.instancing
+    instancing = node.instancing
     if node.skin is not None:
         if instancing is not None:
             raise gltf.error("instances of a mesh with a skin have no defined place")

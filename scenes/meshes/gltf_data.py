@@ -18,7 +18,7 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasPath, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
 from xfrustum.scenes import InputError
@@ -33,23 +33,21 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 Natural = Annotated[int, Field(ge=0)]
-_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Four = Annotated[list[float], Field(min_length=4, max_length=4)]
+_Two = tuple[float, float]
+_Three = tuple[float, float, float]
+_Four = tuple[float, float, float, float]
 _Sixteen = Annotated[list[float], Field(min_length=16, max_length=16)]
+
+
+def _extension(name: str) -> Any:
+    return Field(validation_alias=AliasPath("extensions", name))
 
 
 class _Model(BaseModel):
     model_config = ConfigDict(
         strict=True, frozen=True, alias_generator=to_camel, allow_inf_nan=False, extra="ignore"
     )
-
-
-class Extensions(_Model, extra="allow"):
-    """Extensions of one object; those without a field here are in `model_extra`."""
-
-
-class _Extended(_Model):
-    extensions: Extensions = Extensions()
+    extensions: dict[str, Any] = {}  #: by name
 
 
 class Visibility(_Model):
@@ -65,31 +63,19 @@ class Attributes(_Model):
     attributes: dict[str, Natural]
 
 
-class NodeExtensions(Extensions):
-    """Extensions of a node."""
-
-    visibility: Visibility = Field(Visibility(), alias="KHR_node_visibility")
-    instancing: Attributes | None = Field(None, alias="EXT_mesh_gpu_instancing")
-
-
 class Node(_Model):
     """Node of the scene graph."""
 
     children: list[Natural] = []
     mesh: Natural | None = None
     skin: Natural | None = None
-    weights: list[float] | None = None
+    weights: tuple[float, ...] | None = None
     matrix: _Sixteen | None = None  #: column by column
     translation: _Three | None = None
     rotation: _Four | None = None  #: quaternion x, y, z, w
     scale: _Three | None = None
-    extensions: NodeExtensions = NodeExtensions()
-
-
-class PrimitiveExtensions(Extensions):
-    """Extensions of a primitive."""
-
-    draco: Attributes | None = Field(None, alias="KHR_draco_mesh_compression")
+    visibility: Annotated[Visibility, _extension("KHR_node_visibility")] = Visibility()
+    instancing: Annotated[Attributes | None, _extension("EXT_mesh_gpu_instancing")] = None
 
 
 class Primitive(_Model):
@@ -100,24 +86,24 @@ class Primitive(_Model):
     material: Natural | None = None
     mode: Literal[0, 1, 2, 3, 4, 5, 6] = 4
     targets: list[dict[str, Natural]] = []
-    extensions: PrimitiveExtensions = PrimitiveExtensions()
+    draco: Annotated[Attributes | None, _extension("KHR_draco_mesh_compression")] = None
 
 
-class Mesh(_Extended):
+class Mesh(_Model):
     """Primitives, and default weights of their morph targets."""
 
     primitives: list[Primitive]
-    weights: list[float] = []
+    weights: tuple[float, ...] = ()
 
 
-class Skin(_Extended):
+class Skin(_Model):
     """Joints of a skinned mesh."""
 
     joints: list[Natural]
     inverse_bind_matrices: Natural | None = None
 
 
-class Scene(_Extended):
+class Scene(_Model):
     """Root nodes of one scene."""
 
     nodes: list[Natural] = []
@@ -126,16 +112,10 @@ class Scene(_Extended):
 class TextureTransform(_Model):
     """KHR_texture_transform."""
 
-    offset: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0]
+    offset: _Two = (0.0, 0.0)
     rotation: float = 0.0  #: radians
-    scale: Annotated[list[float], Field(min_length=2, max_length=2)] = [1.0, 1.0]
+    scale: _Two = (1.0, 1.0)
     tex_coord: Natural | None = None
-
-
-class TextureInfoExtensions(Extensions):
-    """Extensions of a reference to a texture."""
-
-    transform: TextureTransform | None = Field(None, alias="KHR_texture_transform")
 
 
 class TextureInfo(_Model):
@@ -143,23 +123,23 @@ class TextureInfo(_Model):
 
     index: Natural
     tex_coord: Natural = 0
-    extensions: TextureInfoExtensions = TextureInfoExtensions()
+    transform: Annotated[TextureTransform | None, _extension("KHR_texture_transform")] = None
 
 
 class Roughness(_Model):
     """Base color of a material."""
 
-    base_color_factor: _Four = [1.0, 1.0, 1.0, 1.0]
+    base_color_factor: _Four = (1.0, 1.0, 1.0, 1.0)
     base_color_texture: TextureInfo | None = None
 
 
-class Material(_Extended):
+class Material(_Model):
     """Material, of which the base color is read."""
 
     pbr_metallic_roughness: Roughness = Roughness()
 
 
-class Texture(_Extended):
+class Texture(_Model):
     """Texture: an image; extensions may name another."""
 
     source: Natural | None = None
@@ -172,14 +152,14 @@ class Picture(_Model):
     buffer_view: Natural | None = None
 
 
-class Buffer(_Extended):
+class Buffer(_Model):
     """Binary data."""
 
     byte_length: Natural
     uri: str | None = None
 
 
-class BufferView(_Extended):
+class BufferView(_Model):
     """Slice of a buffer."""
 
     buffer: Natural
@@ -204,7 +184,7 @@ class Sparse(_Model):
     values: SparseValues
 
 
-class Accessor(_Extended):
+class Accessor(_Model):
     """Typed array within a buffer view."""
 
     component_type: Literal[5120, 5121, 5122, 5123, 5125, 5126]
@@ -224,7 +204,7 @@ class Asset(_Model):
     version: str = "2.0"
 
 
-class Tree(_Extended):
+class Tree(_Model):
     """Document: tables of objects that refer to each other by number."""
 
     asset: Asset = Asset()

@@ -60,11 +60,11 @@ def look_of(gltf: Gltf, index: int) -> Look:
     material = gltf.entry(gltf.tree.materials, index, "material")
     rough = material.pbr_metallic_roughness
     factor, info = rough.base_color_factor[:3], rough.base_color_texture
-    base = None if factor == [1.0, 1.0, 1.0] else np.array(factor)
-    unread = tuple(unread_extension(name) for name in material.extensions.model_extra or ())
+    base = None if factor == (1.0, 1.0, 1.0) else np.array(factor)
+    unread = tuple(unread_extension(name) for name in material.extensions)
     if info is None:
         return Look(base_color=base, unread=unread)
-    transform = info.extensions.transform
+    transform = info.transform
     chosen = None if transform is None else transform.tex_coord
     name, picture = _picture(gltf, info)
     return Look(
@@ -81,7 +81,7 @@ def _picture(gltf: Gltf, info: TextureInfo) -> tuple[str, Any]:
     """Return name and image of a texture; no image where it is missing or cannot be opened."""
     texture = gltf.entry(gltf.tree.textures, info.index, "texture")
     source = texture.source
-    for extension in (texture.extensions.model_extra or {}).values():
+    for extension in texture.extensions.values():
         with suppress(AttributeError, TypeError, ValueError):
             source = max(0, int(extension["source"]))
     if source is None:
