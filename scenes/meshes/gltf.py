@@ -40,8 +40,8 @@ _CHANGING_GEOMETRY = {
 _LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|xmp)\w*")
 #: Arrays of doubles that exist at the same time for each one of the result.
 _COPIES = 3
-#: Bytes of memory of one placed part besides its arrays.
-_MEMORY_PER_PART = 4000
+#: Bytes of memory of one primitive of a node besides its arrays, and of one instance.
+_MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
 #: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the sum and
 #: one that does not differ by more than a part per thousand of a vertex's position.
 _WEIGHT_TOLERANCE = 1e-3
@@ -169,14 +169,14 @@ def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
     children = {child for node in tree.nodes for child in node.children}
     roots = [number for number in range(len(tree.nodes)) if number not in children]
     if tree.scenes or tree.scene is not None:
-        roots = gltf.entry(tree.scenes, tree.scene or 0, "scene").nodes
+        roots = list(gltf.entry(tree.scenes, tree.scene or 0, "scene").nodes)
         if len(set(roots)) < len(roots) or not children.isdisjoint(roots):
             raise gltf.error("a node is a root of the scene twice, or also a child")
-    waiting = list(roots)
+    waiting = roots.copy()
     while waiting:
         number = waiting.pop()
         node = gltf.entry(tree.nodes, number, "node")
-        if not node.visibility.visible:
+        if node.visibility is not None and not node.visibility.visible:
             continue
         waiting += node.children
         if node.mesh is not None:
@@ -207,11 +207,15 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
         corners = vertices if indices is None else gltf.accessor(indices).count
         faces = corners // 3 if primitive.mode == _TRIANGLES else corners
         arrays = len(names) + len(primitive.targets) + (8 if "JOINTS_0" in names else 0)
-        return 24 * (vertices * arrays + faces) * _COPIES + _MEMORY_PER_PART
+        return 24 * (vertices * arrays + faces) * _COPIES
 
     sizes = [sum(map(size, mesh.primitives)) for mesh in gltf.tree.meshes]
     counts = [_instances(gltf, gltf.tree.nodes[number]) for number, _ in placed]
-    total = sum(sizes[mesh] * count for (_, mesh), count in zip(placed, counts, strict=True))
+    total = sum(
+        _MEMORY_PER_PART * len(gltf.tree.meshes[mesh].primitives)
+        + (_MEMORY_PER_INSTANCE + sizes[mesh]) * count
+        for (_, mesh), count in zip(placed, counts, strict=True)
+    )
     what = f"{len(placed):,} nodes with {sum(counts):,} instances of meshes"
     input_files.check_declared(gltf.path, total, what)
 

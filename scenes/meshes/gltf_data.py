@@ -47,7 +47,7 @@ class _Model(BaseModel):
     model_config = ConfigDict(
         strict=True, frozen=True, alias_generator=to_camel, allow_inf_nan=False, extra="ignore"
     )
-    extensions: dict[str, Any] = {}  #: by name
+    extensions: dict[str, Any] = Field(default_factory=dict)  #: by name
 
 
 class Visibility(_Model):
@@ -66,7 +66,7 @@ class Attributes(_Model):
 class Node(_Model):
     """Node of the scene graph."""
 
-    children: list[Natural] = []
+    children: tuple[Natural, ...] = ()
     mesh: Natural | None = None
     skin: Natural | None = None
     weights: tuple[float, ...] | None = None
@@ -74,7 +74,7 @@ class Node(_Model):
     translation: _Three | None = None
     rotation: _Four | None = None  #: quaternion x, y, z, w
     scale: _Three | None = None
-    visibility: Annotated[Visibility, _extension("KHR_node_visibility")] = Visibility()
+    visibility: Annotated[Visibility | None, _extension("KHR_node_visibility")] = None
     instancing: Annotated[Attributes | None, _extension("EXT_mesh_gpu_instancing")] = None
 
 
@@ -85,7 +85,7 @@ class Primitive(_Model):
     indices: Natural | None = None
     material: Natural | None = None
     mode: Literal[0, 1, 2, 3, 4, 5, 6] = 4
-    targets: list[dict[str, Natural]] = []
+    targets: tuple[dict[str, Natural], ...] = ()
     draco: Annotated[Attributes | None, _extension("KHR_draco_mesh_compression")] = None
 
 
@@ -106,7 +106,7 @@ class Skin(_Model):
 class Scene(_Model):
     """Root nodes of one scene."""
 
-    nodes: list[Natural] = []
+    nodes: tuple[Natural, ...] = ()
 
 
 class TextureTransform(_Model):
@@ -209,19 +209,19 @@ class Tree(_Model):
 
     asset: Asset = Asset()
     scene: Natural | None = None
-    scenes: list[Scene] = []
-    nodes: list[Node] = []
-    meshes: list[Mesh] = []
-    skins: list[Skin] = []
-    materials: list[Material] = []
-    textures: list[Texture] = []
-    images: list[Picture] = []
-    accessors: list[Accessor] = []
-    buffer_views: list[BufferView] = []
-    buffers: list[Buffer] = []
-    animations: list[Any] = []
-    extensions_used: list[str] = []
-    extensions_required: list[str] = []
+    scenes: tuple[Scene, ...] = ()
+    nodes: tuple[Node, ...] = ()
+    meshes: tuple[Mesh, ...] = ()
+    skins: tuple[Skin, ...] = ()
+    materials: tuple[Material, ...] = ()
+    textures: tuple[Texture, ...] = ()
+    images: tuple[Picture, ...] = ()
+    accessors: tuple[Accessor, ...] = ()
+    buffer_views: tuple[BufferView, ...] = ()
+    buffers: tuple[Buffer, ...] = ()
+    animations: tuple[Any, ...] = ()
+    extensions_used: tuple[str, ...] = ()
+    extensions_required: tuple[str, ...] = ()
 
 
 _Item = TypeVar("_Item")
