@@ -167,12 +167,11 @@ def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
     """Yield visible nodes with their meshes, by number, in the order of their triangles."""
     tree = gltf.tree
     children = {child for node in tree.nodes for child in node.children}
-    roots = [number for number in range(len(tree.nodes)) if number not in children]
+    waiting = [number for number in range(len(tree.nodes)) if number not in children]
     if tree.scenes or tree.scene is not None:
-        roots = list(gltf.entry(tree.scenes, tree.scene or 0, "scene").nodes)
-        if len(set(roots)) < len(roots) or not children.isdisjoint(roots):
+        waiting = list(gltf.entry(tree.scenes, tree.scene or 0, "scene").nodes)
+        if len(set(waiting)) < len(waiting) or not children.isdisjoint(waiting):
             raise gltf.error("a node is a root of the scene twice, or also a child")
-    waiting = roots.copy()
     while waiting:
         number = waiting.pop()
         node = gltf.entry(tree.nodes, number, "node")
