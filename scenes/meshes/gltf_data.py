@@ -137,12 +137,24 @@ class Material(_Model):
     """Material, of which the base color is read."""
 
     pbr_metallic_roughness: Roughness = Roughness()
+    alpha_mode: str = "OPAQUE"
+    normal_texture: Any = None
+    occlusion_texture: Any = None
+    emissive_texture: Any = None
 
 
 class Texture(_Model):
     """Texture: an image; extensions may name another."""
 
     source: Natural | None = None
+    sampler: Natural | None = None
+
+
+class Sampler(_Model):
+    """Behavior of a texture outside of [0, 1]."""
+
+    wrap_s: int = 10497
+    wrap_t: int = 10497
 
 
 class Picture(_Model):
@@ -215,6 +227,7 @@ class Tree(_Model):
     skins: tuple[Skin, ...] = ()
     materials: tuple[Material, ...] = ()
     textures: tuple[Texture, ...] = ()
+    samplers: tuple[Sampler, ...] = ()
     images: tuple[Picture, ...] = ()
     accessors: tuple[Accessor, ...] = ()
     buffer_views: tuple[BufferView, ...] = ()

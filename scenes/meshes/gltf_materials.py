@@ -13,8 +13,10 @@ from PIL import Image
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.gltf_data import Gltf, TextureInfo, TextureTransform
+from xfrustum.scenes.meshes.gltf_data import Gltf, Sampler, Texture, TextureTransform
 from xfrustum.scenes.model.scene import UnreadFeature
+
+_REPEAT = 10497  # wrap mode of samplers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,31 +63,47 @@ def look_of(gltf: Gltf, index: int) -> Look:
     rough = material.pbr_metallic_roughness
     factor, info = rough.base_color_factor[:3], rough.base_color_texture
     base = None if factor == (1.0, 1.0, 1.0) else np.array(factor)
-    unread = tuple(unread_extension(name) for name in material.extensions)
+    unread = [unread_extension(name) for name in material.extensions]
+    if material.alpha_mode != "OPAQUE":
+        feature = f"alphaMode {material.alpha_mode}"
+        unread.append(
+            UnreadFeature(feature=feature, consequence="is not applied: surfaces are opaque")
+        )
+    unread += [
+        UnreadFeature(feature=f"{name}Texture", consequence="is not shown")
+        for name in ("normal", "occlusion", "emissive")
+        if getattr(material, f"{name}_texture") is not None
+    ]
     if info is None:
-        return Look(base_color=base, unread=unread)
+        return Look(base_color=base, unread=tuple(unread))
     transform = info.transform
     chosen = None if transform is None else transform.tex_coord
-    name, picture = _picture(gltf, info)
+    texture = gltf.entry(gltf.tree.textures, info.index, "texture")
+    sampler = Sampler()
+    if texture.sampler is not None:
+        sampler = gltf.entry(gltf.tree.samplers, texture.sampler, "sampler")
+    if (sampler.wrap_s, sampler.wrap_t) != (_REPEAT, _REPEAT):
+        repeated = "is not applied: textures repeat"
+        unread.append(UnreadFeature(feature="wrap mode of a sampler", consequence=repeated))
+    name, picture = _picture(gltf, info.index, texture)
     return Look(
         base_color=base,
         texture=name,
         picture=picture,
         coordinates=f"TEXCOORD_{info.tex_coord if chosen is None else chosen}",
         transform=transform,
-        unread=unread,
+        unread=tuple(unread),
     )
 
 
-def _picture(gltf: Gltf, info: TextureInfo) -> tuple[str, Any]:
+def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
     """Return name and image of a texture; no image where it is missing or cannot be opened."""
-    texture = gltf.entry(gltf.tree.textures, info.index, "texture")
     source = texture.source
     for extension in texture.extensions.values():
         with suppress(AttributeError, TypeError, ValueError):
             source = max(0, int(extension["source"]))
     if source is None:
-        return f"number {info.index} without an image", None
+        return f"number {index} without an image", None
     image = gltf.entry(gltf.tree.images, source, "image")
     name = f"in image {source} of the file itself"
     if image.buffer_view is not None:

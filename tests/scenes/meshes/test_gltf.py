@@ -371,7 +371,15 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
 
 def test_features_that_change_no_triangle_are_listed(tmp_path: Path) -> None:
     writer = Writer()
-    writer.add("materials", extensions={"KHR_materials_sheen": {}})
+    writer.add("samplers", wrapS=33071)
+    writer.add("textures", sampler=0)
+    writer.add(
+        "materials",
+        extensions={"KHR_materials_sheen": {}},
+        alphaMode="MASK",
+        normalTexture={"index": 0},
+        pbrMetallicRoughness={"baseColorTexture": {"index": 0}},
+    )
     mesh = writer.tent(material=0)
     writer.tree["meshes"][mesh]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 0})
     writer.node(mesh=mesh)
@@ -382,7 +390,11 @@ def test_features_that_change_no_triangle_are_listed(tmp_path: Path) -> None:
         "KHR_materials_sheen is not shown: materials are those of the scene file",
         "ACME_dust is not read",
         "animations are not played: all is at rest",
+        "alphaMode MASK is not applied: surfaces are opaque",
+        "normalTexture is not shown",
+        "wrap mode of a sampler is not applied: textures repeat",
         "points and lines are not shown",
+        "texture number 0 without an image is missing; the surface is drawn without it",
     ]
 
 
