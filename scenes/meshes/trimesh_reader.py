@@ -1,19 +1,15 @@
 """Mesh files through trimesh, without what it makes up (docs/adr/0007).
 
-Colors are those that its loaders read, before its meshes round them to 8 bits; glTF's base colors and names
-of textures come from the file's JSON.
+Colors are those that its loaders read, before its meshes round them to 8 bits.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import re
-import struct
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,39 +28,22 @@ from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
-GLTF_SUFFIXES = (".gltf", ".glb")
 #: Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits.
-_RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
+_RAW_COLOR_SUFFIXES = (".obj", ".ply")
 #: Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies.
 MEMORY_PER_UNPACKED_BYTE = 16
-#: glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk.
-_GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
-#: glTF 2.0, table 5.1.1.3: bytes of a component by its type's code, and components of an element.
-_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_TRIANGLES = 4
-#: Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips.
-_PRIMITIVES_READ = (0, 1, _TRIANGLES, 5)
 
 # trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Material:
-    """The color of a surface as its file names it."""
-
-    texture: str | None = None  # name of the base color texture
-    base_color: tuple[float, float, float] | None = None  #: linear RGB, in glTF only
-    unread: tuple[UnreadFeature, ...] = ()
-
-
 def read_with_trimesh(path: Path) -> MeshContent:
     """Read a mesh file in a format of trimesh's; InputError where it cannot be read."""
-    tree, resolver = _checked_source(path), _Resolver(str(path))
+    resolver = _Resolver(str(path))
+    _check_packed(path)
     with _readable(path):
         named, unread = _named_textures(path)
-        parts = _parts(path, resolver, tree, named)
+        parts = _parts(path, resolver, named)
     if resolver.refused:
         raise InputError(f"{path}: {resolver.refused[0]}")
     return MeshContent(
@@ -105,8 +84,8 @@ class _Resolver(FilePathResolver):  # type: ignore[misc]
         return _Resolver(str(Path(self.parent) / namespace), self.refused)
 
 
-def _checked_source(path: Path) -> dict[str, Any]:
-    """Return the JSON of a glTF file, else nothing; refuse a file that declares more than it has."""
+def _check_packed(path: Path) -> None:
+    """Raise InputError at a packed file that does not say how large it is, or declares too much."""
     name = path.name.lower()
     try:
         if name.endswith((".gz", ".bz2")):
@@ -115,29 +94,9 @@ def _checked_source(path: Path) -> dict[str, Any]:
             with zipfile.ZipFile(path) as archive:
                 total = sum(info.file_size for info in archive.infolist())
             input_files.check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
-        if not name.endswith(GLTF_SUFFIXES):
-            return {}
-        data = path.read_bytes()
     except (OSError, EOFError, zipfile.BadZipFile, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise InputError(f"{path}: cannot be unpacked ({reason}); pack it again") from error
-    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
-        length, kind = struct.unpack_from("<II", data, 12)
-        data = data[20 : 20 + length] if kind == _GLB_JSON else b""
-    try:
-        tree = json.loads(data)
-    except (ValueError, RecursionError):
-        return {}  # trimesh will report it
-    if not isinstance(tree, dict):
-        return {}
-    total, accessors = 0, tree.get("accessors")
-    for accessor in accessors if isinstance(accessors, list) else ():
-        with suppress(AttributeError, TypeError, ValueError, OverflowError):  # trimesh refuses these
-            count = max(0, int(accessor["count"])) if "count" in accessor else 0
-            size = _COMPONENT_BYTES.get(accessor.get("componentType"), 4)
-            total += count * size * _COMPONENTS.get(accessor.get("type"), 1)
-    input_files.check_declared(path, MEMORY_PER_UNPACKED_BYTE * total, "arrays")
-    return tree
 
 
 @contextmanager
@@ -167,7 +126,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _parts(
-    path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping[str, str]
+    path: Path, resolver: _Resolver, named: Mapping[str, str]
 ) -> list[tuple[MeshPart, list[UnreadFeature]]]:
     """Return the meshes of a file that have faces."""
     suffix = path.suffix.lower()
@@ -183,29 +142,23 @@ def _parts(
         scene: Any = trimesh.load_scene(loaded)
     else:
         scene = trimesh.load_scene(str(path), process=False, resolver=resolver)
-    materials = _gltf_materials(tree)
-    known = len(materials) == len(scene.geometry)
-    gltf = dict(zip(scene.geometry, materials, strict=True)) if known else {}
-    otherwise = _Material() if suffix in GLTF_SUFFIXES else None
     return [
-        _part(name, scene.geometry[name], placed, gltf.get(name, otherwise), named)
+        _part(name, scene.geometry[name], placed, named)
         for placed, name in (scene.graph[node] for node in scene.graph.nodes_geometry)
         if isinstance(scene.geometry[name], trimesh.Trimesh) and len(scene.geometry[name].faces)
     ]
 
 
 def _part(
-    name: str, geometry: trimesh.Trimesh, placed: Floats, gltf: _Material | None, named: Mapping[str, str]
+    name: str, geometry: trimesh.Trimesh, placed: Floats, named: Mapping[str, str]
 ) -> tuple[MeshPart, list[UnreadFeature]]:
     # trimesh keeps the normals that it has read in its cache.
     mesh = geometry.copy(include_cache=True, include_visual=False)
     mesh.apply_transform(placed)
     visual: Any = geometry.visual
     kind = getattr(visual, "kind", None)
-    unread = [] if gltf is None else list(gltf.unread)
+    unread: list[UnreadFeature] = []
     stored = geometry.vertex_attributes.get("color")
-    if stored is None:  # textured glTF keeps them here
-        stored = getattr(visual, "vertex_attributes", {}).get("color")
     if stored is None and kind == "vertex":
         stored = visual.vertex_colors
     colors = None if stored is None else np.asarray(stored)
@@ -221,20 +174,18 @@ def _part(
     if "color" in geometry.face_attributes or kind == "face":
         unread.append(UnreadFeature(feature="colors of faces", consequence="are not shown"))
     uv, material = getattr(visual, "uv", None), getattr(visual, "material", None)
-    picture = getattr(material, "baseColorTexture", None)
-    if picture is None:
-        picture = getattr(material, "image", None)
+    picture = getattr(material, "image", None)
     own_name = str(material.name) if isinstance(material, SimpleMaterial) else _ANY_MATERIAL
     part = MeshPart(
         name=name,
         vertices=np.asarray(mesh.vertices, np.float64),
         faces=np.asarray(mesh.faces, np.int64),
         uv=np.array(uv, np.float64) if uv is not None and np.shape(uv) == (len(mesh.vertices), 2) else None,
-        color=_color(colors, gltf),
+        color=_color(colors),
         # Pictures that Pillow has opened have a format. trimesh made those without one: the 2 x 2 gray
         # placeholder of meshes with coordinates and no texture, or a conversion of another material.
         picture=None if getattr(picture, "format", None) is None else picture,
-        texture=named.get(own_name, named.get(_ANY_MATERIAL)) if gltf is None else gltf.texture,
+        texture=named.get(own_name, named.get(_ANY_MATERIAL)),
         normals=_normals(mesh),
     )
     return part, unread
@@ -252,71 +203,21 @@ def _normals(part: trimesh.Trimesh) -> Floats | None:
     return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
 
 
-def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats | None:
-    """Return (V, 3) or (3,) linear RGB, alpha ignored; None where there is no color.
+def _color(stored: NDArray[np.generic] | None) -> Floats | None:
+    """Return (V, 3) linear RGB of stored sRGB, alpha ignored; None where there is no color.
 
-    Numbers of 8 and 16 bits are shares of the largest. Others are shares of one, as glTF says; outside glTF
-    shares of 255 if any is above 1, as some exporters of OBJ and PLY write. They are clipped, NaN to 0. glTF
-    holds linear light, which its base color multiplies; other files hold sRGB.
+    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1, as some
+    exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
     """
-    color: Floats | None = None
-    if stored is not None:
-        color = stored[:, :3].astype(np.float64)
-        if stored.dtype in (np.uint8, np.uint16):
-            color = color / (255.0 if stored.dtype == np.uint8 else 65535.0)
-        else:
-            color = np.where(np.isfinite(color), color, 0.0)
-            color = np.clip(color / (255.0 if gltf is None and (color > 1).any() else 1.0), 0.0, 1.0)
-        color = np.asarray(srgb_to_linear(color), dtype=np.float64) if gltf is None else color
-    if gltf is None or gltf.base_color in (None, (1.0, 1.0, 1.0)):
-        return color
-    base = np.array(gltf.base_color)
-    return base if color is None else color * base
-
-
-def _gltf_materials(tree: dict[str, Any]) -> list[_Material]:
-    """Return the material of each primitive that trimesh reads, in its order; none if the JSON is no glTF."""
-    try:
-        materials = [_gltf_material(tree, entry) for entry in tree.get("materials", [])]
-        return [
-            materials[primitive["material"]] if "material" in primitive else _Material()
-            for mesh in tree.get("meshes", [])
-            for primitive in mesh["primitives"]
-            if primitive.get("mode", _TRIANGLES) in _PRIMITIVES_READ
-        ]
-    except (AttributeError, KeyError, IndexError, TypeError, ValueError):
-        return []
-
-
-def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
-    rough, texture = entry.get("pbrMetallicRoughness", {}), None
-    unread: list[UnreadFeature] = []
-    red, green, blue = (float(part) for part in rough.get("baseColorFactor", (1.0, 1.0, 1.0))[:3])
-    if "KHR_materials_pbrSpecularGlossiness" in entry.get("extensions", {}):
-        specular = "KHR_materials_pbrSpecularGlossiness"
-        unread.append(
-            UnreadFeature(feature=specular, consequence="is not shown: colors are those of the core material")
-        )
-    if (reference := rough.get("baseColorTexture")) is not None:
-        if reference.get("texCoord", 0) != 0:
-            unread.append(
-                UnreadFeature(
-                    feature="texCoord of a texture",
-                    consequence="is not applied: the first set of coordinates places it",
-                )
-            )
-        if "KHR_texture_transform" in reference.get("extensions", {}):
-            unread.append(
-                UnreadFeature(feature="KHR_texture_transform", consequence="is not applied to the texture")
-            )
-        index = reference["index"]
-        source = tree["textures"][index].get("source")
-        for extension in tree["textures"][index].get("extensions", {}).values():
-            source = extension.get("source", source)
-        uri = "" if source is None else str(tree["images"][source].get("uri", "data:"))
-        texture = f"in image {source} of the file itself" if uri.startswith("data:") else uri
-        texture = texture or f"number {index} without an image"
-    return _Material(texture=texture, base_color=(red, green, blue), unread=tuple(unread))
+    if stored is None:
+        return None
+    color = stored[:, :3].astype(np.float64)
+    if stored.dtype in (np.uint8, np.uint16):
+        color = color / (255.0 if stored.dtype == np.uint8 else 65535.0)
+    else:
+        color = np.where(np.isfinite(color), color, 0.0)
+        color = np.clip(color / (255.0 if (color > 1).any() else 1.0), 0.0, 1.0)
+    return np.asarray(srgb_to_linear(color), dtype=np.float64)
 
 
 _ANY_MATERIAL = ""  # key of a texture that belongs to all parts of a file
