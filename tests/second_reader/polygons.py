@@ -1,0 +1,103 @@
+"""Polygons: Newell's normal, ear clipping in rational arithmetic, and the test of somebody else's cut."""
+
+from __future__ import annotations
+
+from collections import Counter
+from fractions import Fraction
+
+import numpy as np
+
+from tests.second_reader.model import Floats, Refused
+
+Point = tuple[Fraction, Fraction]
+
+
+def newell(polygon: Floats) -> Floats:
+    """Return the vector area: half the sum of the cross products of consecutive corners."""
+    seen = polygon - polygon[0]  # differences first: coordinates may be far from the origin
+    return np.asarray(np.cross(seen, np.roll(seen, -1, axis=0)).sum(axis=0) / 2)
+
+
+def area(polygon: Floats) -> float:
+    """Return the area of a flat polygon, of a warped one that of its shadow along Newell's normal."""
+    return float(np.linalg.norm(newell(polygon)))
+
+
+def cut(polygon: Floats) -> list[Floats]:
+    """Cut a polygon into n - 2 triangles by clipping ears in the dominant plane of Newell's normal."""
+    if len(polygon) == 3:
+        return [polygon]
+    normal = newell(polygon)
+    axis = int(np.argmax(np.abs(normal)))
+    across, along = [(1, 2), (2, 0), (0, 1)][axis]
+    if normal[axis] < 0:
+        across, along = along, across
+    flat = [(Fraction(corner[across]), Fraction(corner[along])) for corner in polygon.tolist()]
+    return [polygon[list(ear)] for ear in _clipped(flat)]
+
+
+def _clipped(flat: list[Point]) -> list[tuple[int, int, int]]:
+    left = list(range(len(flat)))
+    ears = []
+    while len(left) > 3:
+        place = _ear(flat, left)
+        ears.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
+        del left[place]
+    last = (left[0], left[1], left[2])
+    if _turn(*(flat[k] for k in last)) < 0:
+        raise Refused("a polygon crosses itself")
+    return [*ears, last]
+
+
+def _ear(flat: list[Point], left: list[int]) -> int:
+    """Return the place of an ear; where there is none, that of a corner that spans no area."""
+    flats = []
+    for place in range(len(left)):
+        before, here, after = flat[left[place - 1]], flat[left[place]], flat[left[(place + 1) % len(left)]]
+        turn = _turn(before, here, after)
+        if turn == 0:
+            flats.append(place)
+        if turn > 0:
+            others = [flat[k] for k in left if flat[k] not in (before, here, after)]
+            if not any(_inside(other, before, here, after) for other in others):
+                return place
+    if not flats:
+        raise Refused("a polygon crosses itself")
+    return flats[0]
+
+
+def _turn(a: Point, b: Point, c: Point) -> Fraction:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _inside(point: Point, a: Point, b: Point, c: Point) -> bool:
+    return _turn(a, b, point) >= 0 and _turn(b, c, point) >= 0 and _turn(c, a, point) >= 0
+
+
+def key(corner: Floats) -> tuple[float, ...]:
+    """Return the coordinates of a corner as a key; minus zero equals zero."""
+    return tuple((corner + 0.0).tolist())
+
+
+def is_cut_of(triangles: Floats, polygon: Floats) -> bool:
+    """Test whether triangles are a cut of a polygon.
+
+    Three conditions: n - 2 triangles; their directed edges, less those that two triangles share, are the
+    polygon's; none is turned against Newell's normal. Areas then add up to the polygon's, without overlap.
+    """
+    if len(triangles) != len(polygon) - 2:
+        return False
+    edges = _edges(polygon)
+    edges.subtract(edge for triangle in triangles for edge in _edges(triangle).elements())
+    if any(count != edges[(b, a)] for (a, b), count in list(edges.items())):
+        return False
+    normal = newell(polygon)
+    size = float(np.linalg.norm(normal))
+    # The dominant plane decides the sign in rational arithmetic, this product in floating point.
+    slack = 64 * np.spacing(max(size, float(np.ptp(polygon, axis=0).max()) ** 2)) * max(size, 1e-300)
+    return all(float(newell(triangle) @ normal) >= -slack for triangle in triangles)
+
+
+def _edges(polygon: Floats) -> Counter[tuple[tuple[float, ...], tuple[float, ...]]]:
+    corners = [key(corner) for corner in polygon]
+    return Counter(zip(corners, corners[1:] + corners[:1], strict=True))
