@@ -7,7 +7,7 @@ import json
 import struct
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 from tests.second_reader.model import Refused
 
@@ -56,7 +56,11 @@ class Document:
                 raise Refused(f"buffer {index} has no data")
             return self.binary
         if uri.startswith("data:"):
-            return base64.b64decode(uri.split(",", 1)[1])
+            kind, _, data = uri.partition(",")
+            try:
+                return base64.b64decode(data) if kind.endswith(";base64") else unquote_to_bytes(data)
+            except ValueError as error:
+                raise Refused(f"buffer {index}: {error}") from None
         try:
             return (self.folder / unquote(uri)).read_bytes()
         except OSError:

@@ -17,6 +17,8 @@ def read(path: Path) -> Reading:
     first, _, rest = data.partition(b"\n")
     words = first.decode("latin-1").split("#")[0].split()
     if len(words) == 2 and words[1] == "BINARY":
+        if "n" in words[0]:
+            raise Refused("binary positions of n dimensions")
         return _binary(_kind(words[0]), rest)
     return _text(data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n"))
 
@@ -27,8 +29,8 @@ def _kind(word: str) -> tuple[bool, int]:
     if not match:
         raise Refused(f"header {word}")
     texture, color, normal, four, several = match.groups()
-    if several:
-        raise Refused("positions of n dimensions")
+    if several and four:
+        raise Refused("homogeneous positions of n dimensions")
     return bool(four), 3 * bool(normal) + 4 * bool(color) + 2 * bool(texture)
 
 
@@ -71,6 +73,8 @@ def _text(text: str) -> Reading:
     if head.isdigit():  # "recommended but optional"
         place, head = 0, "OFF"
     homogeneous, extra = _kind(head)
+    if "n" in head and (dimensions := integer()) != 3:
+        raise Refused(f"positions of {dimensions} dimensions")
     count, faces, _ = integer(), integer(), integer()
     vertices = []
     for _ in range(count):
