@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 from tests.second_reader.compare import Row, Side, compare
 
 
-def lines(names: Iterable[tuple[str, Path]]) -> tuple[list[str], int]:
-    """Return the table of files and the count of those that differ."""
-    table, differ = [f"{'file':32} {'triangles':>9} {'area':>13}  bounds"], 0
-    for name, path in names:
-        row = compare(path)
-        differ += row.difference is not None
-        table.append(f"{name:32} {said(row.product)}  product")
-        table.append(f"{'':32} {said(row.second)}  second reader")
-        table.append(f"{'':32} {verdict(row)}")
-    table.append(f"{differ} of {(len(table) - 1) // 3} files differ")
-    return table, differ
+def lines(name: str, row: Row) -> list[str]:
+    """Return the lines of the table for one file."""
+    product, second = f"{said(row.product)}  product", f"{said(row.second)}  second reader"
+    return [f"{name:32} {product}", f"{'':32} {second}", f"{'':32} {verdict(row)}"]
 
 
 def said(side: Side) -> str:
@@ -45,8 +37,13 @@ def main(arguments: list[str]) -> int:
     if not arguments:
         sys.stderr.write("usage: python -m tests.second_reader FILE..\n")
         return 2
-    table, differ = lines((Path(name).name, Path(name)) for name in arguments)
-    sys.stdout.write("\n".join(table) + "\n")
+    sys.stdout.write(f"{'file':32} {'triangles':>9} {'area':>13}  bounds\n")
+    differ = 0
+    for path in map(Path, arguments):
+        row = compare(path)
+        differ += row.difference is not None
+        sys.stdout.write("\n".join(lines(path.name, row)) + "\n")
+    sys.stdout.write(f"{differ} of {len(arguments)} files differ\n")
     return int(differ > 0)
 
 

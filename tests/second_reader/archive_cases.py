@@ -120,7 +120,8 @@ def threedxml() -> Iterator[Case]:
         return making.archive({"Manifest.xml": manifest, "top.3dxml": structure, "part.3DRep": part})
 
     positions = ", ".join(f"{x:g} {y:g} {z:g}" for x, y, z in CORNERS.tolist())
-    buffer = f"<VertexBuffer><Positions>{positions}</Positions></VertexBuffer>"
+    normals = ", ".join(["0 0 1"] * len(CORNERS))
+    buffer = f"<VertexBuffer><Positions>{positions}</Positions><Normals>{normals}</Normals></VertexBuffer>"
 
     def rep(faces: str, before: str = "") -> str:
         start = '<Rep xsi:type="PolygonalRepType" id="2" accuracy="0.01" solid="1">'
@@ -133,7 +134,7 @@ def threedxml() -> Iterator[Case]:
     yield case("one.3dxml", package_of(rep(whole)))
     two = f'<Face triangles="{words(FACES[:2])}"/><Face triangles="{words(FACES[2:])}"/>'
     yield case("two_faces.3dxml", package_of(rep(two)))
-    coarse = f'<PolygonalLOD accuracy="1"><Faces><Face triangles="0 1 2"/></Faces>{buffer}</PolygonalLOD>'
+    coarse = '<PolygonalLOD accuracy="1"><Faces><Face triangles="0 1 2"/></Faces></PolygonalLOD>'
     yield case("levels.3dxml", package_of(rep(two, coarse)))
     mixed = '<Face strips="0 2 1 3" fans="3 0 1 2,0 1 2" triangles="1 2 3"/>'
     right = CORNERS[[[1, 2, 3], [0, 2, 1], [2, 3, 1], [3, 0, 1], [3, 1, 2], [0, 1, 2]]]

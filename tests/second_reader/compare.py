@@ -46,8 +46,9 @@ def product_triangles(path: Path) -> Floats:
 def side(triangles: Floats) -> Side:
     """Measure triangles."""
     corners = triangles.reshape(-1, 3)
-    total = sum(area(triangle) for triangle in triangles)
-    return Side(len(triangles), total, (corners.min(axis=0), corners.max(axis=0)))
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    total = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    return Side(len(triangles), float(total), (corners.min(axis=0), corners.max(axis=0)))
 
 
 def compare(path: Path) -> Row:
@@ -88,7 +89,20 @@ def differences(product: Floats, reading: Reading) -> tuple[str | None, bool, fl
     gaps = np.min([np.abs(np.roll(product, k, axis=1) - mine).max(axis=(1, 2)) for k in range(3)], axis=0)
     if (gaps <= bounds).all():
         return None, True, float(gaps.max())
+    gap = float(np.abs(in_order(product) - in_order(mine)).max())
+    if gap <= bounds.min():
+        return None, False, gap
     return matched(product, mine, bounds)
+
+
+def in_order(soup: Floats) -> Floats:
+    """Rotate each triangle to its least corner, and sort the triangles."""
+    rounded = np.round(soup / (np.abs(soup).max() or 1.0), 9) + 0.0  # equal triangles sort alike
+    least = [np.lexsort(corners.T[::-1])[0] for corners in rounded]
+    turned = (np.arange(3) + np.array(least)[:, None]) % 3
+    rows = np.arange(len(soup))[:, None]
+    order = np.lexsort(rounded[rows, turned].reshape(-1, 9).T[::-1])
+    return np.asarray(soup[rows, turned][order])
 
 
 def matched(product: Floats, mine: Floats, bounds: Floats) -> tuple[str | None, bool, float]:
@@ -113,6 +127,24 @@ def matched(product: Floats, mine: Floats, bounds: Floats) -> tuple[str | None, 
     if unpaired:
         return f"{unpaired} of {len(product)} triangles are others", False, np.inf
     return None, False, farthest
+
+
+def texture_distance(path: Path) -> float | None:
+    """Return the largest difference of a texture coordinate; None where a reading has none.
+
+    Both readings must have the same triangles in the same order.
+    """
+    mesh, reading = load_mesh(path), read(path)
+    if mesh.uv is None or not any(texture is not None for texture in reading.texture):
+        return None
+    farthest = 0.0
+    corners, coordinates = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
+    for k, (polygon, texture) in enumerate(zip(reading.polygons, reading.texture, strict=True)):
+        if texture is not None:
+            gaps = [np.abs(np.roll(corners[k], turn, axis=0) - polygon).max() for turn in range(3)]
+            turned = np.roll(coordinates[k], int(np.argmin(gaps)), axis=0)
+            farthest = max(farthest, float(np.abs(turned - texture).max()))
+    return farthest
 
 
 def _cell(point: Floats, size: float) -> tuple[int, ...]:

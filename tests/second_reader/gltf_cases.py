@@ -128,10 +128,11 @@ def instances() -> Iterator[Case]:
         file = Gltf(extensionsUsed=[INSTANCING])
         turns = np.array([HALF_TURN_Z, HALF_TURN_X, (0, 0, 0, 1)]) * one
         normal = {} if kind == FLOAT else {"normalized": True}
+        sizes = np.array([[1.0, 2, 3], [-1, 1, 1], [0.5, 0.5, 0.5]])
         extension = instanced(
             TRANSLATION=file.accessor(places),
             ROTATION=file.accessor(turns, (kind, "VEC4"), **normal),
-            SCALE=file.accessor([[1, 2, 3], [-1, 1, 1], [0.5, 0.5, 0.5]]),
+            SCALE=file.accessor(sizes),
             _ID=file.accessor([1, 2, 3], (FLOAT, "SCALAR")),
         )
         child = file.node(mesh=file.mesh(), translation=[0, 0, 100])
@@ -143,8 +144,8 @@ def instances() -> Iterator[Case]:
             shift(*places[1]) @ TURN_X @ scale(-1, 1, 1),
             shift(*places[2]) @ scale(0.5, 0.5, 0.5),
         ]
-        soup = [moved(above @ one) for one in each] + [moved(above @ shift(0, 0, 100))]
-        yield case(f"instances_nested_{name}.glb", file.glb(), np.concatenate(soup))
+        four = [moved(above @ one) for one in [*each, shift(0, 0, 100)]]
+        yield case(f"instances_nested_{name}.glb", file.glb(), np.concatenate(four))
 
 
 def skins() -> Iterator[Case]:
@@ -419,9 +420,6 @@ def refusals() -> Iterator[Case]:
     file.node(mesh=file.mesh(indices=-1, mode=1))
     yield case("lines_alone.glb", file.glb(), None)
     file = Gltf()
-    file.node(
-        mesh=file.mesh(
-            file.positions([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0], [0, 0, 1]], min=[0] * 3, max=[1] * 3)
-        )
-    )
+    holes = np.where(CORNERS == 5, np.nan, CORNERS)
+    file.node(mesh=file.mesh(file.positions(holes, min=[0, 0, 0], max=[4, 3, 5])))
     yield case("not_a_number.glb", file.glb(), None)

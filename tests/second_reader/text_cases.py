@@ -101,10 +101,11 @@ def placed(outline: Floats, kind: str) -> Floats:
     zero = np.zeros(len(outline))
     if kind == "oblique":
         across, along = np.array([2.0, 1, 2]), np.array([-2.0, 2, 1])
-        return np.array([1000.0, -2000, 500]) + x[:, None] * across + y[:, None] * along
+        return np.asarray(np.outer(x, across) + np.outer(y, along) + np.array([1000.0, -2000, 500]))
     if kind == "over":
         return np.column_stack([x, y, zero])[::-1]
-    return np.column_stack({"xy": (x, y, zero), "yz": (zero, x, y), "zx": (y, zero, x)}[kind])
+    axes = {"xy": (x, y, zero), "yz": (zero, x, y), "zx": (y, zero, x)}
+    return np.column_stack(axes[kind])
 
 
 def obj_polygons() -> Iterator[Case]:
@@ -175,10 +176,10 @@ def off_kinds() -> Iterator[Case]:
     yield case("kind_4OFF.off", f"4OFF\n4 4 6\n{rows('', four)}{faces}")
     yield case("kind_C4OFF.off", f"C4OFF\n4 4 6\n{rows('1 0 0 1', four)}{faces}")
     yield case("kind_nOFF.off", f"nOFF\n3\n4 4 6\n{rows('')}{faces}")
-    for name, extra in {"": 0, "N": 3, "C": 4, "ST": 2}.items():
+    for name, more in {"": 0, "N": 3, "C": 4, "ST": 2}.items():
         body = struct.pack(">3i", 4, 4, 6)
         for corner in CORNERS:
-            body += struct.pack(f">{3 + extra}f", *corner, *[0.5] * extra)
+            body += struct.pack(f">{3 + more}f", *corner, *[0.5] * more)
         for number, face in enumerate(FACES):
             colors = [0.25] * (number if number < 3 else 4)
             body += struct.pack(f">5i{len(colors)}f", 3, *face, len(colors), *colors)
