@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from tests.second_reader.model import Reading, Refused
 
 CODES = {
@@ -118,8 +120,21 @@ def read(path: Path) -> Reading:
             raise Refused(f"a face of {len(corners)} corners")
         if not all(0 <= corner < len(vertices) for corner in corners):
             raise Refused(f"a face names vertex {max(corners)} of {len(vertices)}")
-        reading.add([vertices[int(corner)] for corner in corners])
+        polygon = [vertices[int(corner)] for corner in corners]
+        reading.add(polygon, _single(polygon, elements))
     return reading
+
+
+def _single(polygon: list[list[float]], elements: list[Element]) -> float:
+    """Return the rounding to the type that the header states.
+
+    A text may say more digits of a `float` than the type holds: the digits and the type are both right.
+    """
+    kinds = {one.name: one.code for element in elements for one in element.properties}
+    if kinds["x"] != "f":
+        return 0.0
+    values = np.array(polygon)
+    return float(np.abs(values - values.astype(np.float32)).max())
 
 
 def _rows(element: Element, source: Source) -> list[dict[str, list[float]]]:
