@@ -8,7 +8,8 @@ import numpy as np
 
 from tests.second_reader.compare import differences, product_triangles
 from tests.second_reader.making import Case
-from tests.second_reader.model import Reading, Refused
+from tests.second_reader.model import Floats, Reading, Refused
+from tests.second_reader.polygons import cut, is_cut_of
 from tests.second_reader.reading import read
 from xfrustum.scenes import InputError
 
@@ -23,14 +24,19 @@ def second_reads(case: Case, folder: Path) -> str | None:
         return f"{len(reading.polygons)} polygons, though it has no right reading"
     if len(reading.polygons) != len(case.polygons):
         return f"{len(reading.polygons)} polygons for {len(case.polygons)}"
-    pairs = zip(reading.polygons, case.polygons, strict=True)
-    for number, ((mine, right), bound) in enumerate(zip(pairs, reading.rounding, strict=True)):
-        if len(mine) != len(right):
-            return f"polygon {number} has {len(mine)} corners for {len(right)}"
-        turned = [np.abs(np.roll(mine, k, axis=0) - right).max() for k in range(len(mine))]
-        if min(turned) > 2 * bound:  # the closed form is rounded, too
-            return f"polygon {number} is off by {min(turned):g}"
+    triples = zip(reading.polygons, case.polygons, reading.rounding, strict=True)
+    for number, (mine, right, bound) in enumerate(triples):
+        if not _equal(mine, right, bound):
+            return f"polygon {number} is another"
+        if not is_cut_of(np.array(cut(mine)), mine):
+            return f"polygon {number} is cut wrong"
     return None
+
+
+def _equal(mine: Floats, right: Floats, bound: float) -> bool:
+    turned = [np.roll(mine, k, axis=0) for k in range(len(mine))]
+    same = [len(mine) == len(right) and np.abs(one - right).max() <= 2 * bound for one in turned]
+    return any(same)  # twice the bound: the closed form is rounded, too
 
 
 def product_reads(case: Case, folder: Path) -> str | None:

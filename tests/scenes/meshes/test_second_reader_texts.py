@@ -2,14 +2,25 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.second_reader import archive_cases, text_cases
 from tests.second_reader.making import Case
+from tests.second_reader.model import Floats
+from tests.second_reader.polygons import cut, is_cut_of
 from tests.second_reader.testing import product_reads, second_reads
 
 ALL = [*text_cases.cases(), *archive_cases.cases()]
 CASES = pytest.mark.parametrize("case", ALL, ids=lambda case: case.name)
+
+
+@pytest.mark.parametrize("outline", [text_cases.LETTER, text_cases.DART], ids=["letter", "dart"])
+def test_fan_of_a_concave_polygon_is_no_cut(outline: Floats) -> None:
+    polygon = text_cases.placed(outline, "oblique")
+    fan = np.array([polygon[[0, k, k + 1]] for k in range(1, len(polygon) - 1)])
+    assert not is_cut_of(fan, polygon)
+    assert is_cut_of(np.array(cut(polygon)), polygon)
 
 
 @CASES
