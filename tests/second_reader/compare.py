@@ -87,6 +87,8 @@ def differences(product: Floats, reading: Reading) -> tuple[str | None, bool, fl
     if any(len(polygon) > 3 for polygon in reading.polygons):
         return polygons_differ(product, reading)
     mine, bounds = np.array(reading.polygons), np.array(reading.rounding)
+    if not reading.oriented:
+        product, mine = without_orientation(product), without_orientation(mine)
     gaps = np.min([np.abs(np.roll(product, k, axis=1) - mine).max(axis=(1, 2)) for k in range(3)], axis=0)
     if (gaps <= bounds).all():
         return None, True, float(gaps.max())
@@ -95,6 +97,12 @@ def differences(product: Floats, reading: Reading) -> tuple[str | None, bool, fl
     if (gaps <= bounds[order]).all():
         return None, False, float(gaps.max())
     return matched(product, mine, bounds)
+
+
+def without_orientation(soup: Floats) -> Floats:
+    """Sort the corners of each triangle."""
+    rounded = np.round(soup / (np.abs(soup).max() or 1.0), 9) + 0.0
+    return np.array([one[np.lexsort(key.T[::-1])] for one, key in zip(soup, rounded, strict=True)])
 
 
 def in_order(soup: Floats) -> tuple[Floats, NDArray[np.int64]]:

@@ -151,7 +151,22 @@ class Walk:
             for one, name, share in zip(influences, names, shares, strict=True):
                 one += [(int(joint), weight) for joint, weight in zip(name, share, strict=True) if weight]
             number += 1
+        if any(blended(joints, influence).mirrors() for influence in influences):
+            # The determinant of the node's transform gives the winding (3.7.4), and is ignored here.
+            self.reading.oriented = False
         return [weighed(joints, *pair) for pair in zip(influences, points, strict=True)]
+
+
+def blended(joints: list[Placement], influence: list[tuple[int, float]]) -> Placement:
+    """Return the weighted mean of the joints of a vertex."""
+    if not all(joint < len(joints) for joint, _ in influence):
+        raise Refused(f"joint {max(joint for joint, _ in influence)} of {len(joints)}")
+    rows = [[0.0] * 4 for _ in range(4)]
+    for joint, weight in influence:
+        for i in range(4):
+            for j in range(4):
+                rows[i][j] += weight * joints[joint].matrix[i][j]
+    return stated(rows)
 
 
 def weighed(joints: list[Placement], influence: list[tuple[int, float]], point: Placed) -> Vertex:
@@ -165,8 +180,6 @@ def weighed(joints: list[Placement], influence: list[tuple[int, float]], point: 
         raise Refused(f"weights of a vertex add up to {total}")
     position, bounds = [0.0] * 3, [0.0] * 3
     for joint, weight in influence:
-        if joint >= len(joints):
-            raise Refused(f"joint {joint} of {len(joints)}")
         placed, errors = joints[joint].of(*point)
         for k in range(3):
             position[k] += weight * placed[k]

@@ -34,6 +34,7 @@ class Case:
     data: bytes
     polygons: list[Floats] | None
     others: tuple[tuple[str, bytes], ...] = ()
+    may_refuse: bool = False  #: the specification leaves open whether a reader has to read it
 
     def write(self, folder: Path) -> Path:
         """Write the files into a folder; return the path of the first."""
@@ -44,10 +45,13 @@ class Case:
         return path
 
 
-def case(name: str, data: bytes | str, polygons: Iterable[ArrayLike] | None = SOUP) -> Case:
+def case(
+    name: str, data: bytes | str, polygons: Iterable[ArrayLike] | None = SOUP, may_refuse: bool = False
+) -> Case:
     """Return a case; text is encoded as UTF-8, lines as they are."""
     shapes = None if polygons is None else [np.asarray(one, dtype=np.float64) for one in polygons]
-    return Case(name, data.encode() if isinstance(data, str) else data, shapes)
+    encoded = data.encode() if isinstance(data, str) else data
+    return Case(name, encoded, shapes, may_refuse=may_refuse)
 
 
 def moved(matrix: ArrayLike, soup: Floats = SOUP) -> Floats:

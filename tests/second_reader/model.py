@@ -26,6 +26,8 @@ class Reading:
     #: states the coordinates themselves and no arithmetic is needed.
     rounding: list[float] = field(default_factory=list)
     texture: list[Floats | None] = field(default_factory=list)  #: (n, 2) each; v = 0 at the bottom
+    #: False where the specification leaves open which way a triangle faces: joints that mirror.
+    oriented: bool = True
 
     def add(self, polygon: Any, rounding: float = 0.0, texture: Any = None) -> None:
         """Append one polygon."""

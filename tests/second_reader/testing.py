@@ -45,7 +45,7 @@ def product_reads(case: Case, folder: Path) -> str | None:
     try:
         triangles = product_triangles(path)
     except InputError as refusal:
-        return None if case.polygons is None else f"refused: {refusal}"
+        return None if case.polygons is None or case.may_refuse else f"refused: {refusal}"
     if case.polygons is None:
         return f"{len(triangles)} triangles, though it has no right reading"
     bounds = [2 * bound for bound in read(path).rounding]
