@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from tests.second_reader import archive_cases, text_cases
+from tests.second_reader.compare import compare
 from tests.second_reader.making import Case
 from tests.second_reader.model import Floats
 from tests.second_reader.polygons import cut, is_cut_of
+from tests.second_reader.random_obj import random_obj
 from tests.second_reader.testing import product_reads, second_reads
 
 ALL = [*text_cases.cases(), *archive_cases.cases()]
@@ -31,3 +33,14 @@ def test_second_reader_reads_the_shape(case: Case, tmp_path: Path) -> None:
 @CASES
 def test_product_reads_the_shape(case: Case, tmp_path: Path) -> None:
     assert product_reads(case, tmp_path) is None
+
+
+def test_objs_of_random_layout(tmp_path: Path) -> None:
+    differing = {}
+    for seed in range(100):
+        path = tmp_path / f"{seed}.obj"
+        path.write_bytes(random_obj(seed))
+        row = compare(path)
+        if row.difference or row.second.refusal:
+            differing[seed] = (row.difference, row.product.refusal, row.second.refusal)
+    assert differing == {}
