@@ -191,7 +191,8 @@ def assigned(product: Floats, polygons: list[Floats]) -> list[Floats]:
     groups: list[list[Floats]] = [[] for _ in polygons]
     for triangle in product:
         shared = set.intersection(*(owners.get(key(corner), set()) for corner in triangle))
-        free = sorted(k for k in shared if len(groups[k]) < len(polygons[k]) - 2)
+        free = [k for k in shared if len(groups[k]) < len(polygons[k]) - 2]
+        free.sort(key=lambda k: len(polygons[k]))  # a triangle of the file takes its equal first
         facing = [k for k in free if newell(triangle) @ newell(polygons[k]) > 0]
         if free:
             groups[(facing or free)[0]].append(triangle)
