@@ -1,4 +1,4 @@
-"""Table of both readings: `python -m tests.second_reader FILE..`; exit status 1 where one differs."""
+"""Table of both readings: `python -m tests.second_reader FILE..`; exit status 1 on a difference."""
 
 from __future__ import annotations
 

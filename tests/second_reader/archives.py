@@ -213,7 +213,7 @@ class Structure:
                         self.rep(child, placed)
 
     def rep(self, element: Element, placed: Placement) -> None:
-        """Draw a representation: its own Faces are the finest; those of PolygonalLOD are coarser."""
+        """Draw a representation by its own Faces; those of PolygonalLOD are coarser."""
         vertices = next((one for one in element if _name(one) == "VertexBuffer"), None)
         for one in element:
             if _name(one) == "Rep":

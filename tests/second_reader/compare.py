@@ -80,7 +80,7 @@ def compare(path: Path) -> Row:
 
 
 def differences(product: Floats, reading: Reading) -> tuple[str | None, bool, float]:
-    """Return the first difference in words, whether the order is equal, and the largest distance."""
+    """Return the first difference, whether the order is equal, and the largest distance."""
     expected = sum(len(polygon) - 2 for polygon in reading.polygons)
     if len(product) != expected:
         return f"{len(product)} triangles for {expected}", False, np.inf

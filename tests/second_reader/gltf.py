@@ -1,4 +1,4 @@
-"""glTF 2.0: scene, nodes, skins and morph targets at rest, and topologies (sections 3.5 and 3.7)."""
+"""glTF 2.0: scene, nodes, skins and morph targets at rest, topologies (sections 3.5 and 3.7)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Placed = tuple[list[float], list[float], float]  #: position, sizes of its terms
 
 
 def read(path: Path, unit: bool = True) -> Reading:
-    """Read the triangles of the scene of a glTF file; `unit`: divide quaternions by their length."""
+    """Read the triangles of a glTF file; `unit`: divide quaternions by their length."""
     document = Document(path)
     refuse(document.json)
     return Walk(document, unit).reading
@@ -84,7 +84,7 @@ class Walk:
         return placed
 
     def enter(self, index: int) -> None:
-        """Draw a node and those below it; an invisible node hides all below it (KHR_node_visibility)."""
+        """Draw a node and those below it; an invisible node hides them (KHR_node_visibility)."""
         node = self.document.item("nodes", index)
         if not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
             return
@@ -152,7 +152,7 @@ class Walk:
                 one += [(int(joint), weight) for joint, weight in zip(name, share, strict=True) if weight]
             number += 1
         if any(blended(joints, influence).mirrors() for influence in influences):
-            # The determinant of the node's transform gives the winding (3.7.4), and is ignored here.
+            # The node's transform gives the winding (3.7.4), and is ignored for a skin (3.7.3.3).
             self.reading.oriented = False
         return [weighed(joints, *pair) for pair in zip(influences, points, strict=True)]
 
@@ -172,8 +172,8 @@ def blended(joints: list[Placement], influence: list[tuple[int, float]]) -> Plac
 def weighed(joints: list[Placement], influence: list[tuple[int, float]], point: Placed) -> Vertex:
     """Return the weighted mean of a vertex as each joint places it.
 
-    Weights add up to one but for the rounding of their storage; whether that rest is divided out is open, so
-    that it is part of the bound.
+    Weights add up to one but for the rounding of their storage; whether that rest is divided out
+    is open, so that it is part of the bound.
     """
     total = sum(weight for _, weight in influence)
     if not influence or abs(total - 1) > 0.02:

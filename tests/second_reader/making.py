@@ -1,4 +1,4 @@
-"""Writers of small mesh files, whose shape is known in closed form, for the tests of both readers."""
+"""Writers of small mesh files of shapes in closed form, for the tests of both readers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def case(
 
 
 def moved(matrix: ArrayLike, soup: Floats = SOUP) -> Floats:
-    """Place a soup by a 4 x 4 matrix; a mirrored one is turned, so that its outside stays outside."""
+    """Place a soup by a 4 x 4 matrix; turn a mirrored one, so that its outside stays outside."""
     placement = np.asarray(matrix, dtype=np.float64)
     placed = soup @ placement[:3, :3].T + placement[:3, 3]
     return placed[:, [0, 2, 1]] if np.linalg.det(placement[:3, :3]) < 0 else placed

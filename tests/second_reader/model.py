@@ -22,8 +22,8 @@ class Reading:
     """Polygons of a file in its own order."""
 
     polygons: list[Floats] = field(default_factory=list)  #: (n, 3) each, n >= 3, double precision
-    #: Distance up to which two right readings of each polygon may differ per coordinate; 0 where the file
-    #: states the coordinates themselves and no arithmetic is needed.
+    #: Distance up to which two right readings of each polygon may differ per coordinate; 0 where
+    #: the file states the coordinates themselves.
     rounding: list[float] = field(default_factory=list)
     texture: list[Floats | None] = field(default_factory=list)  #: (n, 2) each; v = 0 at the bottom
     #: False where the specification leaves open which way a triangle faces: joints that mirror.
@@ -36,7 +36,7 @@ class Reading:
         self.texture.append(None if texture is None else np.asarray(texture, dtype=np.float64).reshape(-1, 2))
 
     def checked(self) -> Reading:
-        """Return the reading itself, or refuse one without polygons or with numbers that are not finite."""
+        """Return the reading; refuse one without polygons or with numbers that are not finite."""
         if not self.polygons:
             raise Refused("no triangles")
         if not np.isfinite(np.concatenate(self.polygons)).all():

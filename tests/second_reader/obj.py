@@ -73,15 +73,15 @@ def _numbers(number: int, words: list[str]) -> list[float]:
 
 def _vertex(number: int, words: list[str]) -> list[float]:
     values = _numbers(number, words)
-    if len(values) not in (3, 4, 6, 7):  # x y z; with a weight; with a color; with a color and its alpha
+    if len(values) not in (3, 4, 6, 7):  # x y z, or with a weight, a color, a color and alpha
         raise Refused(f"line {number}: a vertex of {len(values)} numbers")
-    if len(values) == 4 and values[3] != 1:  # the manual knows weights in rational curves and surfaces alone
+    if len(values) == 4 and values[3] != 1:  # the manual defines it for rational curves alone
         raise Refused(f"line {number}: weight {values[3]}")
     return values[:3]
 
 
 def _face(number: int, words: list[str], counts: dict[str, int]) -> tuple[list[int], list[int]]:
-    """Return the places of the vertices and texture coordinates; negative numbers count back from here."""
+    """Return the places of vertices and texture coordinates; negative indices count back."""
     if len(words) < 3:
         raise Refused(f"line {number}: a face of {len(words)} corners")
     places: dict[str, list[int]] = {"v": [], "vt": [], "vn": []}

@@ -11,7 +11,7 @@ from tests.second_reader.model import UNIT
 Matrix = list[list[float]]
 Values = Sequence[float]
 
-#: Roundings of an entry of a matrix from a quaternion (10), times scale (1), and of a matrix product (4).
+#: Roundings of an entry: of a matrix from a quaternion (10) times scale (1), of a product (4).
 LOCAL, PRODUCT = 11, 4
 
 
@@ -68,8 +68,8 @@ def stated(matrix: Matrix) -> Placement:
 def composed(translation: Values, rotation: Values, scale: Values, unit: bool) -> Placement:
     """Return the map T R S; the rotation is a quaternion x, y, z, w.
 
-    The formats ask for a unit quaternion. Stored in float32 it is not quite one, and nothing says whether its
-    length is to be removed first (`unit`): either is right.
+    The formats require a unit quaternion. Stored in float32 it is not quite one, and whether its
+    length is removed first (`unit`) is open: either is right.
     """
     length = math.sqrt(sum(value * value for value in rotation)) if unit else 1.0
     x, y, z, w = (value / length for value in rotation) if length != 1 else rotation

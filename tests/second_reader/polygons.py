@@ -1,4 +1,4 @@
-"""Polygons: Newell's normal, ear clipping in rational arithmetic, and the test of somebody else's cut."""
+"""Polygons: Newell's normal, ear clipping in rational arithmetic, test of another reader's cut."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def newell(polygon: Floats) -> Floats:
 
 
 def area(polygon: Floats) -> float:
-    """Return the area of a flat polygon, of a warped one that of its shadow along Newell's normal."""
+    """Return the area of a flat polygon; of a warped one, of its projection along Newell's normal."""
     return float(np.linalg.norm(newell(polygon)))
 
 
 def cut(polygon: Floats) -> list[Floats]:
-    """Cut a polygon into n - 2 triangles by clipping ears in the dominant plane of Newell's normal."""
+    """Cut a polygon into n - 2 triangles: clip ears in the dominant plane of Newell's normal."""
     if len(polygon) == 3:
         return [polygon]
     normal = newell(polygon)

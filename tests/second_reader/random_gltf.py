@@ -113,11 +113,11 @@ def primitive(file: Gltf, random: Generator, targets: int, skinned: bool) -> dic
     found: dict[str, Any] = {"attributes": attributes, "mode": mode}
     if random.random() < 0.7:
         length = 3 * int(random.integers(1, 6)) if mode == 4 else int(random.integers(3, 12))
-        values = random.integers(0, count, length)
-        kind = int(random.choice([UBYTE, USHORT, UINT]))
-        found["indices"] = file.accessor(
-            values, (kind, "SCALAR"), **sparse(file, random, values, (kind, "SCALAR"))
-        )
+        values = random.integers(0, count, length).astype(np.float64).reshape(-1, 1)
+        form = (int(random.choice([UBYTE, USHORT, UINT])), "SCALAR")
+        start = values.copy()
+        more = sparse(file, random, (values, start), form)
+        found["indices"] = file.accessor(start, form, **more)
     elif mode == 4:
         found["mode"] = int(random.choice([5, 6]))
     if targets:
@@ -126,14 +126,14 @@ def primitive(file: Gltf, random: Generator, targets: int, skinned: bool) -> dic
 
 
 def vectors(file: Gltf, random: Generator, count: int) -> int:
-    """Add an accessor of three-dimensional vectors of a random component type, some of them sparse."""
+    """Add an accessor of vectors of a random component type, sparse or not."""
     rows = random.uniform(-1, 1, (count, 3))
     kind = int(random.choice([FLOAT, FLOAT, *KINDS]))
     if kind != FLOAT:
         low = 0 if kind in (UBYTE, USHORT) else -KINDS[kind]
         rows = random.integers(low, KINDS[kind] + 1, (count, 3)).astype(np.float64)
     start = rows.copy()
-    more = sparse(file, random, rows, (kind, "VEC3"), start)
+    more = sparse(file, random, (rows, start), (kind, "VEC3"))
     final = rows.astype(NUMPY[kind]).astype(np.float64)
     more |= {"min": final.min(axis=0).tolist(), "max": final.max(axis=0).tolist()}
     if kind != FLOAT and random.random() < 0.7:
@@ -142,18 +142,19 @@ def vectors(file: Gltf, random: Generator, count: int) -> int:
 
 
 def sparse(
-    file: Gltf, random: Generator, rows: Floats, form: tuple[int, str], start: Floats | None = None
+    file: Gltf, random: Generator, rows: tuple[Floats, Floats], form: tuple[int, str]
 ) -> dict[str, Any]:
-    """Return replacements of some rows; `start` becomes what they are replaced in."""
-    if random.random() < 0.7 or start is None:
+    """Return replacements of some rows by the first array; the second becomes the one replaced in."""
+    values, start = rows
+    if random.random() < 0.7:
         return {}
-    chosen = np.sort(random.choice(len(rows), int(random.integers(1, len(rows))), replace=False))
+    chosen = np.sort(random.choice(len(start), int(random.integers(1, len(start))), replace=False))
     start[chosen] = 0
     kind = int(random.choice([UBYTE, USHORT, UINT]))
     places = file.view(chosen.astype(NUMPY[kind]).tobytes())
-    values = file.view(rows[chosen].astype(NUMPY[form[0]]).tobytes())
+    replaced = file.view(values[chosen].astype(NUMPY[form[0]]).tobytes())
     indices = {"bufferView": places, "componentType": kind}
-    return {"sparse": {"count": len(chosen), "indices": indices, "values": {"bufferView": values}}}
+    return {"sparse": {"count": len(chosen), "indices": indices, "values": {"bufferView": replaced}}}
 
 
 def skin(file: Gltf, random: Generator, nodes: int) -> int:

@@ -36,7 +36,7 @@ def random_obj(seed: int) -> bytes:
 
 
 def outline(random: Generator) -> np.ndarray:
-    """Return a polygon that all of its area sees from one point, in a random plane, corners exact."""
+    """Return a star-shaped polygon in a random plane, its corners exact."""
     count = int(random.integers(3, 10))
     angles = np.sort(random.random(count) + np.arange(count)) * (2 * np.pi / count)
     radius = random.uniform(0.3, 4, count)

@@ -1,4 +1,4 @@
-"""STL, after the "StereoLithography Interface Specification" (3D Systems, 1989), text and binary."""
+"""STL in text and binary, after the "StereoLithography Interface Specification" (3D Systems, 1989)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _binary(data: bytes, count: int) -> Reading:
 
 
 def _text(data: bytes) -> Reading:
-    """Read solids of `facet normal x y z outer loop`, three times `vertex x y z`, `endloop endfacet`."""
+    """Read solids of facets: `facet normal`, `outer loop`, three `vertex`, `endloop endfacet`."""
     reading = Reading()
     lines = [line.split() for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
     lines = [line for line in lines if line]

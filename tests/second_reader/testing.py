@@ -15,7 +15,7 @@ from xfrustum.scenes import InputError
 
 
 def second_reads(case: Case, folder: Path) -> str | None:
-    """Return how the second reader's polygons differ from those of a case, in order and in number."""
+    """Return how the second reader's polygons differ from those of a case."""
     try:
         reading = read(case.write(folder))
     except Refused as refusal:
@@ -40,7 +40,7 @@ def _equal(mine: Floats, right: Floats, bound: float) -> bool:
 
 
 def product_reads(case: Case, folder: Path) -> str | None:
-    """Return how the product's triangles differ from a case, whose polygons they may cut in any right way."""
+    """Return how the product's triangles differ from a case; any right cut is equal."""
     path = case.write(folder)
     try:
         triangles = product_triangles(path)

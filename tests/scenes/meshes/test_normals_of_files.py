@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,12 +30,13 @@ def flat(file: Gltf, normals: int | None = None) -> int:
 
 def cases() -> Iterator[Case]:
     """Return files whose normals must be those of their triangles."""
-    for name, node in {
+    nodes: dict[str, dict[str, Any]] = {
         "still": {},
         "uneven": {"scale": [1, 5, 0.2]},
         "mirrored": {"scale": [-1, 2, 1]},
         "sheared": {"matrix": SHEAR.T.ravel().tolist()},
-    }.items():
+    }
+    for name, node in nodes.items():
         file = Gltf()
         file.node(mesh=flat(file), **node)
         yield case(f"{name}.glb", file.glb())
@@ -66,5 +68,5 @@ def test_stored_normals_are_those_of_the_triangles(case: making.Case, tmp_path: 
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     stored = mesh.vertex_normals[mesh.faces]
     cosines = np.einsum("fk,fck->fc", across, stored)
-    # 0.5 / 127 of each component is the rounding of a quantized normal: 1 - cos < (sqrt(3) / 254)^2 / 2.
+    # Rounding of a quantized normal, 0.5 / 127 a component: 1 - cos < (sqrt(3) / 254)^2 / 2.
     assert np.abs(cosines - 1).max() < 3e-5

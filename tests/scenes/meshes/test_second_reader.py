@@ -1,4 +1,4 @@
-"""Mesh files of the repository and of ../shared: both readers agree on their triangles, or both refuse.
+"""Both readers agree on every mesh file of the repository and of ../shared, or both refuse it.
 
 `pytest -s` prints the table; `python -m tests.second_reader FILE..` prints it for any file.
 """

@@ -1,4 +1,4 @@
-"""OBJ, OFF, PLY, STL, 3MF and 3DXML of known shape: both readers read that shape, or both refuse."""
+"""OBJ, OFF, PLY, STL, 3MF and 3DXML of known shape: read so by both readers, or refused by both."""
 
 from pathlib import Path
 
