@@ -34,7 +34,7 @@ class Case:
     data: bytes
     polygons: list[Floats] | None
     others: tuple[tuple[str, bytes], ...] = ()
-    may_refuse: bool = False  #: the specification leaves open whether a reader has to read it
+    may_refuse: bool = False  #: a refusal is right, too: rare, or left open by the specification
 
     def write(self, folder: Path) -> Path:
         """Write the files into a folder; return the path of the first."""

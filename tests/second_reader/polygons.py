@@ -28,6 +28,8 @@ def cut(polygon: Floats) -> list[Floats]:
     if len(polygon) == 3:
         return [polygon]
     normal = newell(polygon)
+    if not normal.any() and not _straight(polygon):
+        raise Refused("a polygon crosses itself")
     axis = int(np.argmax(np.abs(normal)))
     across, along = [(1, 2), (2, 0), (0, 1)][axis]
     if normal[axis] < 0:
@@ -50,20 +52,27 @@ def _clipped(flat: list[Point]) -> list[tuple[int, int, int]]:
 
 
 def _ear(flat: list[Point], left: list[int]) -> int:
-    """Return the place of an ear; where there is none, that of a corner that spans no area."""
-    flats = []
-    for place in range(len(left)):
-        before, here, after = flat[left[place - 1]], flat[left[place]], flat[left[(place + 1) % len(left)]]
-        turn = _turn(before, here, after)
-        if turn == 0:
-            flats.append(place)
-        if turn > 0:
-            others = [flat[k] for k in left if flat[k] not in (before, here, after)]
-            if not any(_inside(other, before, here, after) for other in others):
+    """Return the place of a corner that spans no area, else that of an ear."""
+    for wanted in (0, 1):
+        for place in range(len(left)):
+            before, here, after = (flat[left[(place + k) % len(left)]] for k in (-1, 0, 1))
+            turn = _turn(before, here, after)
+            if wanted == 0 and turn == 0:
                 return place
-    if not flats:
-        raise Refused("a polygon crosses itself")
-    return flats[0]
+            if wanted == 1 and turn > 0:
+                others = (flat[k] for k in left if flat[k] not in (before, here, after))
+                if not any(_inside(other, before, here, after) for other in others):
+                    return place
+    raise Refused("a polygon crosses itself")
+
+
+def _straight(polygon: Floats) -> bool:
+    corners = [[Fraction(value) for value in corner] for corner in polygon.tolist()]
+    steps = [[value - first for value, first in zip(c, corners[0], strict=True)] for c in corners]
+    longest = max(steps, key=lambda step: sum(value * value for value in step))
+    return all(
+        longest[i] * step[j] == longest[j] * step[i] for step in steps for i in range(3) for j in range(i)
+    )
 
 
 def _turn(a: Point, b: Point, c: Point) -> Fraction:

@@ -18,6 +18,7 @@ def second_reads(case: Case, folder: Path) -> str | None:
     """Return how the second reader's polygons differ from those of a case."""
     try:
         reading = read(case.write(folder))
+        cuts = [np.array(cut(polygon)) for polygon in reading.polygons]
     except Refused as refusal:
         return None if case.polygons is None else f"refused: {refusal}"
     if case.polygons is None:
@@ -28,7 +29,7 @@ def second_reads(case: Case, folder: Path) -> str | None:
     for number, (mine, right, bound) in enumerate(triples):
         if not _equal(mine, right, bound):
             return f"polygon {number} is another"
-        if not is_cut_of(np.array(cut(mine)), mine):
+        if not is_cut_of(cuts[number], mine):
             return f"polygon {number} is cut wrong"
     return None
 

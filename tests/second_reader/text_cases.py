@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tests.second_reader.making import CORNERS, FACES, SOUP, Case, case, ply, stl, stl_text
 from tests.second_reader.model import Floats
@@ -27,6 +28,7 @@ def cases() -> list[Case]:
         obj_lines,
         obj_indices,
         obj_polygons,
+        obj_hard_polygons,
         obj_refusals,
         off_kinds,
         off_layouts,
@@ -127,6 +129,34 @@ def obj_polygons() -> Iterator[Case]:
     )
 
 
+def obj_hard_polygons() -> Iterator[Case]:
+    comb = [[2 * (k // 2) + k % 2, 5 * (k % 2)] for k in range(20)] + [[20, -1], [0, -1]]
+    far = np.array(comb[::-1]) / 1024
+    hole = [[3, 3], [3, 7], [7, 7], [7, 3], [3, 3]]
+    outlines: dict[str, ArrayLike] = {
+        "comb": comb[::-1],
+        "comb_far": far + np.array([500_000, 5_412_345]),
+        "keyhole": [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0], *hole],
+        "corner_twice": [[0, 0], [4, 0], [4, 0], [1, 1], [0, 4]],
+        "straight_corners": [[0, 0], [1, 0], [2, 0], [3, 0], [3, 3], [0, 3], [0, 2], [0, 1]],
+        "spike": [[0, 0], [4, 0], [4, 4], [6, 6], [4, 4], [0, 4]],
+        "thin": LETTER * np.array([1, 2.0**-30]),
+        "line": [[0, 0], [1, 0], [3, 0], [2, 0]],
+    }
+    crossing: dict[str, ArrayLike] = {
+        "bow": [[0, 0], [4, 4], [4, 0], [0, 4]],
+        "uneven_bow": [[0, 0], [4, 4], [6, 0], [0, 4]],
+        "pentagram": [[10, 0], [-8, 6], [3, -10], [3, 10], [-8, -6]],
+    }
+    for name, outline in {**outlines, **crossing}.items():
+        corners = placed(np.asarray(outline, dtype=np.float64), "xy")
+        lines = "".join(f"v {a!r} {b!r} {c!r}\n" for a, b, c in corners.tolist())
+        face = "f " + " ".join(str(k + 1) for k in range(len(corners))) + "\n"
+        triangle = "v 0 0 9\nv 1 0 9\nv 0 1 9\nf -3 -2 -1\n"
+        alone = np.array([[0.0, 0, 9], [1, 0, 9], [0, 1, 9]])
+        yield case(f"{name}.obj", lines + face + triangle, None if name in crossing else [corners, alone])
+
+
 def obj_refusals() -> Iterator[Case]:
     for name, line in {
         "index_zero": "f 0 1 2",
@@ -183,7 +213,7 @@ def off_kinds() -> Iterator[Case]:
         for number, face in enumerate(FACES):
             colors = [0.25] * (number if number < 3 else 4)
             body += struct.pack(f">5i{len(colors)}f", 3, *face, len(colors), *colors)
-        yield case(f"binary_{name}OFF.off", f"{name}OFF BINARY\n".encode() + body)
+        yield case(f"binary_{name}OFF.off", f"{name}OFF BINARY\n".encode() + body, may_refuse=True)
 
 
 def off_layouts() -> Iterator[Case]:

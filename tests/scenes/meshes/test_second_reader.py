@@ -65,10 +65,10 @@ def name_of(path: Path) -> str:
 
 
 def has_order(path: Path) -> bool:
-    """Test whether a specification orders the triangles: of the nodes of glTF none does."""
-    if path.suffix.lower() not in (".glb", ".gltf"):
-        return True
-    return sum("mesh" in node for node in Document(path).json["nodes"]) < 2
+    """Test whether a specification orders the triangles: not of several nodes, nor of polygons."""
+    if path.suffix.lower() in (".glb", ".gltf"):
+        return sum("mesh" in node for node in Document(path).json["nodes"]) < 2
+    return all(len(polygon) == 3 for polygon in read(path).polygons)
 
 
 @pytest.mark.parametrize("path", files(), ids=name_of)
