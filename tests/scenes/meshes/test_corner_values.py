@@ -1,4 +1,4 @@
-"""Normals that a glTF file stores follow its surface through every placement."""
+"""Normals and texture coordinates of glTF: normals follow the surface through every placement."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from tests.second_reader import making
-from tests.second_reader.making import BYTE, FLOAT, SOUP, UBYTE, Case, Gltf, case
+from tests.second_reader.gltf_data import LARGEST
+from tests.second_reader.making import BYTE, FLOAT, SOUP, UBYTE, USHORT, Case, Gltf, case
+from tests.second_reader.model import Floats
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 #: Each triangle has corners of its own, whose stored normal is the triangle's.
@@ -70,3 +72,42 @@ def test_stored_normals_are_those_of_the_triangles(case: making.Case, tmp_path: 
     cosines = np.einsum("fk,fck->fc", across, stored)
     # Rounding of a quantized normal, 0.5 / 127 a component: 1 - cos < (sqrt(3) / 254)^2 / 2.
     assert np.abs(cosines - 1).max() < 3e-5
+
+
+UV = np.array([[0, 0], [1, 0], [1, 1], [0.25, 0.5]])
+OTHER = UV[::-1] / 2
+
+
+def textured(name: str, sets: list[int], **texture: int) -> Case:
+    """Return a file with texture coordinates of these component types, and a texture of one pixel."""
+    png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNgYGAAAAAEAAH2FzhVAAAAAElFTkSuQmCC"
+    file = Gltf(images=[{"uri": f"data:image/png;base64,{png}"}], textures=[{"source": 0}])
+    file.json["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}]
+    attributes = {}
+    for number, (kind, values) in enumerate(zip(sets, (UV, OTHER), strict=False)):
+        largest = LARGEST.get(kind)
+        rows = values if largest is None else np.rint(values * largest)
+        more = {} if largest is None else {"normalized": True}
+        attributes[f"TEXCOORD_{number}"] = file.accessor(rows, (kind, "VEC2"), **more)
+    file.node(mesh=file.mesh(attributes=attributes, material=0))
+    return case(name, file.glb())
+
+
+TEXTURED = [
+    (textured("float.glb", [FLOAT]), UV),
+    (textured("ubyte.glb", [UBYTE]), np.rint(UV * 255) / 255),
+    (textured("ushort.glb", [USHORT]), np.rint(UV * 65535) / 65535),
+    (textured("second_set.glb", [FLOAT, UBYTE], texCoord=1), np.rint(OTHER * 255) / 255),
+]
+
+
+@pytest.mark.parametrize(("case", "expected"), TEXTURED, ids=[one.name for one, _ in TEXTURED])
+def test_texture_coordinates_are_of_the_set_that_the_material_names(
+    case: Case, expected: Floats, tmp_path: Path
+) -> None:
+    mesh = load_mesh(case.write(tmp_path))
+    assert mesh.uv is not None
+    corners = mesh.vertices[mesh.faces].reshape(-1, 1, 3)
+    numbers = np.abs(corners - making.CORNERS).max(axis=2).argmin(axis=1)
+    right = np.column_stack([expected[:, 0], 1 - expected[:, 1]])  # v = 0 at the bottom
+    assert np.abs(mesh.uv[mesh.faces].reshape(-1, 2) - right[numbers]).max() <= 2.0**-52
