@@ -189,13 +189,17 @@ def assigned(product: Floats, polygons: list[Floats]) -> list[Floats]:
         for corner in polygon:
             owners[key(corner)].add(number)
     groups: list[list[Floats]] = [[] for _ in polygons]
+    held: list[list[list[tuple[float, ...]]]] = [[] for _ in polygons]
     for triangle in product:
         shared = set.intersection(*(owners.get(key(corner), set()) for corner in triangle))
+        same = [key(corner) for corner in triangle]
         free = [k for k in shared if len(groups[k]) < len(polygons[k]) - 2]
-        free.sort(key=lambda k: len(polygons[k]))  # a triangle of the file takes its equal first
+        # A triangle of the file takes its equal first; equal polygons take different triangles.
+        free.sort(key=lambda k: (len(polygons[k]), same in held[k], k))
         facing = [k for k in free if newell(triangle) @ newell(polygons[k]) > 0]
         if free:
             groups[(facing or free)[0]].append(triangle)
+            held[(facing or free)[0]].append(same)
     return [np.array(group).reshape(-1, 3, 3) for group in groups]
 
 

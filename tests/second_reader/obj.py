@@ -7,8 +7,33 @@ from pathlib import Path
 from tests.second_reader.model import Reading, Refused
 
 LETTERS = "+-.0123456789eE"  #: of a number
+#: Statements without geometry, and points and lines.
+HARMLESS = {"vp", "p", "l", "g", "s", "mg", "o", "bevel", "c_interp", "d_interp", "lod", "usemtl", "mtllib"}
+HARMLESS |= {"shadow_obj", "trace_obj", "usemap", "maplib", "ctech", "stech"}
 #: Statements that make surfaces from control points or change the file that is read.
-OTHER_GEOMETRY = {"curv", "curv2", "surf", "cstype", "bzp", "bsp", "cdc", "cdp", "res", "con", "call", "csh"}
+OTHER_GEOMETRY = {
+    "curv",
+    "curv2",
+    "surf",
+    "cstype",
+    "bzp",
+    "bsp",
+    "cdc",
+    "cdp",
+    "res",
+    "con",
+    "call",
+    "csh",
+    "parm",
+    "trim",
+    "hole",
+    "scrv",
+    "sp",
+    "end",
+    "deg",
+    "bmat",
+    "step",
+}
 
 
 def read(path: Path) -> Reading:
@@ -27,6 +52,8 @@ def read(path: Path) -> Reading:
             corners.append(_face(number, values, counts))
         elif word in OTHER_GEOMETRY:
             raise Refused(f"line {number}: statement {word}")
+        elif word not in HARMLESS and word not in counts:
+            raise Refused(f"line {number}: {word} is no statement")
         if word in counts:
             counts[word] += 1
     reading = Reading()

@@ -24,31 +24,62 @@ def area(polygon: Floats) -> float:
 
 
 def cut(polygon: Floats) -> list[Floats]:
-    """Cut a polygon into n - 2 triangles: clip ears in the dominant plane of Newell's normal."""
-    if len(polygon) == 3:
-        return [polygon]
-    normal = newell(polygon)
-    if not normal.any() and not _straight(polygon):
-        raise Refused("a polygon crosses itself")
-    axis = int(np.argmax(np.abs(normal)))
-    across, along = [(1, 2), (2, 0), (0, 1)][axis]
-    if normal[axis] < 0:
-        across, along = along, across
-    flat = [(Fraction(corner[across]), Fraction(corner[along])) for corner in polygon.tolist()]
-    return [polygon[list(ear)] for ear in _clipped(flat)]
+    """Cut a polygon into n - 2 triangles: clip ears in the plane of Newell's normal."""
+    left = list(range(len(polygon)))
+    ears = _without_area(polygon, left)
+    if len(left) > 3:
+        normal = newell(polygon)
+        if not normal.any():
+            raise Refused("a polygon crosses itself")
+        ears += _clipped(_flattened(polygon, normal), left)
+    return [polygon[list(ear)] for ear in [*ears, tuple(left)]]
 
 
-def _clipped(flat: list[Point]) -> list[tuple[int, int, int]]:
-    left = list(range(len(flat)))
+def _flattened(polygon: Floats, normal: Floats) -> list[Point]:
+    """Project along the normal, exactly: onto u = e x n and n x u, that see its tip."""
+    n = [Fraction(value) for value in (normal / np.abs(normal).max()).tolist()]
+    e = [Fraction(int(k == np.argmin(np.abs(normal)))) for k in range(3)]
+    u = _cross(e, n)
+    v = _cross(n, u)
+    space = [[Fraction(value) for value in corner] for corner in polygon.tolist()]
+    return [(_dot(corner, u), _dot(corner, v)) for corner in space]
+
+
+def _cross(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _without_area(polygon: Floats, left: list[int]) -> list[tuple[int, int, int]]:
+    """Clip corners that lie on a line with both neighbors, exactly and in space: spikes, repetitions."""
+    ears = []
+    space = [[Fraction(value) for value in corner] for corner in polygon.tolist()] if len(left) > 3 else []
+    place = 0
+    while len(left) > 3 and place < len(left):
+        ear = (left[place - 1], left[place], left[(place + 1) % len(left)])
+        one, other = ([b - a for a, b in zip(space[ear[0]], space[k], strict=True)] for k in ear[1:])
+        if not any(_cross(one, other)):
+            ears.append(ear)
+            del left[place]
+            place = 0
+        else:
+            place += 1
+    return ears
+
+
+def _clipped(flat: list[Point], left: list[int]) -> list[tuple[int, int, int]]:
+    """Clip ears until three corners are left."""
     ears = []
     while len(left) > 3:
         place = _ear(flat, left)
         ears.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
         del left[place]
-    last = (left[0], left[1], left[2])
-    if _turn(*(flat[k] for k in last)) < 0:
+    if _turn(flat[left[0]], flat[left[1]], flat[left[2]]) < 0:
         raise Refused("a polygon crosses itself")
-    return [*ears, last]
+    return ears
 
 
 def _ear(flat: list[Point], left: list[int]) -> int:
@@ -64,15 +95,6 @@ def _ear(flat: list[Point], left: list[int]) -> int:
                 if not any(_inside(other, before, here, after) for other in others):
                     return place
     raise Refused("a polygon crosses itself")
-
-
-def _straight(polygon: Floats) -> bool:
-    corners = [[Fraction(value) for value in corner] for corner in polygon.tolist()]
-    steps = [[value - first for value, first in zip(c, corners[0], strict=True)] for c in corners]
-    longest = max(steps, key=lambda step: sum(value * value for value in step))
-    return all(
-        longest[i] * step[j] == longest[j] * step[i] for step in steps for i in range(3) for j in range(i)
-    )
 
 
 def _turn(a: Point, b: Point, c: Point) -> Fraction:
@@ -102,7 +124,7 @@ def is_cut_of(triangles: Floats, polygon: Floats) -> bool:
         return False
     normal = newell(polygon)
     size = float(np.linalg.norm(normal))
-    # The dominant plane decides the sign in rational arithmetic, this product in floating point.
+    # The signs of areas are exact in the cut, and rounded here.
     slack = 64 * np.spacing(max(size, float(np.ptp(polygon, axis=0).max()) ** 2)) * max(size, 1e-300)
     return all(float(newell(triangle) @ normal) >= -slack for triangle in triangles)
 
