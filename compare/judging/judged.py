@@ -37,7 +37,7 @@ from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel, unflipped
-from xfrustum.compare.rounding.causes import Causes, find_causes
+from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
@@ -107,7 +107,8 @@ class MeasuredBy(StrEnum):
     that triangle drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
-    """The truth has no outline, so that there is nothing to measure: wrong pixels alone judge the image."""
+    """The truth has too few outlines to be registered. Colors are then judged by wrong pixels alone; an image
+    without colors and points shows nothing by which it could be judged."""
     NOTHING = "nothing"  # The displacement cannot be known
 
 
@@ -127,9 +128,12 @@ def contrast(image: HogelImage, most: float = np.inf) -> Steps:
     return np.minimum(across, most), np.minimum(down, most)
 
 
-def true_outlines(answer: HogelImage) -> Steps:
+def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
     """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
-    found = contours(answer)
+    # The normals of triangles decide whether neighboring points lie on one surface.
+    nowhere = (answer.triangle == NOTHING)[..., None]
+    normal = np.where(nowhere, np.nan, scene.normals.take(answer.triangle, axis=0, mode="clip"))
+    found = contours(replace(answer, normal=normal))
     chosen = found.kind != Kind.SEAM
     first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
     across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
@@ -139,15 +143,16 @@ def true_outlines(answer: HogelImage) -> Steps:
     return across[:, :-1], down[:-1]
 
 
+def strongest_steps(steps: Steps) -> Floats:
+    """Return the strongest step after each pixel (H, W): a step belongs to the pixel before it."""
+    across, down = steps
+    return np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
+
+
 def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
     """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
-    # The strongest edge after each pixel, and near it; a step belongs to the pixel before it.
-    after, here = (
-        np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
-        for across, down in (shown, outlines)
-    )
-    strongest = maximum_filter(after, size=2 * OUTLINE_TOLERANCE_PX + 1)
-    return np.asarray((here > 0) & (strongest < MIN_EDGE_CONTRAST))
+    strongest = maximum_filter(strongest_steps(shown), size=2 * OUTLINE_TOLERANCE_PX + 1)
+    return np.asarray((strongest_steps(outlines) > 0) & (strongest < MIN_EDGE_CONTRAST))
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
@@ -216,27 +221,28 @@ def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tupl
     return down, column - reach + between(scores[row, max(column - 1, 0) : column + 2])
 
 
-def _moved_outlines(
-    answer: HogelImage, image: HogelImage, by: str, differs: Mask
-) -> tuple[Spread | None, MeasuredBy]:
+def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, MeasuredBy]:
     """Return how far the outlines of an image have moved, and what that was measured by.
 
-    Labels of which no judged pixel differs (`differs`, (H, W)) have the answer's outlines: they have moved by
+    Labels of which no judged pixel differs have the answer's outlines: they have moved by
     0. So have colors with the answer's contrast to the last bit. Registration would say less, because few or
     straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are registered,
     for a dim outline may have moved within it. An answer without an outline, such as soft shading, has
     nothing that could be seen to move, and what moves into the film from outside is wrong pixels.
     """
+    answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
-        shown = contrast(image, MAX_EDGE_CONTRAST)
-        expected = true_outlines(answer) if by == "outlines" else contrast(answer, MAX_EDGE_CONTRAST)
+        shown, colored = contrast(image, MAX_EDGE_CONTRAST), by == "color"
+        expected = contrast(answer, MAX_EDGE_CONTRAST) if colored else true_outlines(scene, answer)
     elif by == "object":
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
         expected, shown = steps_of(answer.covered), steps_of(covered_by(image))
     # Contrast of colors is compared with the smallest edge, labels and true outlines with none at all.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
-    if not any(bool((some > edge).any()) for some in expected):
+    count = sum(int((some > edge).sum()) for some in expected)
+    # Shading differs from the truth's, so that too few outlines to be registered leave nothing to judge by.
+    if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
     same = all(np.array_equal(one, other) for one, other in zip(expected, shown, strict=True))
     if not differs.any() and (same or by not in COLOR_ONLY):
@@ -312,6 +318,14 @@ class SurfaceFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OutlineFigures:
+    """Pixels beside outlines that the truth shows, and those of them without an edge in the picture."""
+
+    shown: int
+    missing: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class ColorFigures:
     """Pixels that show the right surface in another color."""
 
@@ -332,6 +346,12 @@ class HogelNumbers:
     displacement_by: MeasuredBy
     radiance: ColorFigures | None  # None where the image lacks surfaces or colors, or these are not compared
     causes: dict[str, int] | None  # wrong pixels by cause; None where that was not asked
+    outlines: OutlineFigures | None = None  # None where outlines are not what is compared
+
+    @property
+    def blind(self) -> bool:
+        """Whether nothing that such an image could show would be wrong."""
+        return self.by != "color" and self.displacement_by is MeasuredBy.NO_OUTLINES
 
     @property
     def limited(self) -> int:
@@ -359,6 +379,14 @@ class Figures:
     answer: HogelImage  # what should be shown,
     image: HogelImage  # and what is, as the question turns it
     error: Mask  # (H, W) wrong surface or color, or other in `by` where the image says no surfaces
+
+    @property
+    def rounded(self) -> int:
+        """Number of wrong pixels that rounding explains."""
+        causes = self.cause_masks
+        if causes is None:
+            return 0
+        return int(self.error.flat[causes.pixels[causes.heading < HEADINGS.index("unexplained")]].sum())
 
 
 def judge(
@@ -401,7 +429,7 @@ def judge(
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
             spread, measured_by = Spread.of(length[known]), MeasuredBy.POINTS
     else:
-        spread, measured_by = _moved_outlines(answer, upright, by, seen.differs)
+        spread, measured_by = _moved_outlines(scene, seen)
     causes = seen.causes(scene, question, judging.device) if explained else None
     differing = int(seen.differs.sum())
     numbers = HogelNumbers(
@@ -415,6 +443,7 @@ def judge(
         displacement_by=measured_by,
         radiance=radiance,
         causes=None if causes is None else causes.counts(),
+        outlines=seen.outlines,
     )
     claimed = int((seen.covered & shown).sum())
     return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
@@ -450,6 +479,7 @@ class _Compared:
     covered: Mask
     shown: Mask
     differs: Mask
+    outlines: OutlineFigures | None = None
 
     @classmethod
     def of(
@@ -482,19 +512,28 @@ class _Compared:
             answer = pictures.as_stored(pictures.reference_colors(reference, question, answer), image)
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
+        outlined = None
         if by == "color":
             differs = pictures.colors_differ(answer, turned, judging.tolerance(question, image))
         elif by in ("coverage", "outlines"):
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
-                outlines = true_outlines(answer)
+                outlines = true_outlines(scene, answer)
                 # What the answer itself does not show, such as an edge between equal grays, may be absent.
-                unseen = missing_outlines(outlines, contrast(answer))
-                differs |= missing_outlines(outlines, contrast(turned)) & ~unseen
+                seen = (strongest_steps(outlines) > 0) & ~missing_outlines(outlines, contrast(answer)) & shown
+                missing = missing_outlines(outlines, contrast(turned)) & seen
+                outlined = OutlineFigures(shown=int(seen.sum()), missing=int(missing.sum()))
+                differs |= missing
         else:
             differs = np.not_equal(getattr(answer, by), getattr(turned, by))
         return cls(
-            answer=answer, upright=turned, by=by, covered=covered, shown=shown, differs=differs & shown
+            answer=answer,
+            upright=turned,
+            by=by,
+            covered=covered,
+            shown=shown,
+            differs=differs & shown,
+            outlines=outlined,
         )
 
     def causes(self, scene: Scene, question: DrawnModel, device: DeviceModel) -> Causes | None:
