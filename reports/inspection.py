@@ -31,7 +31,8 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import plate_cells
 from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.files.exr import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE, stored_planes
+from xfrustum.scenes.files.channels import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE
+from xfrustum.scenes.files.exr import stored_planes
 from xfrustum.scenes.notebook import digits, percent
 
 PAGE, FILE = "inspect.html", "inspect-{}x{}.js"

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,10 @@ from scipy.ndimage import maximum_filter
 from xfrustum.compare.metrics.error_maps import (
     Spread,
     SurfaceErrors,
+    beyond_storage,
     covered_by,
     existing_triangles,
+    floating_pixels,
     hidden_pixels,
     judged_pixels,
     lengths,
@@ -47,6 +50,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import TOLERANCE_PX
 
 # A foreign device is unknown unless its owner has measured it. A renderer with a near offset has the usual
 # depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of near to far, which no
@@ -412,7 +416,8 @@ def judge(
     invalid = question.upright(strange) & shown
     count, error, surface, radiance = int(shown.sum()), seen.differs, None, None
     if by not in COLOR_ONLY:
-        errors = wrong_surfaces(reference, question, answer, upright)
+        placed = bool(np.isfinite(image.position[..., :2]).any())
+        errors = wrong_surfaces(reference, question, answer, upright, placed=placed)
         error = (errors.wrong & shown) | invalid
         wrong, outside = int(error.sum()), int((errors.outside & shown).sum())
         surface = SurfaceFigures(wrong=wrong, fraction=wrong / count if count else 0.0, outside=outside)
@@ -422,8 +427,7 @@ def judge(
             differ &= answer.triangle == upright.triangle
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
-        places = question.project(scene, answer.camera.aperture, upright.position.astype(np.float64))
-        length = lengths(places - pixel_centers(answer.camera))
+        length = lengths(_shifts(scene, question, seen))
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
         # What most pixels do not say, the others do not say for them.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
@@ -449,6 +453,13 @@ def judge(
     return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
 
 
+def _shifts(scene: Scene, question: DrawnModel, seen: _Compared) -> Floats:
+    """Return how far (H, W, 2) the points of an image are drawn from their places, px."""
+    position = seen.upright.position.astype(np.float64)
+    places = question.project(scene, seen.answer.camera.aperture, position)
+    return beyond_storage(places - pixel_centers(seen.answer.camera), seen.upright)
+
+
 def wrong_pixels(
     reference: Reference,
     question: DrawnModel,
@@ -459,12 +470,16 @@ def wrong_pixels(
 ) -> tuple[Mask, Mask]:
     """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
 
-    Unless `explained`, rounding is not asked about, and both are the same.
+    Unless `explained`, rounding is not asked about, and both are the same. Points without numbers are wrong
+    where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
     reference = changed(reference, question.changes)
     judging = judging or Judging()
-    # Positions say which pixels show a surface where nothing else does; how far they moved is not asked.
     seen = _Compared.of(reference, question, image, image.position.astype(np.float64), judging)
+    if seen.by == "coverage":
+        errors = wrong_surfaces(reference, question, seen.answer, seen.upright, placed=True)
+        moved = lengths(_shifts(reference.scene, question, seen))
+        seen = replace(seen, differs=seen.differs | seen.shown & (errors.wrong | (moved > TOLERANCE_PX)))
     causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
@@ -498,6 +513,7 @@ class _Compared:
             object=np.where(upright(image.object) != NOTHING, upright(image.object), objects),
             position=upright(points),
             color=None if image.color is None else upright(image.color),
+            uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
         )
         # One that shows no surface at all is judged by what it could have.
         by = "triangle"
@@ -546,13 +562,14 @@ class _Compared:
 
 
 def wrong_surfaces(
-    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage
+    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage, *, placed: bool
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
 
     A point belongs outside the film when its own camera draws it beyond the border. It is hidden when its own
     camera's line meets something else first, or when it lies behind the plate and the answer has the viewer's
     half where the point is drawn. A triangle that neither camera draws anywhere shows no point, and is wrong.
+    Points that the image has `placed` itself must lie on a surface, too.
     """
     scene, plate, aperture = reference.scene, question.plate_height, answer.camera.aperture
     wrong = other_surfaces(answer, image, scene)
@@ -586,4 +603,8 @@ def wrong_surfaces(
                 return np.asarray(behind | (on_film & (answer.height[row, column] > plate)))
 
         wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
+        if placed:
+            lines = unflipped(question.pencil(scene, aperture, side))
+            hidden = partial(reference.hidden_from, lines)
+            wrong |= floating_pixels(asked & ~wrong, answer, image, lines, hidden)
     return SurfaceErrors(wrong=wrong, outside=outside)

@@ -28,6 +28,10 @@ from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull
 
 Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
+FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
+"""Share of its depth by which a point may float in front of every surface, and how many times it may float by
+what storage coarser than float32 changes, which moves points off slanted surfaces along their lines."""
+SNAPPED_PX = 0.25  #: pixels by which an edge may be drawn beside its place; 4 subpixel bits snap by 0.05
 Places = tuple[Floats, Floats]
 """Columns and rows (N,) of points on a film, where a pixel's center has whole numbers and rows count down."""
 
@@ -106,18 +110,23 @@ class DrawnPoints:
     pixels: Indices  #: (N,) flat numbers
     coordinates: Floats  #: (3, N) scene units
     triangle: Numbers  #: (N,) as the image has them
+    doubt: Floats | None = None  #: (N, 3) how exactly the image's storage holds coordinates; None as float32
 
     @classmethod
     def of(cls, image: SurfaceImage, pixels: Indices) -> DrawnPoints:
         """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
         axes = [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)]
         triangle = image.triangle.reshape(-1)[pixels]
-        return cls(pixels=pixels, coordinates=np.stack(axes, dtype=np.float64), triangle=triangle)
+        coordinates = np.stack(axes, dtype=np.float64)
+        doubt = None if image.uncertainty is None else image.uncertainty.reshape(-1, 3)[pixels]
+        return cls(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
     def at(self, some: Indices) -> DrawnPoints:
         """Return some of the points, given by their places (M,) among these."""
         coordinates, triangle = self.coordinates.take(some, axis=1), self.triangle.take(some)
-        return DrawnPoints(pixels=self.pixels.take(some), coordinates=coordinates, triangle=triangle)
+        doubt = None if self.doubt is None else self.doubt.take(some, axis=0)
+        pixels = self.pixels.take(some)
+        return DrawnPoints(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
     def places(self, pencil: Pencil) -> Places:
         """Return where a pencil's film shows each point; see `pixel_places`."""
@@ -128,6 +137,8 @@ class DrawnPoints:
         """Return the points with how exactly they are known."""
         position, number = self.coordinates.T, existing_triangles(self.triangle, scene)
         tolerance = position_tolerance(scene, number, position)
+        if self.doubt is not None:
+            tolerance = np.maximum(tolerance, np.linalg.norm(self.doubt, axis=1))
         return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
 
 
@@ -150,6 +161,24 @@ def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
 def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
     """Return the displacement of all pixels as an image (H, W, 2); see `film_shifts`."""
     return np.moveaxis(film_shifts(raster, camera).reshape(2, *raster.triangle.shape), 0, -1)
+
+
+def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
+    """Return displacements (H, W, 2) without what the storage of an image's positions may have moved.
+
+    Coordinates that are off by e, and heights by e_z, move a point's slope (x - a) / z by at most
+    (e + e_z |x - a| / |z|) / |z|.
+    """
+    if image.uncertainty is None:
+        return shift
+    camera, height, doubt = image.camera, np.abs(image.height), image.uncertainty
+    moved = np.empty_like(shift)
+    for axis, center in enumerate((camera.aperture.x, camera.aperture.y)):
+        pixels_per_slope = camera.resolution[axis] / (2 * camera.half_extent[axis])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.abs(image.position[..., axis] - center) / height
+            moved[..., axis] = pixels_per_slope * (doubt[..., axis] + doubt[..., 2] * slope) / height
+    return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - moved, 0.0))
 
 
 # Wrong surfaces ------------------------------------------------------------------------------------------
@@ -267,6 +296,40 @@ def hidden_pixels(asked: Mask, shown: SurfaceImage, scene: Scene, hides: Occlude
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)
     found.flat[pixels] = hides(DrawnPoints.of(shown, pixels).surface_points(scene))
+    return found
+
+
+def floating_pixels(
+    asked: Mask, answer: HogelImage, shown: HogelImage, lines: Pencil, hides: Occluded
+) -> Mask:
+    """Return which of the asked pixels (H, W) show a point with no surface at it or close behind it.
+
+    Positions in other units may lie on the right lines, in front of everything. A point is moved away along
+    its line by `FLOATING_SHARE` of its depth: where nothing hides it there, nor `SNAPPED_PX` beside it, as
+    rasterizers snap edges, it was on no surface. Points that close to the answer's are on one.
+    """
+    found = np.zeros_like(asked)
+    points = DrawnPoints.of(shown, np.flatnonzero(asked))
+    position, true = points.coordinates.T, DrawnPoints.of(answer, points.pixels).coordinates.T
+    offset = position - lines.center
+    share = np.full(len(offset), FLOATING_SHARE)
+    if points.doubt is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            doubt = np.linalg.norm(points.doubt, axis=1) / np.abs(offset[:, 2])
+        share += FLOATING_DOUBTS * np.nan_to_num(doubt)
+    room = share * np.abs(offset[:, 2])
+    far = np.flatnonzero(~(np.abs(position - true).max(axis=1, initial=0.0) <= room))
+    # s = -z about the center: lines run toward larger s on both sides of it.
+    moved = offset * (1.0 - share[:, None] * np.sign(offset[:, 2:]))
+    for across, up in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+        if len(far):
+            pixels = np.multiply(2 * SNAPPED_PX, lines.half_extent) / lines.resolution
+            aside = (*np.multiply((across, up), pixels), 0.0)
+            there = moved[far] + np.abs(moved[far, 2:]) * aside + lines.center
+            nameless = np.full(len(far), NOTHING, dtype=np.int32)
+            points_there = SurfacePoints(position=there, triangle=nameless, tolerance=np.zeros(len(far)))
+            far = far[~hides(points_there)]
+    found.flat[points.pixels[far]] = True
     return found
 
 

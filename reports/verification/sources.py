@@ -185,7 +185,7 @@ class LaidOut(Source):
             path = files.file_of_hogel(*aperture.index)
             if path is not None and path.suffix.lower() == ".exr":
                 image = read_foreign(path, camera, self.encoding)
-                names = ("triangle", "object", "position", "normal", "color")
+                names = ("triangle", "object", "position", "normal", "color", "uncertainty")
                 stored = {name: getattr(image, name) for name in names} if layout.turned else {}
                 turned = {name: array[::-1, ::-1] for name, array in stored.items() if array is not None}
                 return replace(image, **turned)
@@ -196,7 +196,15 @@ class LaidOut(Source):
             color = picture.pixels.astype(np.float32)
             nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
             position = np.full(color.shape, np.nan, dtype=np.float32)
-            return HogelImage(camera=camera, triangle=nothing, object=nothing, position=position, color=color)
+            storage = f"{picture.lossy}, lossy" if picture.lossy else None
+            return HogelImage(
+                camera=camera,
+                triangle=nothing,
+                object=nothing,
+                position=position,
+                color=color,
+                storage=storage,
+            )
         rgb = with_levels(picture.pixels, picture.levels, BYTE_LEVELS).astype(np.uint8)
         return of_stored(StoredPixels(rgb=rgb, lossy=picture.lossy), camera, self.encoding)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from base64 import b64decode
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -166,6 +167,7 @@ class Hogel:
     places: Places | None = None  #: where its wrong pixels are, as found
     left: int = 0  #: number of wrong pixels that stay when it is corrected, without those by rounding
     mended: bool = True  #: whether it is right when it is corrected
+    storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
 
     @property
     def verdict(self) -> str:
@@ -333,6 +335,11 @@ class Verification(Shown):
         return True if self.diagnosis.faults else False if wrong else None
 
     @property
+    def storage(self) -> dict[str, int]:
+        """File formats that changed pixels, and of how many hogels each."""
+        return dict(sorted(Counter(one.storage for one in self.hogels if one.storage).items()))
+
+    @property
     def where(self) -> dict[str, Any] | None:
         """Where images are wrong, where nothing is named; else None."""
         named = self.diagnosis.faults or self.explained is not False
@@ -371,6 +378,7 @@ class Verification(Shown):
             "compared": str(judging.compared),
             "device_model": judging.device.name,
             "judged": self.judged,
+            "storage": self.storage,
             "checks": json_ready(self.checks),
             "diagnosis": json_ready(self.diagnosis.faults),
             "does_not_explain": json_ready(self.diagnosis.does_not_explain),

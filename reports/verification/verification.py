@@ -270,6 +270,7 @@ class Run:
             places=places_of(as_found),
             left=wrong_in(corrected.numbers) - corrected.rounded,
             mended=self.limits.mends(corrected, model),
+            storage=image.storage,
         )
         return judged, (as_found, corrected)
 

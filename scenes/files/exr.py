@@ -5,10 +5,12 @@ reads, for it raises where the older one ends the process; the older one writes,
 """
 
 import io
+import math
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,9 +21,26 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.scenes import HogelCamera, HogelImage, InputError
-from xfrustum.scenes.arrays import Numbers, Singles
+from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.disk.durable import new_file
 from xfrustum.scenes.disk.input_files import check_declared, head_of
+from xfrustum.scenes.files.channels import (
+    ANY_ID,
+    CERTAINTY,
+    CHANNELS,
+    COLOR,
+    HEIGHT,
+    NORMAL,
+    OBJECT,
+    POSITION,
+    TRIANGLE,
+    VARIANCE,
+    StoredChannel,
+    listed,
+    located,
+    refuse_several,
+)
+from xfrustum.scenes.files.exr_storage import largest_whole, lossy, uncertainty
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import Rendering
 
@@ -29,19 +48,14 @@ Described = TypeVar("Described")
 Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its own type
 CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 EYE_ATTRIBUTE = "xfrustum:eye"
-POSITION = ("P.X", "P.Y", "P.Z")
-NORMAL = ("N.X", "N.Y", "N.Z")
-COLOR = ("R", "G", "B")
-VARIANCE = ("variance.R", "variance.G", "variance.B")
-HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
 _OPTIONAL = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
-CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 #: Attributes as JSON, whose numbers are the shortest digits that give the same double again.
 EYE_JSON = TypeAdapter(Eye)
 MAGIC = bytes.fromhex("762f3101")  # first four bytes of every OpenEXR file
 #: Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits.
 MAX_PIXELS = (2**31 - 1) // 4
+FAR = 1e10  #: coordinate from which on renderers mean that there is no surface
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # types of pixels, in the order of their codes
 #: Lock for redirecting what OpenEXR prints: two threads at once would restore each other's file.
 _SILENT = threading.Lock()
@@ -70,66 +84,146 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
         raise InputError(f"{path}: the OpenEXR image is damaged ({reason}); write it again") from error
 
 
-def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
-    """Return header and W, H; InputError where it is no OpenEXR image of flat pixels, or too large."""
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """Declarations of an OpenEXR file of flat pixels, of all its parts."""
+
+    attributes: Mapping[str, Any]  #: of all parts; those of earlier parts win
+    size: tuple[int, int]  #: W, H of the display window, which is the picture
+    channels: tuple[StoredChannel, ...]
+    compressions: tuple[Any, ...]  #: of each part
+
+
+def read_header(path: Path) -> Header:
+    """Return the header; InputError where it is no OpenEXR image of flat pixels, or too large."""
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:
-        header: dict[str, Any] = dict(file.header())  # OpenEXR empties its own
-        if len(file.parts) != 1 or header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
-            raise ValueError("it has several parts or deep pixels; only one part of flat ones is read")
-        (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
-        size = right - left + 1, bottom - top + 1
-        count = len(header["channels"])
-    check_declared(path, 4 * count * size[0] * size[1], "pixels")
-    return header, size
+        headers = [dict(file.header(part)) for part in range(len(file.parts))]  # OpenEXR empties its own
+        kinds = {header["type"] for header in headers}
+        if not kinds <= {OpenEXR.scanlineimage, OpenEXR.tiledimage}:
+            raise ValueError("it has deep pixels; only flat ones are read")
+        sizes = [_size(header["dataWindow"]) for header in headers]
+        size = _size(headers[0]["displayWindow"])
+        counts = [len(header["channels"]) for header in headers]
+        channels = tuple(
+            StoredChannel(
+                part=part,
+                part_name=str(header.get("name", part)) if len(headers) > 1 else "",
+                name=channel.name,
+            )
+            for part, header in enumerate(headers)
+            for channel in header["channels"]
+        )
+        attributes = {name: value for one in reversed(headers) for name, value in one.items()}
+    stored = sum(count * math.prod(one) for count, one in zip(counts, sizes, strict=True))
+    check_declared(path, 4 * (stored + math.prod(size)), "pixels")
+    compressions = tuple(header["compression"] for header in headers)
+    return Header(attributes=attributes, size=size, channels=channels, compressions=compressions)
 
 
-def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return those of some channels that a file has, (H, W) each with its own type, and its header.
+def _size(window: Any) -> tuple[int, int]:
+    (left, top), (right, bottom) = (corner.tolist() for corner in window)
+    if right < left or bottom < top:
+        raise ValueError(f"a window from {left}, {top} to {right}, {bottom} is empty")
+    return right - left + 1, bottom - top + 1
 
-    Raises InputError as `read_header`, or where a channel does not have every pixel.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReadPlanes:
+    """Channels of a file by our names, (H, W) of the display window each, with their own types."""
+
+    planes: dict[str, NDArray[Any]]
+    header: Header
+    places: dict[str, StoredChannel]  #: where each channel lies
+
+    def lossy(self, name: str) -> str | None:
+        """Return the name of the compression that changes a channel's values; None where none does."""
+        place = self.places[name]
+        return lossy(place.name, self.planes[name].dtype, self.header.compressions[place.part])
+
+
+def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
+    """Return those of some channels that a file has, from any of its parts, under names of others too.
+
+    Pixels of the display window that the data window lacks are 0, NaN in positions, heights and normals.
+    Raises InputError as `read_header`, or where a channel lies in several parts or lacks pixels.
     """
-    header, _ = read_header(path)
+    header = read_header(path)
+    places, several = located(header.channels, names)
+    refuse_several(path, several)
     with _file(path, header_only=False) as file:
-        present = {name: channel for name, channel in file.channels().items() if name in names}
-        for name, channel in present.items():
+        planes = {}
+        for name, place in places.items():
+            channel = file.channels(place.part)[place.name]
             if (channel.xSampling, channel.ySampling) != (1, 1):
-                raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
-        return {name: channel.pixels for name, channel in present.items()}, header
+                raise InputError(f"{path}: channel {place.words} is subsampled; write every pixel of it")
+            windows = file.header(place.part)["dataWindow"], header.attributes["displayWindow"]
+            planes[name] = _in_display(channel.pixels, *windows, name)
+    return ReadPlanes(planes=planes, header=header, places=places)
 
 
-def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Return R, G and B as (H, W, 3), and the header; an InputError with the advice where one is missing."""
-    planes, header = read_channels(path, COLOR)
-    missing = [name for name in COLOR if name not in planes]
+def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDArray[Any]:
+    """Return the pixels (H, W) of the display window from those of the data window."""
+    (left, top), (right, bottom) = (corner.tolist() for corner in data)
+    (first, upper), (last, lower) = (corner.tolist() for corner in display)
+    if (left, top, right, bottom) == (first, upper, last, lower):
+        return pixels
+    missing = np.nan if name in (*POSITION, *NORMAL, HEIGHT) else 0
+    whole = np.full((lower - upper + 1, last - first + 1), missing, pixels.dtype)
+    x, y = slice(max(left, first), min(right, last) + 1), slice(max(top, upper), min(bottom, lower) + 1)
+    if x.start < x.stop and y.start < y.stop:
+        part = pixels[y.start - top : y.stop - top, x.start - left : x.stop - left]
+        whole[y.start - upper : y.stop - upper, x.start - first : x.stop - first] = part
+    return whole
+
+
+def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], ReadPlanes]:
+    """Return R, G and B as (H, W, 3), and the channels; InputError with the advice where one is missing."""
+    found = read_channels(path, COLOR)
+    missing = [name for name in COLOR if name not in found.planes]
     if missing:
-        raise InputError(f"{path}: has no channel {missing[0]}; {advice}")
-    return np.stack([planes[name] for name in COLOR], axis=-1), header
+        raise InputError(
+            f"{path}: has no channel {missing[0]}; {advice}; it has {listed(found.header.channels)}"
+        )
+    return np.stack([found.planes[name] for name in COLOR], axis=-1), found
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
     """Return W, H of an image file, whatever camera it names; InputError as from `read_header`."""
-    return read_header(Path(path))[1]
+    return read_header(Path(path)).size
 
 
-def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: bool = False) -> HogelImage:
+def read_image(
+    path: str | Path,
+    camera: HogelCamera | None = None,
+    *,
+    partial: bool = False,
+    counted: str | None = None,
+) -> HogelImage:
     """Read an image by any renderer; channels that the file lacks are absent, NaN, or `NOTHING`.
 
     The camera given is that of files that name none; with `partial` it is that of all, and any of `CHANNELS`
-    will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. Raises InputError where the file is
-    missing, damaged, without a camera, or of another size than its camera's.
+    will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. A channel `id` counts what `counted`
+    says, `TRIANGLE` or `OBJECT`; else it only says where there is no surface. Raises InputError where the
+    file is missing, damaged, without a camera, or of another size than its camera's.
     """
     path = Path(path)
-    planes, header = read_channels(path, CHANNELS)
-    own = None if partial else _described(path, header, CAMERA_ATTRIBUTE, CAMERA_JSON)
+    read = read_channels(path, (*CHANNELS, ANY_ID))
+    planes, header = read.planes, read.header
+    if counted is not None and ANY_ID in planes and counted not in planes:
+        planes[counted], read.places[counted] = planes[ANY_ID], read.places[ANY_ID]
+    own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
     found = own or camera
     if found is None:
         raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
-    if not planes:
+    if not planes.keys() - {ANY_ID}:
         wanted = "none of " + " ".join(CHANNELS) if partial else "neither id.triangle nor P.X P.Y P.Z"
-        raise InputError(f"{path}: has {wanted}; write one of them")
-    height, width = next(iter(planes.values())).shape
+        advice = (
+            "say with --encoding triangle-id or object-id what id counts" if planes else "write one of them"
+        )
+        raise InputError(f"{path}: has {wanted}; {advice}; it has {listed(header.channels)}")
+    width, height = header.size
     if (width, height) != tuple(found.resolution):
         said = f"{found.resolution[0]} x {found.resolution[1]}"
         raise InputError(
@@ -137,27 +231,86 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         )
     position = _vectors(path, planes, POSITION)
     if position is None and TRIANGLE not in planes and not partial:
-        raise InputError(f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them")
+        raise InputError(
+            f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them; "
+            f"it has {listed(header.channels)}"
+        )
+    doubt = None if position is None else _uncertainty(path, read)
     if position is None:
         position = np.full((height, width, 3), np.nan, dtype=np.float32)
         position[..., 2] = planes.get(HEIGHT, np.nan)
+    nowhere = _background(read, position, found)
+    position = np.where(nowhere[..., None], np.float32(np.nan), position)
     certainty = planes.get(CERTAINTY)
     nothing = np.zeros((height, width), np.uint32)
     return HogelImage(
         camera=found,
-        triangle=_numbers(path, TRIANGLE, planes.get(TRIANGLE, nothing)),
-        object=_numbers(path, OBJECT, planes.get(OBJECT, nothing)),
+        triangle=_numbers(path, TRIANGLE, planes.get(TRIANGLE, nothing), read),
+        object=_numbers(path, OBJECT, planes.get(OBJECT, nothing), read),
         position=position,
         normal=_vectors(path, planes, NORMAL),
         color=_vectors(path, planes, COLOR),
         variance=_vectors(path, planes, VARIANCE),
         certainty=None if certainty is None else certainty.astype(np.uint8),
-        rendering=None if partial else _described(path, header, RENDERING_ATTRIBUTE, RENDERING_JSON),
+        rendering=None
+        if partial
+        else _described(path, header.attributes, RENDERING_ATTRIBUTE, RENDERING_JSON),
+        uncertainty=doubt,
+        storage=_storage(read),
     )
 
 
+def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
+    """Return the pixels (H, W) that show no surface, whatever position they have.
+
+    Numbers say it where a file has any. Where it has none, a position says it that is not finite, or is 0 in
+    all coordinates, or one of which is at least `FAR`: many renderers store that. The point 0 lies in the
+    plate, where a true hogel sees the center of its own aperture alone.
+    """
+    numbers = [read.planes[name] for name in (TRIANGLE, OBJECT, ANY_ID) if name in read.places]
+    if any(plane.any() for plane in numbers):  # numbers that nobody has set are all 0
+        nowhere: Mask = np.logical_and.reduce([plane == 0 for plane in numbers])
+        return nowhere
+    # A coordinate that was compressed with loss is not 0 where 0 was written.
+    axes = [axis for axis, name in enumerate(POSITION) if name in read.places and read.lossy(name) is None]
+    largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
+    nowhere = ~((largest > 0) & (largest < max(FAR, *camera.reach)))
+    # One point in all pixels is a value for the background, too, where all numbers are 0.
+    return nowhere | bool(numbers and (position == position[0, 0]).all())
+
+
+def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
+    """Return how far coordinates (H, W, 3) may be from those that were written; None as exactly as float32.
+
+    Raises InputError where all three went through a compression with loss, or one through B44.
+    """
+    places = [read.places[name] for name in POSITION]
+    kinds = [read.lossy(name) for name in POSITION]
+    if None not in kinds or any(kind is not None and kind.startswith("B44") for kind in kinds):
+        place, kind = next(one for one in zip(places, kinds, strict=True) if one[1] is not None)
+        raise InputError(
+            f"{path}: channel {place.words} is stored with {kind}, which changes its values; "
+            "write P.X P.Y P.Z with the compression ZIP"
+        )
+    level = read.header.attributes.get("dwaCompressionLevel")
+    found = [
+        uncertainty(read.planes[name], place.name, read.header.compressions[place.part], level)
+        for name, place in zip(POSITION, places, strict=True)
+    ]
+    if all(one is None for one in found):
+        return None
+    shape = read.planes[POSITION[0]].shape
+    return np.stack([np.zeros(shape) if one is None else one for one in found], axis=-1)
+
+
+def _storage(read: ReadPlanes) -> str | None:
+    """Return the name of a compression that changed any channel that was read; None for none."""
+    kinds = sorted({kind for name in read.places if (kind := read.lossy(name)) is not None})
+    return f"OpenEXR {' and '.join(kinds)}, lossy" if kinds else None
+
+
 def _described(
-    path: Path, header: dict[str, Any], name: str, kind: TypeAdapter[Described]
+    path: Path, header: Mapping[str, Any], name: str, kind: TypeAdapter[Described]
 ) -> Described | None:
     """Return the object that an attribute of the header describes; None where there is no such attribute."""
     if name not in header:
@@ -184,11 +337,24 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 
 
-def _numbers(path: Path, name: str, plane: NDArray[Any]) -> Numbers:
+def _numbers(path: Path, name: str, plane: NDArray[Any], read: ReadPlanes) -> Numbers:
     """Return numbers from a channel that stores them plus one; some renderers write no others than floats."""
     largest = np.iinfo(np.int32).max
+    if plane.dtype == np.float16:  # which does not reach that
+        plane = plane.astype(np.float32)
     if not ((plane >= 0) & (plane <= largest) & (plane == np.floor(plane))).all():
         raise InputError(f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1")
+    if name in read.places:
+        if (kind := read.lossy(name)) is not None:
+            raise InputError(
+                f"{path}: channel {name} is stored with {kind}, which changes numbers; write ZIP"
+            )
+        largest = largest_whole(read.planes[name].dtype, read.header.compressions[read.places[name].part])
+        if plane.max(initial=0) > largest:
+            raise InputError(
+                f"{path}: channel {name} holds numbers above {largest:,}, which its type rounds; "
+                "write unsigned integers"
+            )
     return np.asarray(plane.astype(np.int64) - 1, dtype=np.int32)
 
 

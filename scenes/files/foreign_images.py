@@ -10,6 +10,7 @@ from xfrustum.scenes import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
 from xfrustum.scenes.arrays import Bytes, Indices, Numbers, Singles
 from xfrustum.scenes.disk.input_files import head_of
+from xfrustum.scenes.files.channels import OBJECT, TRIANGLE
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
 from xfrustum.scenes.notebook import Brief
@@ -57,10 +58,10 @@ class Transfer(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StoredPixels(Brief):
-    """A picture's pixels as its file stores them, and whether its format changes pixels, as JPEG does."""
+    """A picture's pixels as its file stores them."""
 
     rgb: Bytes  #: (H, W, 3)
-    lossy: bool = False
+    lossy: str = ""  #: name of the file's format where it changes pixels, such as "JPEG"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -108,7 +109,8 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
     Raises InputError where the file is missing, unreadable, or of another size than the camera's.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
-        return read_image(path, camera, partial=True)
+        counted = {Encoding.TRIANGLE_ID: TRIANGLE, Encoding.OBJECT_ID: OBJECT}.get(encoding)
+        return read_image(path, camera, partial=True, counted=counted)
     rgb, lossy = read_rgb(path, (camera.resolution[0], camera.resolution[1]))
     return of_stored(StoredPixels(rgb=rgb, lossy=lossy), camera, encoding)
 
@@ -118,7 +120,14 @@ def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> 
     shape = stored.rgb.shape[:2]
     nothing = np.full(shape, NOTHING, dtype=np.int32)
     position = np.full((*shape, 3), np.nan, dtype=np.float32)
-    unread = ForeignImage(camera=camera, triangle=nothing, object=nothing, position=position, stored=stored)
+    unread = ForeignImage(
+        camera=camera,
+        triangle=nothing,
+        object=nothing,
+        position=position,
+        stored=stored,
+        storage=f"{stored.lossy}, lossy" if stored.lossy else None,
+    )
     return read_again(unread, Reading(encoding=encoding))
 
 

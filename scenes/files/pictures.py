@@ -37,11 +37,11 @@ _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Picture:
-    """A picture as its file stores it, row 0 at the top, and whether the file's format changes pixels."""
+    """A picture as its file stores it, row 0 at the top."""
 
     pixels: Pixels  #: (H, W, 3); (frames, H, W, 3) of a video
     levels: int | None = BYTE_LEVELS  #: the largest level of integers; None of floating-point numbers
-    lossy: bool = False
+    lossy: str = ""  #: name of the file's format where it changes pixels, such as "JPEG"
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -72,9 +72,10 @@ def read_picture(path: Path) -> Picture:
     """Read PNG and the like with 8 bits, PPM with up to 16, or OpenEXR; InputError where it is none."""
     head = input_files.head_of(path, "file")
     if head.startswith(MAGIC):
-        pixels, _ = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
-        half = pixels.dtype == np.float16
-        return Picture(pixels=pixels if half else pixels.astype(np.float32), levels=None)
+        pixels, read = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
+        half, lossy = pixels.dtype == np.float16, read.lossy("R")
+        floats = pixels if half else pixels.astype(np.float32)
+        return Picture(pixels=floats, levels=None, lossy=f"OpenEXR {lossy}" if lossy else "")
     if not _P6_HEADER.match(head):
         rgb, lossy = read_rgb(path)
         return Picture(pixels=rgb, lossy=lossy)
@@ -120,8 +121,8 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         )
 
 
-def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, bool]:
-    """Return the pixels (H, W, 3) of a picture, and whether its format changes pixels when it stores them.
+def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, str]:
+    """Return the pixels (H, W, 3) of a picture, and the name of its format if that changes pixels, else "".
 
     Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's resolution.
     """
@@ -133,7 +134,9 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
             input_files.check_picture_size(path, *picture.size)
             if picture.mode not in RGB_MODES:
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
-            return np.asarray(picture.convert("RGB")), picture.format in LOSSY_FORMATS
+            kind = picture.format if picture.format in LOSSY_FORMATS else None
+            # A file of several JPEG pictures.
+            return np.asarray(picture.convert("RGB")), "JPEG" if kind == "MPO" else kind or ""
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: is not an image that can be read") from error
     except _DAMAGE as error:
@@ -213,7 +216,8 @@ def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
         if count < frames:
             raise InputError(f"{path}: has {count} frames, and the plate {frames} columns")
         context = stream.codec_context
-        lossy = context.name not in LOSSLESS_CODECS or context.pix_fmt not in RGB_FORMATS
+        lossless = context.name in LOSSLESS_CODECS and context.pix_fmt in RGB_FORMATS
+        lossy = "" if lossless else f"{context.name} video"
     return Picture(pixels=pixels, lossy=lossy)
 
 
@@ -246,8 +250,9 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     """
     with input_files.bounded_memory(path):
         if input_files.head_of(path, "environment map", len(MAGIC)) == MAGIC:
-            radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
-            if str(header["dataWindow"]) != str(header["displayWindow"]):
+            radiance, read = read_rgb_channels(path, "an environment map is an RGB picture")
+            attributes = read.header.attributes
+            if str(attributes["dataWindow"]) != str(attributes["displayWindow"]):
                 raise InputError(
                     f"{path}: is a part of a picture only; an environment map has all directions"
                 )

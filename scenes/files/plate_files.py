@@ -60,13 +60,13 @@ class PlateRows:
 
 
 class Plates(PlateRows):
-    """All pixels (rows, columns, H, W, 3) of a plate; lossy where the format of some file changes pixels."""
+    """All pixels (rows, columns, H, W, 3) of a plate; `lossy` names a format that changes pixels."""
 
     def __init__(self, pixels: Pixels, levels: int | None) -> None:
         rows, columns, height, width, _ = pixels.shape
         shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
         super().__init__(shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__)
-        self.pixels, self.lossy = pixels, False
+        self.pixels, self.lossy = pixels, ""
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
@@ -202,7 +202,7 @@ class FileSet:
             picture = self._read(index)
             plate = plate or Plates.empty(self.shape, picture.pixels.dtype, picture.levels)
             self._put(index, picture, plate, plate.pixels)
-            plate.lossy |= picture.lossy
+            plate.lossy = plate.lossy or picture.lossy
         assert plate is not None
         return plate
 

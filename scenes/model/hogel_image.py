@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.notebook import (
@@ -94,6 +94,7 @@ class SurfaceImage(Shown):
     position: NDArray[np.floating]
     color: Singles | None
     certainty: Bytes | None
+    uncertainty: Floats | None = None
 
     @property
     def covered(self) -> Mask:
@@ -156,6 +157,9 @@ class HogelImage(SurfaceImage):
     companions: Indices | None = None  #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
     second_opinion: Callable[[], Mask] | None = None  #: asks a float32 tracer for `overruled`; likewise
     rendering: Rendering | None = None  #: of the color; None where it is unknown or there is no color
+    #: (H, W, 3) how far coordinates may be from those that were written; None as exactly as float32.
+    uncertainty: Floats | None = None
+    storage: str | None = None  #: name of a file format that changed the pixels, such as "JPEG, lossy"
 
     @cached_property
     def overruled(self) -> Mask | None:
@@ -239,7 +243,8 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
     """Join bands of rows of one image, from the top. The image has the arrays that all bands have."""
     if len(bands) == 1:
         return bands[0]
-    whole: dict[str, Any] = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
+    names = ("camera", "rendering", "storage")
+    whole: dict[str, Any] = {name: getattr(bands[0], name) for name in names}
     opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
     asked = None if len(opinions) < len(bands) else lambda: np.concatenate([one() for one in opinions])
     whole["second_opinion"] = asked

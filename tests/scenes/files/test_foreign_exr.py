@@ -1,0 +1,257 @@
+"""OpenEXR files as other programs write them are read as plain ones are, or refused with their channels."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from numpy.typing import NDArray
+
+from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
+from xfrustum.scenes.files.exr import read_channels, read_image
+from xfrustum.scenes.files.exr_storage import uncertainty
+from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
+from xfrustum.scenes.plate.plate import Plate
+
+WIDTH, HEIGHT = 32, 24
+CAMERA = HogelCamera(
+    aperture=Plate(size=(2.0, 2.0), hogels=(2, 2)).aperture(1, 1),
+    resolution=(WIDTH, HEIGHT),
+    shear=(0.0, 0.0),
+    half_extent=(0.5, 0.5),
+    reach=(10.0, 10.0),
+    scene="",
+    scene_hash="",
+    renderer="",
+)
+Planes = dict[str, NDArray[Any]]
+Part = tuple[str, Planes]
+
+
+def numbers() -> NDArray[np.uint32]:
+    number = np.arange(WIDTH * HEIGHT, dtype=np.uint32).reshape(HEIGHT, WIDTH)
+    number[:2] = 0  # nothing
+    return number
+
+
+def points(missing: float = np.nan) -> NDArray[np.float32]:
+    """Points whose coordinates half precision holds exactly."""
+    position: NDArray[np.float32] = np.empty((HEIGHT, WIDTH, 3), np.float32)
+    position[:] = np.random.default_rng(3).integers(1, 64, position.shape) / 8
+    position[:2] = missing
+    return position
+
+
+def vector(name: str, values: NDArray[Any], axes: str = "XYZ") -> Planes:
+    return {name + axis: np.ascontiguousarray(values[..., at]) for at, axis in enumerate(axes)}
+
+
+def written(path: Path, *parts: Part, **header: Any) -> Path:
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
+    named = [
+        OpenEXR.Part(kind | ({"name": name} if name else {}), {n: p.copy() for n, p in planes.items()}, name)
+        for name, planes in parts
+    ]
+    OpenEXR.File(named).write(str(path))
+    return path
+
+
+def read(path: Path, encoding: Encoding = Encoding.RGB) -> HogelImage:
+    return read_foreign(path, CAMERA, encoding)
+
+
+@pytest.mark.parametrize("background", [0.0, 1e10, -1e10, 3e38, np.inf, np.nan])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_background_has_no_surface_whatever_its_position_is(
+    tmp_path: Path, background: float, numbered: bool
+) -> None:
+    planes = vector("P.", points(background)) | ({"id.triangle": numbers()} if numbered else {})
+    image = read(written(tmp_path / "a.exr", ("", planes)))
+    np.testing.assert_array_equal(image.position, points())
+    np.testing.assert_array_equal(image.covered, numbers() > 0)
+
+
+def test_any_position_is_a_background_where_the_number_is_0(tmp_path: Path) -> None:
+    planes = vector("P.", points(7.5)) | {"id.triangle": numbers()}
+    np.testing.assert_array_equal(read(written(tmp_path / "a.exr", ("", planes))).position, points())
+
+
+@pytest.mark.parametrize("background", [0.0, 7.5, 1e10])
+def test_an_empty_hogel_is_empty_and_numbers_that_nobody_set_hide_nothing(
+    tmp_path: Path, background: float
+) -> None:
+    zero = np.zeros((HEIGHT, WIDTH), np.uint32)
+    empty = vector("P.", np.full((HEIGHT, WIDTH, 3), background, np.float32)) | {"id.triangle": zero}
+    assert not read(written(tmp_path / "a.exr", ("", empty))).covered.any()
+    unset = vector("ViewLayer.Position.", points(0.0)) | {"ViewLayer.IndexOB.X": zero.astype(np.float32)}
+    np.testing.assert_array_equal(read(written(tmp_path / "b.exr", ("", unset))).position, points())
+
+
+def layers(prefix: str, position: Planes, number: str) -> list[Part]:
+    color = vector(f"{prefix}Combined.", np.ones((HEIGHT, WIDTH, 4), np.float32), "RGBA")
+    normal = vector(f"{prefix}Normal.", np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
+    secret = vector(f"{prefix}CryptoObject00.", np.ones((HEIGHT, WIDTH, 4), np.float32), "RGBA")
+    depth = {f"{prefix}Depth.Z": np.full((HEIGHT, WIDTH), 4.0, np.float32)}
+    return [("", color | normal | secret | depth | position | {number: numbers().astype(np.float32)})]
+
+
+@pytest.mark.parametrize(
+    ("parts", "number"),
+    [
+        (
+            layers("ViewLayer.", vector("ViewLayer.Position.", points(0.0)), "ViewLayer.IndexOB.X"),
+            "object",
+        ),
+        (layers("A.B.", vector("A.B.Position.", points(0.0)), "A.B.Object Index.X"), "object"),
+        (layers("", vector("P.", points(0.0)), "IndexOB.X"), "object"),
+        (layers("", vector("P.", points(0.0), "RGB"), "id.object"), "object"),
+        (layers("", vector("pos.", points(0.0)), "id.triangle"), "triangle"),
+        (layers("", vector("P.", points(0.0), "xyz"), "id.triangle"), "triangle"),
+        (
+            [
+                ("rgba", vector("", np.ones((HEIGHT, WIDTH, 3), np.float32), "RGB")),
+                ("P", vector("", points(0.0), "RGB")),
+                ("data", {"id.triangle": numbers()}),
+            ],
+            "triangle",
+        ),
+        (
+            [
+                ("beauty", vector("", np.ones((HEIGHT, WIDTH, 3), np.float32), "RGB")),
+                ("diffuse", vector("", np.zeros((HEIGHT, WIDTH, 3), np.float32), "RGB")),
+                ("Position", vector("", points(0.0))),
+                ("data", {"id.triangle": numbers()}),
+            ],
+            "triangle",
+        ),
+    ],
+)
+def test_channels_have_the_names_of_other_programs(tmp_path: Path, parts: list[Part], number: str) -> None:
+    image = read(written(tmp_path / "a.exr", *parts))
+    np.testing.assert_array_equal(image.position, points())
+    np.testing.assert_array_equal(getattr(image, number), numbers().astype(np.int64) - 1)
+    assert image.color is not None and (image.color == 1).all()
+
+
+def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.exr", ("", {"id": numbers()}))
+    expected = numbers().astype(np.int64) - 1
+    np.testing.assert_array_equal(read(path, Encoding.TRIANGLE_ID).triangle, expected)
+    np.testing.assert_array_equal(read(path, Encoding.OBJECT_ID).object, expected)
+    with pytest.raises(InputError, match=r"say with --encoding triangle-id or object-id .* it has id"):
+        read(path)
+    placed = written(tmp_path / "b.exr", ("", {"id": numbers()} | vector("P.", points(7.5))))
+    np.testing.assert_array_equal(read(placed).position, points())
+    assert (read(placed).triangle == NOTHING).all()
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ([("", {"depth": points()[..., 0]})], "none of .* it has depth"),
+        ([("", vector("CryptoObject00.", points(), "RGB"))], r"it has Crypto.*\(Cryptomatte is not read\)"),
+        (
+            [("", vector("A.Position.", points()) | vector("B.Position.", points()))],
+            "P.X lies in A.Position.X, B.Position.X; keep one",
+        ),
+        (
+            [("left", {"id.triangle": numbers()}), ("right", {"id.triangle": numbers()})],
+            "id.triangle lies in left/id.triangle, right/id.triangle; keep one",
+        ),
+        ([("", {"id.triangle": np.full((HEIGHT, WIDTH), 2050, np.float16)})], "above 2,048, which its type"),
+    ],
+)
+def test_what_is_not_read_is_refused_with_what_is_there(tmp_path: Path, parts: list[Part], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read(written(tmp_path / "a.exr", *parts))
+
+
+def test_the_display_window_is_the_picture_whatever_pixels_are_stored(tmp_path: Path) -> None:
+    def framed(
+        planes: Planes, data: tuple[int, int, int, int], display: tuple[int, int, int, int]
+    ) -> HogelImage:
+        windows = {
+            name: (np.array(box[:2], np.int32), np.array(box[2:], np.int32))
+            for name, box in (("dataWindow", data), ("displayWindow", display))
+        }
+        return read(written(tmp_path / "a.exr", ("", planes), **windows))
+
+    planes = vector("P.", points()) | {"id.triangle": numbers()}
+    over = {name: np.pad(plane, 2, constant_values=9) for name, plane in planes.items()}
+    overscan = framed(over, (3, 8, 3 + WIDTH + 3, 8 + HEIGHT + 3), (5, 10, 4 + WIDTH, 9 + HEIGHT))
+    np.testing.assert_array_equal(overscan.position, points())
+    part = {name: np.ascontiguousarray(plane[3:5, 1:6]) for name, plane in planes.items()}
+    crop = framed(part, (1, 3, 5, 4), (0, 0, WIDTH - 1, HEIGHT - 1))
+    inside = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+    inside[3:5, 1:6] = True
+    np.testing.assert_array_equal(crop.covered, inside)
+    np.testing.assert_array_equal(crop.position[inside], points()[inside])
+    np.testing.assert_array_equal(crop.triangle[inside], numbers()[inside].astype(np.int64) - 1)
+
+
+def test_storage_says_how_exactly_it_holds_positions(tmp_path: Path) -> None:
+    position = points() * np.float32(1.0001)
+
+    def stored(kind: Any, compression: Any, axes: str = "XYZ") -> HogelImage:
+        planes = vector("P.", position.astype(kind), axes) | {"id.triangle": numbers()}
+        return read(written(tmp_path / "a.exr", ("", planes), compression=compression))
+
+    for kind, compression in (
+        (np.float16, OpenEXR.ZIP_COMPRESSION),
+        (np.float32, OpenEXR.PXR24_COMPRESSION),
+        (np.float32, OpenEXR.DWAA_COMPRESSION),
+        (np.float16, OpenEXR.DWAB_COMPRESSION),
+    ):
+        image = stored(kind, compression)
+        assert image.uncertainty is not None
+        share = np.nanmax(
+            np.abs(image.position - position) / np.maximum(image.uncertainty, 1e-30), axis=(0, 1)
+        )
+        dwa = compression in (OpenEXR.DWAA_COMPRESSION, OpenEXR.DWAB_COMPRESSION)
+        assert (share <= 1 + 1e-6).all() if kind == np.float16 or not dwa else share[1] <= 1
+        assert share[1] > 0.05, "no more than a derived bound has to be"
+        # DWA keeps channels that are not named R, G, B or Y, in float32 here.
+        assert not dwa or kind == np.float16 or (image.uncertainty[..., [0, 2]] == 0).all()
+        assert (image.storage is not None) == dwa
+    assert stored(np.float32, OpenEXR.ZIP_COMPRESSION).uncertainty is None
+    for kind, compression, axes in (
+        (np.float32, OpenEXR.DWAA_COMPRESSION, "RGB"),
+        (np.float16, OpenEXR.B44_COMPRESSION, "XYZ"),
+    ):
+        with pytest.raises(InputError, match=r"channel P\.[XR] is stored with (DWAA|B44), which changes"):
+            stored(kind, compression, axes)
+
+
+@pytest.mark.parametrize("level", [45.0, 200.0])
+def test_dwa_changes_no_value_by_more_than_is_derived(tmp_path: Path, level: float) -> None:
+    rng, side = np.random.default_rng(11), 64
+    steps = np.where(rng.random((side, side)) < 0.3, 0.0, 50 * rng.random((side, side)) - 20)
+    slope = np.add.outer(np.linspace(-30, 30, side), np.linspace(-50, 50, side))
+    for values in (steps, slope, rng.normal(size=(side, side)) * 1e-3, rng.normal(size=(side, side)) * 1e4):
+        header = {"compression": OpenEXR.DWAA_COMPRESSION, "type": OpenEXR.scanlineimage}
+        path = tmp_path / "a.exr"
+        planes = {"P.Y": values.astype(np.float32)}
+        OpenEXR.File(header | {"dwaCompressionLevel": level}, planes).write(str(path))
+        found = read_channels(path, ["P.Y"])
+        bound = uncertainty(found.planes["P.Y"], "P.Y", OpenEXR.DWAA_COMPRESSION, level)
+        assert bound is not None
+        share = np.abs(found.planes["P.Y"] - values) / bound
+        assert 0.05 < share.max() < 1
+
+
+def test_a_compressed_background_is_one(tmp_path: Path) -> None:
+    planes = vector("P.", points(0.0))
+    image = read(written(tmp_path / "a.exr", ("", planes), compression=OpenEXR.DWAA_COMPRESSION))
+    np.testing.assert_array_equal(image.covered, numbers() > 0)
+
+
+def test_colors_that_a_format_changed_are_said(tmp_path: Path) -> None:
+    planes = vector("", np.full((HEIGHT, WIDTH, 3), 0.3, np.float32), "RGB") | {"id.triangle": numbers()}
+    for compression, told in (
+        (OpenEXR.DWAA_COMPRESSION, "OpenEXR DWAA, lossy"),
+        (OpenEXR.ZIP_COMPRESSION, None),
+    ):
+        path = written(tmp_path / "a.exr", ("", planes), compression=compression)
+        assert read(path).storage == told
+        assert read_image(path, CAMERA).storage == told
