@@ -419,6 +419,7 @@ class _Fitting:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
+        several = len(np.unique(claims.hogel, axis=0)) > 1
         sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
 
         def hypotheses(upright: DrawnModel) -> Iterator[DrawnModel]:
@@ -431,6 +432,8 @@ class _Fitting:
             yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
             if frustum.recentered:
                 yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
+            # In one aperture a wrong shear is a screen at another place, which is fitted.
+            if frustum.recentered and several:
                 shears = sorted(set(Recentering) - {nominal.recentering})
                 for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
                     yield replace(upright, near=near, recentering=shear)
@@ -440,7 +443,6 @@ class _Fitting:
             return [model for *_, model in sorted(found, key=lambda one: one[:2])]
 
         # Step 1: every orientation and order, each with every single other hypothesis.
-        several = len(np.unique(claims.hogel, axis=0)) > 1
         orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(frustum.resolution), orders)
         upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
