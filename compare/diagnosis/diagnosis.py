@@ -272,6 +272,8 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
     that were put together from views (`of_views`) may have another shear.
     """
     reference, images, nominal = evidence.reference, evidence.images, evidence.nominal
+    if of_views and (sheared := _with_view_shear(evidence)) is not None:
+        return Findings(encoding=FoundEncoding(), diagnosis=sheared, judging=evidence.judging)
     encoding, judging, read = find_encoding(reference, images, nominal), evidence.judging, evidence
     diagnosis = None if encoding.faults else diagnosis_of(evidence)
     if diagnosis is not None and not diagnosis.faults and evidence.judging.compared is Compared.COLOR:
@@ -296,8 +298,6 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
             doubted = (*map(doubtful, faults), *diagnosis.does_not_explain)
             diagnosis = replace(diagnosis, does_not_explain=doubted)
     assert diagnosis is not None
-    if of_views and not diagnosis.faults:
-        diagnosis = _with_view_shear(diagnosis, read)
     return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)
 
 
@@ -616,8 +616,8 @@ def _sheared_instead(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
     return [one for one in tried if len(apertures) == 1 and evidence.wrong(one, explained=True) <= most]
 
 
-def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
-    """Return a diagnosis that names the shear of views where it explains what nothing else does.
+def _with_view_shear(evidence: Evidence) -> Diagnosis | None:
+    """Return a diagnosis that names the shear of views where it explains what is wrong.
 
     An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by a factor
     f of what the plate needs registers them at height d (1 - 1/f): there, and not in the plate, the lines of
@@ -625,14 +625,17 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
     times as high. So one number explains what the fit of geometry would need three groups for.
     """
     scene, nominal = evidence.reference.scene, evidence.nominal
-    screen, (claims, _) = scene.frustum.screen, _claims(evidence)
+    screen, (claims, claiming) = scene.frustum.screen, _claims(evidence)
     if screen is None or claims is None or claims.of_points or not evidence.wrong(nominal):
-        return diagnosis
-    height = screen.height
+        return None
+    height, (viewer, back) = screen.height, scene.frustum.reach
 
     def sheared(factor: float) -> DrawnModel:
         pitch, offset = (nominal.pitch[0] / factor, nominal.pitch[1] / factor), height * (1 / factor - 1)
-        return replace(nominal, pitch=pitch, scene_offset=(0.0, 0.0, offset), screen_height=1 / factor)
+        # The renderer's views end where those of the scene do, not about the plane of registration.
+        reach = max(viewer + offset, 0.0), max(back - offset, 0.0)
+        moved = replace(nominal, scene_offset=(0.0, 0.0, offset), reach=reach)
+        return replace(moved, pitch=pitch, screen_height=1 / factor)
 
     def misfit(factor: float) -> float:
         return float(outside_px(claims, sheared(factor), VIEW_SHEAR_CAP_PX).mean())
@@ -641,13 +644,14 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
     factor = min((coarse * (1 + FINER_STEPS)).tolist(), key=misfit)
     share = evidence.share(sheared(factor))
     if share is None or share < MIN_EXPLAINED_FRACTION:
-        return diagnosis
+        return None
     words = (
         f"views have {factor:.3g} of the shear that the plate needs: they are registered at height "
         f"{height * (1 - 1 / factor):.4g} {scene.units}"
     )
     fault = Fault(fault=VIEW_SHEAR, value=factor, unit="ratio", words=words, explains=share)
-    return replace(diagnosis, model=sheared(factor), faults=(fault,), does_not_explain=())
+    means = f"{len(claims):,} claims of {_counted(claiming, 'hogel')}"
+    return Diagnosis(model=sheared(factor), faults=(fault,), means=means)
 
 
 def _counted(count: int, name: str) -> str:

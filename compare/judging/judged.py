@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,12 @@ from xfrustum.compare.metrics.error_maps import (
     other_surfaces,
     outside_film,
     pixel_centers,
+    true_lines,
 )
 from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
-from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel, unflipped
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front, unflipped
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
@@ -97,6 +99,18 @@ OUTLINE_TOLERANCE_PX = 1
 # either side. And the contrast beyond which one edge counts no more than another.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
+MAX_MISSING_OUTLINES = 0.1
+"""Largest share of the truth's outlines that a right picture in another shading may lack. Two grays drawn
+from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
+
+COMPOSITIONS: tuple[dict[str, Any], ...] = (
+    {"front": Front.MISSING},
+    {"front": Front.NEAREST},
+    {"back": Back.MISSING},
+    {"back": Back.FARTHEST},
+)
+"""Ways to put the halves together that a picture must be told from, to be right."""
+
 COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
 Steps = tuple[Floats, Floats]
@@ -135,9 +149,7 @@ def contrast(image: HogelImage, most: float = np.inf) -> Steps:
 def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
     """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
     # The normals of triangles decide whether neighboring points lie on one surface.
-    nowhere = (answer.triangle == NOTHING)[..., None]
-    normal = np.where(nowhere, np.nan, scene.normals.take(answer.triangle, axis=0, mode="clip"))
-    found = contours(replace(answer, normal=normal))
+    found = contours(replace(answer, normal=_normals(scene, answer)))
     chosen = found.kind != Kind.SEAM
     first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
     across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
@@ -157,6 +169,47 @@ def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
     """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
     strongest = maximum_filter(strongest_steps(shown), size=2 * OUTLINE_TOLERANCE_PX + 1)
     return np.asarray((strongest_steps(outlines) > 0) & (strongest < MIN_EDGE_CONTRAST))
+
+
+def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
+    """Return those outlines of an answer that any sensible shading shows.
+
+    They are seen in its own colors and, inside one object, under a light at the camera. Parallel faces, and
+    those that lean to opposite sides, may have one brightness.
+    """
+    lines = true_lines(answer.camera).directions()
+    lines /= np.linalg.norm(lines, axis=2, keepdims=True)
+    facing = np.abs(np.einsum("hwi,hwi->hw", _normals(scene, answer), lines))
+    lit = steps_of(np.sqrt(np.nan_to_num(facing)))
+    across, down = (np.maximum(*pair) for pair in zip(lit, steps_of(answer.object), strict=True))
+    seen = ~missing_outlines(outlines, contrast(answer)) & ~missing_outlines(outlines, (across, down))
+    return outlines[0] * seen[:, :-1], outlines[1] * seen[:-1]
+
+
+def _normals(scene: Scene, answer: HogelImage) -> Floats:
+    """Return the normals (H, W, 3) of the triangles that an image shows, NaN where it shows none."""
+    normals = scene.normals.take(answer.triangle, axis=0, mode="clip")
+    return np.where((answer.triangle == NOTHING)[..., None], np.nan, normals)
+
+
+def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
+    """Return the largest number of pixels that a `COMPOSITIONS` makes wrong and outlines do not tell."""
+    scene, answer, worst = reference.scene, seen.answer, 0
+    outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
+    aperture, known = answer.camera.aperture, pictures.Layers()
+    edges = maximum_filter(strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1)
+    # Edges of another kind lie where outlines are missing as often as anywhere.
+    alone = float((edges < MIN_EDGE_CONTRAST).mean())
+    count = int((strongest_steps(outlines) > 0).sum())
+    for fields in COMPOSITIONS if question.plain else ():
+        model = replace(question, **fields)
+        other = pictures.as_image(reference, aperture, pictures.drawn(reference, model, aperture, known))
+        wrong = int((seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong).sum())
+        told = (other.covered != answer.covered).sum() > wrong / 2
+        missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
+        if not (told or alone * missing > MAX_MISSING_OUTLINES * count):
+            worst = max(worst, wrong)
+    return worst
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
@@ -236,8 +289,12 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
-        shown, colored = contrast(image, MAX_EDGE_CONTRAST), by == "color"
-        expected = contrast(answer, MAX_EDGE_CONTRAST) if colored else true_outlines(scene, answer)
+        colored = by == "color"
+        # In another shading a crease beside an outline may be the stronger edge: none counts more than another.
+        shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
+        expected = contrast(answer, MAX_EDGE_CONTRAST)
+        if not colored:
+            expected = seen_outlines(scene, answer, true_outlines(scene, answer))
     elif by == "object":
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
@@ -323,10 +380,17 @@ class SurfaceFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class OutlineFigures:
-    """Pixels beside outlines that the truth shows, and those of them without an edge in the picture."""
+    """Pixels beside outlines of the truth, and those without an edge in the picture.
+
+    They are `missing` where any shading would show the outline (`seen_outlines`), and else `unknown`.
+    `untold` is the largest number of pixels that a missing half or a reversed depth test would make wrong
+    with hardly an outline out of its place: what the outlines of this film cannot tell from the truth.
+    """
 
     shown: int
     missing: int
+    unknown: int
+    untold: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -447,7 +511,7 @@ def judge(
         displacement_by=measured_by,
         radiance=radiance,
         causes=None if causes is None else causes.counts(),
-        outlines=seen.outlines,
+        outlines=seen.outlines and replace(seen.outlines, untold=_untold(reference, question, seen)),
     )
     claimed = int((seen.covered & shown).sum())
     return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
@@ -536,9 +600,11 @@ class _Compared:
             if by == "outlines":
                 outlines = true_outlines(scene, answer)
                 # What the answer itself does not show, such as an edge between equal grays, may be absent.
-                seen = (strongest_steps(outlines) > 0) & ~missing_outlines(outlines, contrast(answer)) & shown
-                missing = missing_outlines(outlines, contrast(turned)) & seen
-                outlined = OutlineFigures(shown=int(seen.sum()), missing=int(missing.sum()))
+                absent = missing_outlines(outlines, contrast(turned)) & shown
+                missing = absent & (strongest_steps(seen_outlines(scene, answer, outlines)) > 0)
+                every = int(((strongest_steps(outlines) > 0) & shown).sum())
+                few = int(missing.sum())
+                outlined = OutlineFigures(shown=every, missing=few, unknown=int(absent.sum()) - few)
                 differs |= missing
         else:
             differs = np.not_equal(getattr(answer, by), getattr(turned, by))

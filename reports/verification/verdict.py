@@ -15,6 +15,7 @@ import numpy as np
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import (
+    MAX_MISSING_OUTLINES,
     SURFACES,
     WRONG_WORDS,
     ColorFigures,
@@ -48,10 +49,6 @@ INVALID, MISSING = "claims of what does not exist", "missing outlines"
 """Names of what is compared with limits, beside the wrong pixels that `compare.judging.judged` names."""
 
 MAX_INVALID_SHARE = 0.5  #: share of an image's claims that may be of what does not exist, whatever the limits
-
-MAX_MISSING_OUTLINES = 0.1
-"""Share of the truth's outlines that a picture in another shading may lack, whatever the limits. Two grays
-drawn from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
 
 NOT_MEASURED = "not measured, as there are no outlines"
 """Words for the displacement of an image whose truth has nothing that could be seen to move."""
@@ -142,10 +139,13 @@ class Limits:
         told: bool | None = limit is None or not is_beyond(value, 0.0, limit)
         if value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES:
             told = None if numbers.blind else True
-        elif numbers.outlines is not None and numbers.outlines.shown:
-            share = numbers.outlines.missing / numbers.outlines.shown
-            held, most = share <= MAX_MISSING_OUTLINES, MAX_MISSING_OUTLINES
-            found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=held))
+        elif (outlines := numbers.outlines) is not None and outlines.shown:
+            share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
+            # Outlines that neither picture nor true colors show may be missing too: nothing says that they are.
+            doubtful = outlines.missing + outlines.unknown > most * outlines.shown
+            doubtful |= outlines.untold > self.wrong * numbers.shown
+            kept = False if share > most else None if doubtful else True
+            found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=kept))
         return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=told))
 
     def mends(self, corrected: Figures, model: DrawnModel) -> bool:
