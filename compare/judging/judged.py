@@ -103,6 +103,10 @@ MAX_MISSING_OUTLINES = 0.1
 """Largest share of the truth's outlines that a right picture in another shading may lack. Two grays drawn
 from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
 
+MIN_SHADING_RATIO = 2.0
+"""Smallest ratio of the variation of brightness that is unexplained by normals of a wrong composition to that
+of the right one at which a picture's shading tells them apart."""
+
 COMPOSITIONS: tuple[dict[str, Any], ...] = (
     {"front": Front.MISSING},
     {"front": Front.NEAREST},
@@ -204,12 +208,36 @@ def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
     for fields in COMPOSITIONS if question.plain else ():
         model = replace(question, **fields)
         other = pictures.as_image(reference, aperture, pictures.drawn(reference, model, aperture, known))
-        wrong = int((seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong).sum())
-        told = (other.covered != answer.covered).sum() > wrong / 2
+        wrong = seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong
+        told = (other.covered != answer.covered).sum() > wrong.sum() / 2
         missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
-        if not (told or alone * missing > MAX_MISSING_OUTLINES * count):
-            worst = max(worst, wrong)
+        told |= alone * missing > MAX_MISSING_OUTLINES * count
+        left = [_unlike_shading(scene, shown, seen.upright, wrong) for shown in (answer, other)]
+        if not told and MIN_SHADING_RATIO * left[0] >= left[1]:
+            worst = max(worst, int(wrong.sum()))
     return worst
+
+
+def _unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
+    """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
+
+    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree, nearly
+    (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has its own.
+    """
+    assert picture.color is not None
+    bright = np.sqrt(np.clip(np.nan_to_num(picture.color.mean(axis=2)[chosen]), 0.0, 1.0))
+    normal, part = np.nan_to_num(_normals(scene, shown)[chosen]), shown.object[chosen]
+    lines = true_lines(shown.camera).directions()[chosen]
+    facing = np.einsum("ni,ni->n", normal, lines) / np.linalg.norm(lines, axis=1)
+    x, y, z = (normal * -np.sign(facing)[:, None]).T
+    every = (np.ones_like(x), x, y, z, x * x, y * y, x * y, x * z, y * z, np.abs(facing), facing**2)
+    terms = np.stack(every, axis=1)
+    left = 0.0
+    for number in np.unique(part):
+        some = part == number
+        fitted = terms[some] @ np.linalg.lstsq(terms[some], bright[some])[0]
+        left += float(np.square(bright[some] - fitted).sum())
+    return left
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:

@@ -572,7 +572,7 @@ def table(found: Verification) -> str:
 def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    ambiguous = found.diagnosis.refuted and any(one.alternatives for one in found.diagnosis.guesses)
+    ambiguous = found.diagnosis.refuted and any(one.alternatives for one in found.diagnosis.does_not_explain)
     words = several if ambiguous else "no known fault explains what is wrong"
     # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
     wrong = [one.aperture for one in found.hogels if one.verdict == "fail"]
