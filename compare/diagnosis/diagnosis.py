@@ -272,6 +272,8 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
     that were put together from views (`of_views`) may have another shear.
     """
     reference, images, nominal = evidence.reference, evidence.images, evidence.nominal
+    if of_views and (sheared := _with_view_shear(evidence)) is not None:
+        return Findings(encoding=FoundEncoding(), diagnosis=sheared, judging=evidence.judging)
     encoding, judging, read = find_encoding(reference, images, nominal), evidence.judging, evidence
     diagnosis = None if encoding.faults else diagnosis_of(evidence)
     if diagnosis is not None and not diagnosis.faults and evidence.judging.compared is Compared.COLOR:
@@ -296,8 +298,6 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
             doubted = (*map(doubtful, faults), *diagnosis.does_not_explain)
             diagnosis = replace(diagnosis, does_not_explain=doubted)
     assert diagnosis is not None
-    if of_views and not diagnosis.faults:
-        diagnosis = _with_view_shear(diagnosis, read)
     return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)
 
 
@@ -569,6 +569,8 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
             same.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
         elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
             same.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
+    elif model.screen_center != nominal.screen_center:
+        same += _sheared_instead(evidence, model)
     elif model.recentering is not nominal.recentering:
         # Where everything visible lies on one side of the plate, images do not say what became of the other
         # camera; in one aperture alone, a missing or reversed shear equals a screen at another place.
@@ -604,8 +606,18 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
     return (*same, *filter(evidence.explains, tried))
 
 
-def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
-    """Return a diagnosis that names the shear of views where it explains what nothing else does.
+def _sheared_instead(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
+    """Return guesses with a wrong shear that show the images as well as a moved screen: of one aperture."""
+    nominal, scene = evidence.nominal, evidence.reference.scene
+    plain = replace(model, screen_center=nominal.screen_center)
+    tried = (replace(plain, recentering=one) for one in (Recentering.NONE, Recentering.BOTH_REVERSED))
+    apertures = {model.answers(scene, image.camera.aperture) for image in evidence.images}
+    most = evidence.wrong(model, explained=True)
+    return [one for one in tried if len(apertures) == 1 and evidence.wrong(one, explained=True) <= most]
+
+
+def _with_view_shear(evidence: Evidence) -> Diagnosis | None:
+    """Return a diagnosis that names the shear of views where it explains what is wrong.
 
     An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by a factor
     f of what the plate needs registers them at height d (1 - 1/f): there, and not in the plate, the lines of
@@ -613,14 +625,17 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
     times as high. So one number explains what the fit of geometry would need three groups for.
     """
     scene, nominal = evidence.reference.scene, evidence.nominal
-    screen, (claims, _) = scene.frustum.screen, _claims(evidence)
+    screen, (claims, claiming) = scene.frustum.screen, _claims(evidence)
     if screen is None or claims is None or claims.of_points or not evidence.wrong(nominal):
-        return diagnosis
-    height = screen.height
+        return None
+    height, (viewer, back) = screen.height, scene.frustum.reach
 
     def sheared(factor: float) -> DrawnModel:
         pitch, offset = (nominal.pitch[0] / factor, nominal.pitch[1] / factor), height * (1 / factor - 1)
-        return replace(nominal, pitch=pitch, scene_offset=(0.0, 0.0, offset), screen_height=1 / factor)
+        # The renderer's views end where those of the scene do, not about the plane of registration.
+        reach = max(viewer + offset, 0.0), max(back - offset, 0.0)
+        moved = replace(nominal, scene_offset=(0.0, 0.0, offset), reach=reach)
+        return replace(moved, pitch=pitch, screen_height=1 / factor)
 
     def misfit(factor: float) -> float:
         return float(outside_px(claims, sheared(factor), VIEW_SHEAR_CAP_PX).mean())
@@ -629,13 +644,14 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
     factor = min((coarse * (1 + FINER_STEPS)).tolist(), key=misfit)
     share = evidence.share(sheared(factor))
     if share is None or share < MIN_EXPLAINED_FRACTION:
-        return diagnosis
+        return None
     words = (
         f"views have {factor:.3g} of the shear that the plate needs: they are registered at height "
         f"{height * (1 - 1 / factor):.4g} {scene.units}"
     )
     fault = Fault(fault=VIEW_SHEAR, value=factor, unit="ratio", words=words, explains=share)
-    return replace(diagnosis, model=sheared(factor), faults=(fault,), does_not_explain=())
+    means = f"{len(claims):,} claims of {_counted(claiming, 'hogel')}"
+    return Diagnosis(model=sheared(factor), faults=(fault,), means=means)
 
 
 def _counted(count: int, name: str) -> str:

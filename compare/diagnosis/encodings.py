@@ -19,7 +19,13 @@ from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import Claims, claims_of, fit_geometry, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray, as_stored
+from xfrustum.compare.renderer_model.pictures import (
+    COLOR_TOLERANCE,
+    as_gray,
+    as_stored,
+    reference_colors,
+    trace_drawn,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.files.foreign_images import (
@@ -33,6 +39,7 @@ from xfrustum.scenes.files.foreign_images import (
     stored_rgb,
 )
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.plate.plate import Aperture
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
 # Colors are stored through another curve than was stated; the last name is that of curves without a name.
@@ -132,11 +139,13 @@ class Restoring:
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
+    nominal: DrawnModel = DrawnModel()  # the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
         plate, name = reference.scene.plate, _name(self.reading)
-        truth = reference.trace(plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels)))
+        aperture = plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels))
+        truth = _stated(reference, self.nominal, aperture)
         beside, as_read = _Beside.of(truth, image, self.orientation), read_again(image, self.reading)
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
         # The pixel's own number is tried last, and wins.
@@ -145,6 +154,13 @@ class Restoring:
             numbers[mask] = number[mask]
         restored = self.orientation.applied(numbers)
         return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
+
+
+def _stated(reference: Reference, nominal: DrawnModel, aperture: Aperture) -> HogelImage:
+    """Return what a renderer should draw by its author's statements: the truth, or with a near offset."""
+    if nominal == DrawnModel():
+        return reference.trace(aperture)
+    return reference_colors(reference, nominal, trace_drawn(reference, nominal, aperture))
 
 
 def _name(reading: Reading) -> str:
@@ -305,7 +321,8 @@ class _Search:
         self.compared = [images[index] for index in chosen]
         several = len({image.camera.aperture.index for image in images}) > 1
         self.orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
-        self.truth = cache(lambda index: reference.trace(reference.scene.plate.aperture(*index)))
+        plate = reference.scene.plate
+        self.truth = cache(lambda index: _stated(reference, nominal, plate.aperture(*index)))
 
     def found(self) -> FoundEncoding | None:
         """Find another reading that holds where the stated one fails."""
@@ -331,6 +348,10 @@ class _Search:
                 # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel.
                 return self._enlarged()
             found = found or self._by_objects(objects, 0.0)
+            # Numbers that lie where some camera draws their triangles are whole. Of a mesh with few triangles,
+            # damage would account for nearly any of them.
+            if found is None and self._drawn():
+                return None
         # What is left is compared with the truth.
         found = found or self._spoiled()
         # Pixels that name things in the scene are numbers, right or wrong, and not colors.
@@ -345,6 +366,7 @@ class _Search:
     ) -> tuple[Restoring, list[_Beside]]:
         """Return damage with the conventions under which most pixels match, and the images beside truth."""
         matching = matching or partial(_Beside.explained, damage=damage)
+        damage = replace(damage, nominal=self.nominal)
         best: list[_Beside] = []
         for order, orientation in itertools.product(self.orders, orientations(self.scene.frustum.resolution)):
             parts, shown, matched = [], 0, 0
@@ -422,6 +444,13 @@ class _Search:
                 fault = Fault(fault=kind, value=mixed, unit="share", words=words)
                 return FoundEncoding(faults=(fault,), restoring=found)
         return None
+
+    def _drawn(self) -> bool:
+        """Return whether the claims hold under a guess about the cameras with one group of numbers at most."""
+        claims = self._read(self.stated)
+        if len(claims) < MIN_CLAIMS:
+            return False
+        return fit_geometry(claims, self.nominal, simple=True).noise_px <= MAX_HELD_MISFIT_PX
 
     def _restarting(self) -> FoundEncoding | None:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""

@@ -25,6 +25,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
     FLIPPED,
     GROUPS,
+    NUMBERS,
     PREFERENCE,
     RADIUS,
     SCREEN_GROUPS,
@@ -322,7 +323,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
     # Step 4: an interval for each number that is off nominal.
     (best, free), *others = found
     noise = _noise(some, best)
-    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), best, places(*free), noise)
+    determined = _determined(claims.scene, free)
+    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), best, determined, noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
@@ -340,8 +342,17 @@ def fit_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> Drawn
 
 def interval_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> tuple[Floats, Floats]:
     """Return the lowest and highest values (P,) of some groups of numbers under which claims hold as well."""
-    _, low, high = _interval(claims, model, places(*groups), _noise(claims, model))
+    _, low, high = _interval(claims, model, _determined(claims.scene, groups), _noise(claims, model))
     return low, high
+
+
+def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
+    """Return the places of the numbers of some groups that images determine.
+
+    Along an axis with a single pixel nothing shows where on the film an outline lies: numbers of it are held.
+    """
+    held = {axis for axis, count in zip("xy", scene.frustum.resolution, strict=True) if count == 1}
+    return [place for place in places(*groups) if NUMBERS[place][1] not in held]
 
 
 def _misfit(claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
@@ -408,6 +419,7 @@ class _Fitting:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
+        several = len(np.unique(claims.hogel, axis=0)) > 1
         sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
 
         def hypotheses(upright: DrawnModel) -> Iterator[DrawnModel]:
@@ -420,6 +432,8 @@ class _Fitting:
             yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
             if frustum.recentered:
                 yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
+            # In one aperture a wrong shear is a screen at another place, which is fitted.
+            if frustum.recentered and several:
                 shears = sorted(set(Recentering) - {nominal.recentering})
                 for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
                     yield replace(upright, near=near, recentering=shear)
@@ -429,7 +443,6 @@ class _Fitting:
             return [model for *_, model in sorted(found, key=lambda one: one[:2])]
 
         # Step 1: every orientation and order, each with every single other hypothesis.
-        several = len(np.unique(claims.hogel, axis=0)) > 1
         orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(frustum.resolution), orders)
         upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
@@ -453,7 +466,7 @@ class _Fitting:
         self, claims: Claims, start: DrawnModel, free: Sequence[str], *, roughly: bool = False
     ) -> DrawnModel:
         """Return a guess with some groups fitted and the others nominal; `roughly` ends at about a pixel."""
-        values, index = self.nominal.parameters, np.array(places(*free), dtype=np.int64)
+        values, index = self.nominal.parameters, np.array(_determined(self.scene, free), dtype=np.int64)
         if not len(index):
             return start.with_parameters(values)
         values[index] = start.parameters[index]
@@ -571,7 +584,7 @@ class _Fitting:
         scene in place of moved apertures, may have another pitch in place of another size, and may have a
         part of a moved screen as a shift of the sampling points, or the reverse.
         """
-        nominal, index = self.nominal, places(*free)
+        nominal, index = self.nominal, _determined(self.scene, free)
         variants: dict[DrawnModel, None] = {}
         for start in starts:
             if _alone(start) and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,13 @@ from xfrustum.compare.metrics.error_maps import (
     other_surfaces,
     outside_film,
     pixel_centers,
+    true_lines,
 )
 from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
-from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel, unflipped
-from xfrustum.compare.rounding.causes import Causes, find_causes
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front, unflipped
+from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
@@ -50,6 +52,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import TOLERANCE_PX
 
 # A foreign device is unknown unless its owner has measured it. A renderer with a near offset has the usual
 # depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of near to far, which no
@@ -96,6 +99,22 @@ OUTLINE_TOLERANCE_PX = 1
 # either side. And the contrast beyond which one edge counts no more than another.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
+MAX_MISSING_OUTLINES = 0.1
+"""Largest share of the truth's outlines that a right picture in another shading may lack. Two grays drawn
+from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
+
+MIN_SHADING_RATIO = 2.0
+"""Smallest ratio of the variation of brightness that is unexplained by normals of a wrong composition to that
+of the right one at which a picture's shading tells them apart."""
+
+COMPOSITIONS: tuple[dict[str, Any], ...] = (
+    {"front": Front.MISSING},
+    {"front": Front.NEAREST},
+    {"back": Back.MISSING},
+    {"back": Back.FARTHEST},
+)
+"""Ways to put the halves together that a picture must be told from, to be right."""
+
 COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
 Steps = tuple[Floats, Floats]
@@ -110,7 +129,8 @@ class MeasuredBy(StrEnum):
     that triangle drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
-    """The truth has no outline, so that there is nothing to measure: wrong pixels alone judge the image."""
+    """The truth has too few outlines to be registered. Colors are then judged by wrong pixels alone; an image
+    without colors and points shows nothing by which it could be judged."""
     NOTHING = "nothing"  # The displacement cannot be known
 
 
@@ -130,9 +150,10 @@ def contrast(image: HogelImage, most: float = np.inf) -> Steps:
     return np.minimum(across, most), np.minimum(down, most)
 
 
-def true_outlines(answer: HogelImage) -> Steps:
+def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
     """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
-    found = contours(answer)
+    # The normals of triangles decide whether neighboring points lie on one surface.
+    found = contours(replace(answer, normal=_normals(scene, answer)))
     chosen = found.kind != Kind.SEAM
     first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
     across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
@@ -142,15 +163,81 @@ def true_outlines(answer: HogelImage) -> Steps:
     return across[:, :-1], down[:-1]
 
 
+def strongest_steps(steps: Steps) -> Floats:
+    """Return the strongest step after each pixel (H, W): a step belongs to the pixel before it."""
+    across, down = steps
+    return np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
+
+
 def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
     """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
-    # The strongest edge after each pixel, and near it; a step belongs to the pixel before it.
-    after, here = (
-        np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
-        for across, down in (shown, outlines)
-    )
-    strongest = maximum_filter(after, size=2 * OUTLINE_TOLERANCE_PX + 1)
-    return np.asarray((here > 0) & (strongest < MIN_EDGE_CONTRAST))
+    strongest = maximum_filter(strongest_steps(shown), size=2 * OUTLINE_TOLERANCE_PX + 1)
+    return np.asarray((strongest_steps(outlines) > 0) & (strongest < MIN_EDGE_CONTRAST))
+
+
+def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
+    """Return those outlines of an answer that any sensible shading shows.
+
+    They are seen in its own colors and, inside one object, under a light at the camera. Parallel faces, and
+    those that lean to opposite sides, may have one brightness.
+    """
+    lines = true_lines(answer.camera).directions()
+    lines /= np.linalg.norm(lines, axis=2, keepdims=True)
+    facing = np.abs(np.einsum("hwi,hwi->hw", _normals(scene, answer), lines))
+    lit = steps_of(np.sqrt(np.nan_to_num(facing)))
+    across, down = (np.maximum(*pair) for pair in zip(lit, steps_of(answer.object), strict=True))
+    seen = ~missing_outlines(outlines, contrast(answer)) & ~missing_outlines(outlines, (across, down))
+    return outlines[0] * seen[:, :-1], outlines[1] * seen[:-1]
+
+
+def _normals(scene: Scene, answer: HogelImage) -> Floats:
+    """Return the normals (H, W, 3) of the triangles that an image shows, NaN where it shows none."""
+    normals = scene.normals.take(answer.triangle, axis=0, mode="clip")
+    return np.where((answer.triangle == NOTHING)[..., None], np.nan, normals)
+
+
+def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
+    """Return the largest number of pixels that a `COMPOSITIONS` makes wrong and outlines do not tell."""
+    scene, answer, worst = reference.scene, seen.answer, 0
+    outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
+    aperture, known = answer.camera.aperture, pictures.Layers()
+    edges = maximum_filter(strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1)
+    # Edges of another kind lie where outlines are missing as often as anywhere.
+    alone = float((edges < MIN_EDGE_CONTRAST).mean())
+    count = int((strongest_steps(outlines) > 0).sum())
+    for fields in COMPOSITIONS if question.plain else ():
+        model = replace(question, **fields)
+        other = pictures.as_image(reference, aperture, pictures.drawn(reference, model, aperture, known))
+        wrong = seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong
+        told = (other.covered != answer.covered).sum() > wrong.sum() / 2
+        missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
+        told |= alone * missing > MAX_MISSING_OUTLINES * count
+        left = [_unlike_shading(scene, shown, seen.upright, wrong) for shown in (answer, other)]
+        if not told and MIN_SHADING_RATIO * left[0] >= left[1]:
+            worst = max(worst, int(wrong.sum()))
+    return worst
+
+
+def _unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
+    """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
+
+    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree, nearly
+    (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has its own.
+    """
+    assert picture.color is not None
+    bright = np.sqrt(np.clip(np.nan_to_num(picture.color.mean(axis=2)[chosen]), 0.0, 1.0))
+    normal, part = np.nan_to_num(_normals(scene, shown)[chosen]), shown.object[chosen]
+    lines = true_lines(shown.camera).directions()[chosen]
+    facing = np.einsum("ni,ni->n", normal, lines) / np.linalg.norm(lines, axis=1)
+    x, y, z = (normal * -np.sign(facing)[:, None]).T
+    every = (np.ones_like(x), x, y, z, x * x, y * y, x * y, x * z, y * z, np.abs(facing), facing**2)
+    terms = np.stack(every, axis=1)
+    left = 0.0
+    for number in np.unique(part):
+        some = part == number
+        fitted = terms[some] @ np.linalg.lstsq(terms[some], bright[some])[0]
+        left += float(np.square(bright[some] - fitted).sum())
+    return left
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
@@ -219,27 +306,32 @@ def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tupl
     return down, column - reach + between(scores[row, max(column - 1, 0) : column + 2])
 
 
-def _moved_outlines(
-    answer: HogelImage, image: HogelImage, by: str, differs: Mask
-) -> tuple[Spread | None, MeasuredBy]:
+def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, MeasuredBy]:
     """Return how far the outlines of an image have moved, and what that was measured by.
 
-    Labels of which no judged pixel differs (`differs`, (H, W)) have the answer's outlines: they have moved by
+    Labels of which no judged pixel differs have the answer's outlines: they have moved by
     0. So have colors with the answer's contrast to the last bit. Registration would say less, because few or
     straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are registered,
     for a dim outline may have moved within it. An answer without an outline, such as soft shading, has
     nothing that could be seen to move, and what moves into the film from outside is wrong pixels.
     """
+    answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
-        shown = contrast(image, MAX_EDGE_CONTRAST)
-        expected = true_outlines(answer) if by == "outlines" else contrast(answer, MAX_EDGE_CONTRAST)
+        colored = by == "color"
+        # In another shading a crease beside an outline may be the stronger edge: none counts more than another.
+        shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
+        expected = contrast(answer, MAX_EDGE_CONTRAST)
+        if not colored:
+            expected = seen_outlines(scene, answer, true_outlines(scene, answer))
     elif by == "object":
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
         expected, shown = steps_of(answer.covered), steps_of(covered_by(image))
     # Contrast of colors is compared with the smallest edge, labels and true outlines with none at all.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
-    if not any(bool((some > edge).any()) for some in expected):
+    count = sum(int((some > edge).sum()) for some in expected)
+    # Shading differs from the truth's, so that too few outlines to be registered leave nothing to judge by.
+    if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
     same = all(np.array_equal(one, other) for one, other in zip(expected, shown, strict=True))
     if not differs.any() and (same or by not in COLOR_ONLY):
@@ -315,6 +407,21 @@ class SurfaceFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OutlineFigures:
+    """Pixels beside outlines of the truth, and those without an edge in the picture.
+
+    They are `missing` where any shading would show the outline (`seen_outlines`), and else `unknown`.
+    `untold` is the largest number of pixels that a missing half or a reversed depth test would make wrong
+    with hardly an outline out of its place: what the outlines of this film cannot tell from the truth.
+    """
+
+    shown: int
+    missing: int
+    unknown: int
+    untold: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class ColorFigures:
     """Pixels that show the right surface in another color."""
 
@@ -335,6 +442,12 @@ class HogelNumbers:
     displacement_by: MeasuredBy
     radiance: ColorFigures | None  # None where the image lacks surfaces or colors, or these are not compared
     causes: dict[str, int] | None  # wrong pixels by cause; None where that was not asked
+    outlines: OutlineFigures | None = None  # None where outlines are not what is compared
+
+    @property
+    def blind(self) -> bool:
+        """Whether nothing that such an image could show would be wrong."""
+        return self.by != "color" and self.displacement_by is MeasuredBy.NO_OUTLINES
 
     @property
     def limited(self) -> int:
@@ -362,6 +475,14 @@ class Figures:
     answer: HogelImage  # what should be shown,
     image: HogelImage  # and what is, as the question turns it
     error: Mask  # (H, W) wrong surface or color, or other in `by` where the image says no surfaces
+
+    @property
+    def rounded(self) -> int:
+        """Number of wrong pixels that rounding explains."""
+        causes = self.cause_masks
+        if causes is None:
+            return 0
+        return int(self.error.flat[causes.pixels[causes.heading < HEADINGS.index("unexplained")]].sum())
 
 
 def judge(
@@ -398,15 +519,13 @@ def judge(
             differ &= answer.triangle == upright.triangle
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
-        places = question.project(scene, answer.camera.aperture, upright.position.astype(np.float64))
-        shift = beyond_storage(places - pixel_centers(answer.camera), upright)
-        length = lengths(shift)
+        length = lengths(_shifts(scene, question, seen))
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
         # What most pixels do not say, the others do not say for them.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
             spread, measured_by = Spread.of(length[known]), MeasuredBy.POINTS
     else:
-        spread, measured_by = _moved_outlines(answer, upright, by, seen.differs)
+        spread, measured_by = _moved_outlines(scene, seen)
     causes = seen.causes(scene, question, judging.device) if explained else None
     differing = int(seen.differs.sum())
     numbers = HogelNumbers(
@@ -420,9 +539,17 @@ def judge(
         displacement_by=measured_by,
         radiance=radiance,
         causes=None if causes is None else causes.counts(),
+        outlines=seen.outlines and replace(seen.outlines, untold=_untold(reference, question, seen)),
     )
     claimed = int((seen.covered & shown).sum())
     return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
+
+
+def _shifts(scene: Scene, question: DrawnModel, seen: _Compared) -> Floats:
+    """Return how far (H, W, 2) the points of an image are drawn from their places, px."""
+    position = seen.upright.position.astype(np.float64)
+    places = question.project(scene, seen.answer.camera.aperture, position)
+    return beyond_storage(places - pixel_centers(seen.answer.camera), seen.upright)
 
 
 def wrong_pixels(
@@ -435,12 +562,16 @@ def wrong_pixels(
 ) -> tuple[Mask, Mask]:
     """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
 
-    Unless `explained`, rounding is not asked about, and both are the same.
+    Unless `explained`, rounding is not asked about, and both are the same. Points without numbers are wrong
+    where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
     reference = changed(reference, question.changes)
     judging = judging or Judging()
-    # Positions say which pixels show a surface where nothing else does; how far they moved is not asked.
     seen = _Compared.of(reference, question, image, image.position.astype(np.float64), judging)
+    if seen.by == "coverage":
+        errors = wrong_surfaces(reference, question, seen.answer, seen.upright, placed=True)
+        moved = lengths(_shifts(reference.scene, question, seen))
+        seen = replace(seen, differs=seen.differs | seen.shown & (errors.wrong | (moved > TOLERANCE_PX)))
     causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
@@ -455,6 +586,7 @@ class _Compared:
     covered: Mask
     shown: Mask
     differs: Mask
+    outlines: OutlineFigures | None = None
 
     @classmethod
     def of(
@@ -488,19 +620,30 @@ class _Compared:
             answer = pictures.as_stored(pictures.reference_colors(reference, question, answer), image)
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
+        outlined = None
         if by == "color":
             differs = pictures.colors_differ(answer, turned, judging.tolerance(question, image))
         elif by in ("coverage", "outlines"):
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
-                outlines = true_outlines(answer)
+                outlines = true_outlines(scene, answer)
                 # What the answer itself does not show, such as an edge between equal grays, may be absent.
-                unseen = missing_outlines(outlines, contrast(answer))
-                differs |= missing_outlines(outlines, contrast(turned)) & ~unseen
+                absent = missing_outlines(outlines, contrast(turned)) & shown
+                missing = absent & (strongest_steps(seen_outlines(scene, answer, outlines)) > 0)
+                every = int(((strongest_steps(outlines) > 0) & shown).sum())
+                few = int(missing.sum())
+                outlined = OutlineFigures(shown=every, missing=few, unknown=int(absent.sum()) - few)
+                differs |= missing
         else:
             differs = np.not_equal(getattr(answer, by), getattr(turned, by))
         return cls(
-            answer=answer, upright=turned, by=by, covered=covered, shown=shown, differs=differs & shown
+            answer=answer,
+            upright=turned,
+            by=by,
+            covered=covered,
+            shown=shown,
+            differs=differs & shown,
+            outlines=outlined,
         )
 
     def causes(self, scene: Scene, question: DrawnModel, device: DeviceModel) -> Causes | None:

@@ -7,16 +7,15 @@ from base64 import b64decode
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
-from xfrustum.compare.diagnosis.encodings import LOSSY, RESAMPLED
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import (
+    MAX_MISSING_OUTLINES,
     SURFACES,
     WRONG_WORDS,
     ColorFigures,
@@ -26,6 +25,7 @@ from xfrustum.compare.judging.judged import (
     MeasuredBy,
     SurfaceFigures,
 )
+from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel
 from xfrustum.reports import inspection
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
@@ -45,7 +45,7 @@ from xfrustum.scenes.notebook import Figure, Shown, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
-INVALID = "claims of what does not exist"
+INVALID, MISSING = "claims of what does not exist", "missing outlines"
 """Names of what is compared with limits, beside the wrong pixels that `compare.judging.judged` names."""
 
 MAX_INVALID_SHARE = 0.5  #: share of an image's claims that may be of what does not exist, whatever the limits
@@ -53,11 +53,14 @@ MAX_INVALID_SHARE = 0.5  #: share of an image's claims that may be of what does 
 NOT_MEASURED = "not measured, as there are no outlines"
 """Words for the displacement of an image whose truth has nothing that could be seen to move."""
 
+NOT_JUDGED = "not judged"  #: verdict on images that are neither right nor wrong by anything that they show
+
 JUDGED_WORDS = {
     "triangle": "surfaces, by the triangles that pixels name",
     "object": "surfaces, by the objects that pixels name",
     "coverage": "surfaces, by where something is shown",
-    "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
+    "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading; not "
+    "what lies between outlines",
 }
 """What is judged, in words, by `HogelNumbers.by`; plain pictures are else judged by colors."""
 
@@ -66,14 +69,15 @@ JUDGED_WORDS = {
 class Check:
     """One figure of a hogel and the limit that it is compared with; its fields are those of the JSON object.
 
-    What cannot be known keeps no limit, but the displacement of a truth without outlines need not be known.
+    What cannot be known keeps no limit, but the displacement of a truth without outlines need not be known
+    where colors are judged. Where nothing else could tell a wrong image, `held` is None.
     """
 
     figure: str
     value: float | None  #: None where it cannot be known, or need not be
     limit: float | None  #: None where nothing is limited
     unit: str  #: `share` of pixels, or `px` of displacement
-    held: bool
+    held: bool | None  #: None where nothing that the image shows could exceed the limit
 
     @property
     def words(self) -> str:
@@ -82,16 +86,16 @@ class Check:
         def sized(value: float) -> str:
             return percent(value) if self.unit == "share" else f"{value:.3g} px"
 
-        excused = self.held and self.limit is not None
+        excused = self.held is not False and self.value is None
         value = NOT_MEASURED if excused else "unknown"
         value = value if self.value is None else sized(self.value)
         return f"{self.figure} {value} ({'no limit' if self.limit is None else f'limit {sized(self.limit)}'})"
 
     @property
-    def badness(self) -> tuple[bool, float]:
+    def badness(self) -> tuple[bool, bool, float]:
         """Sort key of checks of one figure, the worst last."""
-        unknown = -1.0 if self.held else math.inf
-        return not self.held, unknown if self.value is None else self.value
+        unknown = math.inf if self.held is False else -1.0
+        return self.held is False, self.held is None, unknown if self.value is None else self.value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,15 +114,16 @@ class Limits:
         if not real(self.judging.color_tolerance) >= 0:
             raise InputError(f"max-color must be a number, not negative: {self.judging.color_tolerance}")
 
-    def checks(self, figures: Figures) -> tuple[Check, ...]:
-        """Compare an image's figures with the limits (`compare.beyond`).
+    def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
+        """Compare an image's figures with the limits (`compare.beyond`), some wrong pixels `excused`.
 
         Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
         pixel is no share, unless none may be wrong. No displacement is asked of an image that shows nothing,
-        nor where the truth has no outline that a picture could show elsewhere.
+        nor of colors where the truth has no outline that a picture could show elsewhere. Any other image of
+        such a truth is not judged.
         """
         numbers = figures.numbers
-        counts = {numbers.limited_words: numbers.limited}
+        counts = {numbers.limited_words: numbers.limited - excused}
         if numbers.radiance is not None:
             counts[COLORS] = numbers.radiance.wrong
         found = []
@@ -131,9 +136,23 @@ class Limits:
             found.append(Check(figure=INVALID, value=share, limit=MAX_INVALID_SHARE, unit="share", held=held))
         spread, limit = numbers.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
-        excused = value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES
-        held = limit is None or excused or not is_beyond(value, 0.0, limit)
-        return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held))
+        told: bool | None = limit is None or not is_beyond(value, 0.0, limit)
+        if value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES:
+            told = None if numbers.blind else True
+        elif (outlines := numbers.outlines) is not None and outlines.shown:
+            share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
+            # Outlines that neither picture nor true colors show may be missing too: nothing says that they are.
+            doubtful = outlines.missing + outlines.unknown > most * outlines.shown
+            doubtful |= outlines.untold > self.wrong * numbers.shown
+            kept = False if share > most else None if doubtful else True
+            found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=kept))
+        return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=told))
+
+    def mends(self, corrected: Figures, model: DrawnModel) -> bool:
+        """Return whether an image is right once it is corrected, wrong pixels by rounding excused."""
+        # Nobody knows where surface points belong on an uneven film.
+        limits = self if model.film == EVEN else replace(self, displacement_px=None)
+        return all(check.held for check in limits.checks(corrected, corrected.rounded))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,13 +165,17 @@ class Hogel:
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
     places: Places | None = None  #: where its wrong pixels are, as found
+    left: int = 0  #: number of wrong pixels that stay when it is corrected, without those by rounding
+    mended: bool = True  #: whether it is right when it is corrected
     storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
 
     @property
     def verdict(self) -> str:
-        """One word: missing, pass where every limit is kept, or fail."""
-        held = all(check.held for check in self.checks)
-        return "missing" if self.problem is not None else "pass" if held else "fail"
+        """The verdict: missing, fail where a limit is exceeded, `NOT_JUDGED`, or pass."""
+        if self.problem is not None:
+            return "missing"
+        held = [check.held for check in self.checks]
+        return "fail" if False in held else NOT_JUDGED if None in held else "pass"
 
     @property
     def passed(self) -> bool:
@@ -266,6 +289,12 @@ class Verification(Shown):
         return all(hogel.passed for hogel in self.hogels)
 
     @property
+    def verdict(self) -> str:
+        """The verdict: pass, `NOT_JUDGED` where no hogel is wrong and not all could be judged, or fail."""
+        verdicts = {hogel.verdict for hogel in self.hogels}
+        return "pass" if self.passed else NOT_JUDGED if verdicts <= {"pass", NOT_JUDGED} else "fail"
+
+    @property
     def inspected(self) -> list[InspectedHogel]:
         """The worst hogels with all their channels; none unless channels were kept."""
         return [one.inspected for one in self.worst.kept if one.inspected is not None]
@@ -302,20 +331,8 @@ class Verification(Shown):
     @property
     def explained(self) -> bool | None:
         """Whether the diagnosis explains what is wrong; None where no image that was judged is."""
-        wrong = self.diagnosis.does_not_explain or not all(check.held for check in self.checks)
-        return not self.left if self.diagnosis.faults else False if wrong else None
-
-    @cached_property
-    def left(self) -> dict[Aperture, int]:
-        """Hogels, worst first, of which correction leaves more pixels wrong than the limit allows: how many.
-
-        There are none of pictures that were resampled or compressed, which are mended approximately.
-        """
-        if any(fault.fault in (RESAMPLED, LOSSY) for fault in self.diagnosis.faults):
-            return {}
-        found = [(one.aperture, one.corrected) for one in self.hogels if one.corrected]
-        beyond = {a: left_in(of) for a, of in found if left_in(of) > max(1, self.limits.wrong * of.shown)}
-        return dict(sorted(beyond.items(), key=lambda item: -item[1]))
+        wrong = self.diagnosis.does_not_explain or any(check.held is False for check in self.checks)
+        return True if self.diagnosis.faults else False if wrong else None
 
     @property
     def storage(self) -> dict[str, int]:
@@ -350,7 +367,7 @@ class Verification(Shown):
         """Return the answer as one JSON object, as the command prints it with `--json`."""
         limits, judging = self.limits, self.limits.judging
         return {
-            "verdict": "pass" if self.passed else "fail",
+            "verdict": self.verdict,
             "scene": self.scene.name,
             "source": self.source,
             "limits": {
@@ -375,34 +392,34 @@ class Verification(Shown):
 
 
 def wrong_in(numbers: HogelNumbers) -> int:
-    """Return the number of wrong pixels of a hogel, a wrong color included."""
-    return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)
-
-
-def left_in(numbers: HogelNumbers) -> int:
-    """Return the number of wrong pixels of a corrected hogel that no rounding explains, colors included."""
-    rounded = 0 if numbers.causes is None else numbers.wrong - numbers.causes["unexplained"]
-    return wrong_in(numbers) - rounded
+    """Return the number of pixels of a hogel that the limits count as wrong, a wrong color included."""
+    return numbers.limited + (0 if numbers.radiance is None else numbers.radiance.wrong)
 
 
 def with_correction_tested(found: Verification) -> Verification:
-    """Return a verification without the faults whose correction does not make all judged hogels better.
+    """Return a verification whose faults are named only if all hogels are right when corrected for them.
 
-    A diagnosis is made of some hogels, of which few may be wrong: another fault may show these the same and
-    all others otherwise. Refuted faults become guesses, which state the share of the wrong pixels of all
-    judged hogels that they explain.
+    A diagnosis is made of some hogels by pixels that differ; the verdict judges all of them by their limits,
+    before and after correction. Faults that leave any hogel wrong become guesses, which state the share of
+    the wrong pixels of all judged hogels that they explain.
     """
-    pairs = [(one.as_found, one.corrected) for one in found.hogels if one.as_found and one.corrected]
-    if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
+    judged = [one for one in found.hogels if one.as_found and one.corrected]
+    wrong = [one for one in judged if not one.mended]
+    if not found.diagnosis.faults or not wrong:
         return found
+    pairs = [(one.as_found, one.corrected, one.left) for one in judged if one.as_found and one.corrected]
     before, after = (sum(wrong_in(pair[which]) for pair in pairs) for which in (0, 1))
-    if after < before or not before:
-        return found
-    left = sum(left_in(one) for _, one in pairs)
-    told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
-    share = max(0.0, 1.0 - left / before)
-    doubted = [doubtful(replace(fault, explains=share)) for fault in found.diagnosis.faults]
-    refuted = [replace(fault, words=f"{fault.words}; {told}") for fault in doubted]
+    # A correction after which nothing could be wrong explains nothing.
+    left = sum(wrong_in(mine) if its.blind else rest for mine, its, rest in pairs)
+    share = max(0.0, 1.0 - left / before) if before else 0.0
+    named = ", ".join(f"{one.aperture.column},{one.aperture.row}" for one in wrong[:MAX_NAMED])
+    told = f"would explain only {100 * share:.0f} % of what is wrong"
+    told += f"; corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
+    told += f", and {len(wrong)} of {len(judged)} hogels exceed a limit: {named}"
+    told += ", .." if len(wrong) > MAX_NAMED else ""
+    refuted = (
+        replace(fault, explains=share, words=f"{fault.words}: {told}") for fault in found.diagnosis.faults
+    )
     guesses = (*refuted, *found.diagnosis.does_not_explain)
     diagnosis = replace(found.diagnosis, faults=(), does_not_explain=guesses, refuted=True)
     return replace(found, diagnosis=diagnosis)
@@ -411,6 +428,7 @@ def with_correction_tested(found: Verification) -> Verification:
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 
 MAX_LISTED = 10  #: missing hogels that the terminal names one by one
+MAX_NAMED = 4  #: hogels that a sentence names
 
 
 def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
@@ -439,7 +457,7 @@ MAP_CLASSES = (
     (math.ulp(0.0), "#f3cf8e", "exceeds a limit"),
     (0.1, "#e69f00", "a tenth or more is wrong"),
     (0.5, "#d55e00", "half or more is wrong"),
-    (math.inf, "#8c8c8c", "missing"),
+    (math.inf, "#8c8c8c", "missing or not judged"),
 )
 """Classes of hogels on the map of a plate: the least share that is wrong, color and words."""
 
@@ -455,7 +473,7 @@ def plate_map(found: Verification) -> dict[str, Any] | None:
     def badness(hogel: Hogel) -> float:
         shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
         wrong = max(0.0 if hogel.passed else math.ulp(0.0), max(shares, default=0.0) * (not hogel.passed))
-        return math.inf if hogel.problem else wrong
+        return math.inf if hogel.verdict in ("missing", NOT_JUDGED) else wrong
 
     every = ((*hogel.aperture.index, badness(hogel)) for hogel in found.hogels)
     cells = PlateMap.of(found.scene.plate, "", every).cells
@@ -505,12 +523,20 @@ def write_junit(found: Verification, path: Path) -> None:
     words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
     cases = []
     for hogel in found.hogels:
-        exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
+        exceeded = "; ".join(check.words for check in hogel.checks if check.held is False)
+        if hogel.verdict == NOT_JUDGED:
+            exceeded = NOTHING_TO_JUDGE
         text = "" if hogel.as_found is None else f"{figures_words(hogel.as_found)}\ndiagnosis: {words}"
         name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
         case = JUnitCase(found.scene.name or "scene", name, hogel.problem, exceeded, text)
         cases.append(case)
     write_output(path, junit(f"xfrustum verify {found.scene.name}", cases, table(found)), "--junit")
+
+
+NOTHING_TO_JUDGE = (
+    "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or judge colors)"
+)
+"""Words for images that are neither right nor wrong by anything that they show."""
 
 
 def sentence(found: Verification) -> str:
@@ -521,9 +547,16 @@ def sentence(found: Verification) -> str:
         kept = ", ".join(check.words for check in found.checks)
         who = "the hogel keeps" if count == 1 else f"all {count} hogels keep"
         return f"Right: {who} to the limits: at worst {kept}."
-    exceeded = ", ".join(check.words for check in found.checks if not check.held)
+    if found.verdict == NOT_JUDGED:
+        blind = verdicts.count(NOT_JUDGED)
+        who = "the hogel" if count == 1 else f"{blind} of {count} hogels"
+        rest = "" if blind == count else "; the others keep to the limits"
+        return f"Not judged, neither right nor wrong: in {who} {NOTHING_TO_JUDGE}{rest}."
+    exceeded = ", ".join(check.words for check in found.checks if check.held is False)
     who = "the hogel exceeds" if count == 1 else f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
     parts = [f"{who} a limit: at worst {exceeded}"] if bad else []
+    if blind := verdicts.count(NOT_JUDGED):
+        parts.append(f"in {blind} of {count} {NOTHING_TO_JUDGE}")
     if missing:
         parts.append(f"{missing} of {count} could not be had (--apertures names which to judge)")
     return f"Not right: {'; and '.join(parts)}."
@@ -539,7 +572,8 @@ def table(found: Verification) -> str:
 def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    words = several if found.diagnosis.refuted else "no known fault explains what is wrong"
+    ambiguous = found.diagnosis.refuted and any(one.alternatives for one in found.diagnosis.does_not_explain)
+    words = several if ambiguous else "no known fault explains what is wrong"
     # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
     wrong = [one.aperture for one in found.hogels if one.verdict == "fail"]
     if wrong and found.diagnosis.nothing_wrong:
@@ -561,10 +595,6 @@ def explained(found: Verification) -> list[str]:
         return []
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
     told = [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
-    if left := found.left:
-        worst = ", ".join(f"{one.column},{one.row} ({count:,} pixels)" for one, count in [*left.items()][:4])
-        who = "1 hogel stays" if len(left) == 1 else f"{len(left)} hogels stay"
-        told.append(f"not all: {who} beyond the limit when these are mended: {worst}")
     return told
 
 

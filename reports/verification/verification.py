@@ -46,6 +46,7 @@ from xfrustum.reports.verification.verdict import (
     Limits,
     Verification,
     with_correction_tested,
+    wrong_in,
 )
 from xfrustum.reports.verification.where import places_of
 from xfrustum.reports.verification.worst import MAX_SHOWN_HOGELS, Pictured, WorstHogels
@@ -150,8 +151,7 @@ def verify(
             return run.verified(channels=asked.channels, progress=asked.progress)
 
         found = with_layout_named(verified(images), images, verified)
-    # Accepted conventions are right as found already: correction has nothing to say of them.
-    return found if renderer.accept else with_correction_tested(found)
+    return with_correction_tested(found)
 
 
 FiguresPair = tuple[Figures, Figures]  #: figures of a hogel as found, and as corrected
@@ -269,6 +269,8 @@ class Run:
             as_found=as_found.numbers,
             corrected=corrected.numbers,
             places=places_of(as_found),
+            left=wrong_in(corrected.numbers) - corrected.rounded,
+            mended=self.limits.mends(corrected, model),
             storage=image.storage,
         )
         return judged, (as_found, corrected)
@@ -328,11 +330,16 @@ def with_layout_named(
         words=f"files were read as {source.files.layout.words}, and hold {right.files.layout.words}",
         explains=max(0.0, 1.0 - after / before) if before else None,
     )
-    corrected = {hogel.aperture: hogel.corrected for hogel in other.hogels}
+    corrected = {hogel.aperture: hogel for hogel in other.hogels}
+
+    def mended(hogel: Hogel) -> Hogel:
+        its = corrected[hogel.aperture]
+        return replace(hogel, corrected=its.corrected, left=its.left, mended=its.mended)
+
     return replace(
         found,
         diagnosis=replace(other.diagnosis, faults=(fault, *other.diagnosis.faults), does_not_explain=()),
-        hogels=tuple(replace(hogel, corrected=corrected[hogel.aperture]) for hogel in found.hogels),
+        hogels=tuple(map(mended, found.hogels)),
     )
 
 
@@ -575,7 +582,7 @@ def verify_on(
             if not all(map(job.finished, job.blocks)):
                 return None
             found = _put_together(job, workers, name, told, channels=out is not None)
-    return found if renderer.accept else with_correction_tested(found)
+    return with_correction_tested(found)
 
 
 def _put_together(

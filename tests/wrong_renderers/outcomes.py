@@ -130,6 +130,7 @@ class Outcome:
     wrong: int  # Number of pixels that `verify` counts as wrong in the images as found
     residual: int  # Number of wrong pixels after correction, except those that rounding explains
     displacement: float | None  # Largest 99th percentile of displacement of a hogel by `verify`, px
+    left: float  # Share of wrong pixels in the worst hogel after correction, except those by rounding
 
     @property
     def names(self) -> frozenset[str]:
@@ -161,6 +162,11 @@ class Outcome:
     @property
     def false_pass(self) -> bool:
         return self.verdict == "pass" and self.truth.wrong > BEYOND_DOUBT
+
+    @property
+    def false_explanation(self) -> bool:
+        """Whether a reason is told, and the images corrected for it are wrong by the limit for all images."""
+        return bool(self.findings) and self.left > LIMIT
 
     @property
     def whole(self) -> bool:
@@ -253,7 +259,18 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
         wrong=said["as_found"]["wrong"],
         residual=causes["unexplained"] if causes else said["corrected"]["wrong"],
         displacement=displacement["worst_p99"] if displacement else None,
+        left=max((_left(hogel["corrected"]) for hogel in said["hogels"] if hogel["corrected"]), default=0.0),
     )
+
+
+def _left(numbers: Mapping[str, Any]) -> float:
+    """Return the share of the wrong pixels of a corrected hogel that no rounding explains."""
+    surface, radiance, causes = numbers["surface"], numbers["radiance"], numbers["causes"]
+    wrong = numbers["wrong"] if surface is None else surface["wrong"]
+    # A wrong surface is another triangle, too: by rounding at most as many as triangles are.
+    rounded = 0 if causes is None else numbers["wrong"] - causes["unexplained"]
+    wrong = max(0, wrong - rounded) + (radiance["wrong"] if radiance else 0)
+    return wrong / numbers["shown"] if wrong > 1 else 0.0
 
 
 def _names(entries: Sequence[Any]) -> list[str]:
@@ -318,8 +335,10 @@ def tally(outcomes: Sequence[Outcome]) -> str:
     silent = [str(o.case) for o in known if not o.all_named]
     passes = [str(o.case) for o in outcomes if o.false_pass]
     causes = [f"{o.case} ({', '.join(o.false_causes)})" for o in outcomes if o.false_causes]
+    wrong = [f"{o.case} ({o.left:.1%})" for o in outcomes if o.false_explanation]
     return (
         f"named: {len(known) - len(silent)} of {len(known)}; not: {', '.join(silent) or '-'}\n"
         f"false passes: {len(passes)}; {', '.join(passes) or '-'}\n"
-        f"false causes: {len(causes)}; {', '.join(causes) or '-'}"
+        f"false causes: {len(causes)}; {', '.join(causes) or '-'}\n"
+        f"explained, and wrong when corrected: {len(wrong)}; {', '.join(wrong) or '-'}"
     )

@@ -17,7 +17,16 @@ import pytest
 
 import xfrustum
 from tests.wrong_renderers.new_toys import PAIRS, TOYS
-from tests.wrong_renderers.outcomes import BEYOND_DOUBT, MUST_EXPLAIN, Case, Studio, cases, table, world_of
+from tests.wrong_renderers.outcomes import (
+    BEYOND_DOUBT,
+    MUST_EXPLAIN,
+    Case,
+    Studio,
+    cases,
+    matches,
+    table,
+    world_of,
+)
 from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, SRGB, TWINS
 from xfrustum.cli.main import main
@@ -96,6 +105,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     if outcome.findings and outcome.whole:
         left = outcome.residual
         assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, f"{sorted(outcome.names)} leave {left} wrong"
+    assert not outcome.false_explanation, f"{outcome.left:.1%} of a corrected hogel are wrong"
     if case.toy in DISPLACED and case.encoding == "triangle-id":
         assert outcome.displacement is None or outcome.displacement > MAX_DISPLACEMENT_PX
     assert not outcome.false_causes
@@ -103,7 +113,9 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     seldom = case.encoding != "triangle-id" and case.toy not in NAMED_FROM_PICTURES
-    admitted = outcome.admits and (seldom or "does-not-explain" in expected)
+    # A true cause that mends too little, as where numbers are mixed with others', is told as a guess.
+    guessed = all(matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding))
+    admitted = outcome.admits and (seldom or guessed or "does-not-explain" in expected)
     assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"
     if (case.scene, case.toy) in TWINS:
         # Two causes of the same pictures: a wrong one must not stand alone; numbers name one, or both.

@@ -12,7 +12,7 @@ from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import reference_colors
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.verdict import Verification, sentence
+from xfrustum.reports.verification.verdict import NOT_JUDGED, Verification, sentence
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
@@ -43,16 +43,18 @@ def verified(scene: Scene, covered: Mask, max_wrong: float = MAX_WRONG) -> Verif
     return xfrustum.verify(scene, lambda _, __: image, max_wrong=max_wrong)
 
 
-def test_an_object_that_fills_the_film_is_right_though_nothing_can_be_registered(tmp_path: Path) -> None:
+def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path) -> None:
+    """Whatever a renderer of this box does wrong, its pictures name the box everywhere."""
     found = verified(box_at(tmp_path, 0.0), FILLED)
     numbers = found.hogels[0].as_found
     assert numbers is not None
     assert (numbers.wrong, numbers.displacement_px) == (0, None)
     assert numbers.displacement_by is MeasuredBy.NO_OUTLINES
-    assert sentence(found) == (
-        "Right: the hogel keeps to the limits: at worst wrong surfaces 0 % (limit 1 %), "
-        "displacement not measured, as there are no outlines (limit 0.5 px)."
-    )
+    assert (found.passed, found.verdict, found.summary()["verdict"]) == (False, NOT_JUDGED, NOT_JUDGED)
+    assert [(check.figure, check.held) for check in found.checks][-1] == ("displacement", None)
+    assert sentence(found).startswith("Not judged, neither right nor wrong: in the hogel the truth has no")
+    assert found.explained is None
+    assert verified(box_at(tmp_path, 0.0), ~FILLED).verdict == "fail"
     half = sentence(verified(box_at(tmp_path, 0.0), LEFT))
     assert half == "Not right: the hogel exceeds a limit: at worst wrong surfaces 50 % (limit 1 %)."
 

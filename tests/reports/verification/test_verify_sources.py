@@ -25,9 +25,9 @@ from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.diagnosis import doubtful
-from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS, LOSSY, RESTARTING
+from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.diagnosis.faults import HYPOTHESES, Fault
-from xfrustum.compare.judging.judged import ColorFigures
+from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
 from xfrustum.raster import Rasterizer
@@ -227,55 +227,44 @@ SHIFT = Fault(
 )
 
 
-@pytest.mark.parametrize(("corrected", "named"), [((0, 400), False), ((0, 60), True), ((0, 0), True)])
-def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
-    corrected: tuple[int, int], named: bool
+@pytest.mark.parametrize(("alternatives", "told"), [(("near",), True), ((), False)])
+@pytest.mark.parametrize(("left", "named"), [((0, 200), False), ((0, 20), False), ((0, 0), True)])
+def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
+    left: tuple[int, int], named: bool, alternatives: tuple[str, ...], told: bool
 ) -> None:
+    """100 pixels of each of two hogels are wrong, and after correction some of the second one's."""
     found = verification({(0, 0): 100, (1, 0): 100})
-    other = verification({(i, 0): wrong for i, wrong in enumerate(corrected)})
-    # None of these wrong pixels has a cause that is nobody's fault.
-    numbers = [None if one.as_found is None else replace(one.as_found, causes=None) for one in other.hogels]
-    hogels = tuple(replace(mine, corrected=its) for mine, its in zip(found.hogels, numbers, strict=True))
-    found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(SHIFT,)))
+    other = verification({(i, 0): wrong for i, wrong in enumerate(left)})
+    hogels = tuple(
+        replace(mine, corrected=its.as_found, left=wrong, mended=its.passed)
+        for mine, its, wrong in zip(found.hogels, other.hogels, left, strict=True)
+    )
+    fault = replace(SHIFT, alternatives=alternatives)
+    found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(fault,)))
     tested = with_correction_tested(found)
-    assert (tested.diagnosis.faults == (SHIFT,)) is named
-    assert tested.explained is (corrected == (0, 0))
-    told = "not all: 1 hogel stays beyond the limit when these are mended: 1,0 (120 pixels)"
-    assert (told in table(tested)) is (corrected == (0, 60))
-    assert ("no single fault that was tried explains all hogels" in table(tested)) is not named
-    assert ("o single fault that was tried explains all hogels" in render_page(tested)) is not named
-    assert ("explained: 100 %" in table(tested)) is named
+    text, page = table(tested), render_page(tested)
+    assert (tested.diagnosis.faults == (fault,)) is tested.explained is named
+    assert ("explained: 100 %" in text) is named
+    for words in (text, page):
+        assert ("o single fault that was tried explains all hogels" in words) is (told and not named)
+        assert ("o known fault explains what is wrong" in words) is (not told and not named)
     if not named:
         (guess,) = tested.diagnosis.does_not_explain
-        assert guess.alternatives == ("near",)
-        assert guess.explains == 0.0
-        assert "800 pixels of all judged hogels are wrong instead of 400" in guess.words
+        assert guess.explains == pytest.approx(1 - sum(left) / 200)
+        assert f"{sum(left)} pixels of all judged hogels are wrong instead of 200" in guess.words
+        assert "1 of 2 hogels exceed a limit: 1,0" in guess.words
 
 
-@pytest.mark.parametrize(
-    ("colors", "surfaces", "rounded", "fault", "explained"),
-    [
-        (0, 0, 0, SHIFT, True),
-        (500, 0, 0, SHIFT, False),
-        (0, 500, 500, SHIFT, True),
-        (0, 500, 0, SHIFT, False),
-        # What is compressed is mended approximately; numbers that begin anew are put back one by one.
-        (0, 500, 0, replace(SHIFT, fault=RESTARTING), False),
-        (0, 500, 0, replace(SHIFT, fault=LOSSY), True),
-    ],
-)
-def test_a_diagnosis_explains_unless_pixels_stay_wrong_by_no_rounding(
-    colors: int, surfaces: int, rounded: int, fault: Fault, explained: bool
-) -> None:
-    """Of 1,000 wrong pixels, so many stay: colors, and surfaces, some of which rounding explains."""
-    found, mended = verification({(0, 0): 1000}), verification({(0, 0): surfaces}).hogels[0].as_found
-    assert mended is not None
-    causes = {"edge": rounded, "order": 0, "lost": 0, "unexplained": surfaces - rounded}
-    mended = replace(mended, causes=causes, radiance=ColorFigures(wrong=colors))
-    hogels = (replace(found.hogels[0], corrected=mended),)
-    found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(fault,)))
-    assert found.explained is explained
-    assert ("stays beyond the limit when these are mended" in table(found)) is not explained
+def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> None:
+    found = verification({(0, 0): 100})
+    (hogel,) = found.hogels
+    assert hogel.as_found is not None
+    blind = {"by": "outlines", "surface": None, "displacement_by": MeasuredBy.NO_OUTLINES, "wrong": 0}
+    hogel = replace(hogel, corrected=replace(hogel.as_found, **blind), mended=False)
+    diagnosis = replace(found.diagnosis, faults=(SHIFT,))
+    tested = with_correction_tested(replace(found, hogels=(hogel,), diagnosis=diagnosis))
+    assert [guess.explains for guess in tested.diagnosis.does_not_explain] == [0.0]
+    assert not tested.diagnosis.guesses
 
 
 def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -> None:
@@ -309,7 +298,7 @@ def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None
         "keeps to the limits": [[0, 0]],
         "exceeds a limit": [[0, 1]],
         "half or more is wrong": [[1, 0]],
-        "missing": [[1, 1]],
+        "missing or not judged": [[1, 1]],
     }
     assert "Which hogels fail" in render_page(found)
     assert plate_map(verification({(0, 0): 0, (1, 0): 0})) is None
