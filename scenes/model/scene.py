@@ -86,6 +86,7 @@ class SceneObject(Shown):
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
     normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, as `smooth = true` asks
     unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
+    warnings: tuple[str, ...] = ()  #: doubts about the placement, one line each
 
     def __post_init__(self) -> None:
         one_of(self.name, str, "an object's name")
@@ -241,9 +242,10 @@ class Scene(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Features of mesh files that are not honoured, one line each with the file, each line once."""
-        lines = (f"{part.name}: {feature}" for part in self.objects for feature in part.unread)
-        return tuple(dict.fromkeys(lines))
+        """Unread features of mesh files, each with its file, and doubtful objects; each line once."""
+        unread = [f"{part.name}: {feature}" for part in self.objects for feature in part.unread]
+        doubtful = [line for part in self.objects for line in part.warnings]
+        return tuple(dict.fromkeys([*unread, *doubtful]))
 
     @cached_property
     def vertices(self) -> Floats:
