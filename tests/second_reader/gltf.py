@@ -24,7 +24,7 @@ def read(path: Path, unit: bool = True) -> Reading:
         document = Document(path)
         refuse(document.json)
         return Walk(document, unit).reading
-    except (KeyError, TypeError, AttributeError, ValueError, struct.error) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, struct.error) as error:
         raise Refused(f"an entry that is missing or of another type: {error}") from error
 
 
