@@ -38,12 +38,13 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write("usage: python -m tests.second_reader FILE..\n")
         return 2
     sys.stdout.write(f"{'file':32} {'triangles':>9} {'area':>13}  bounds\n")
-    differ = 0
+    differ, triangles = 0, 0
     for path in map(Path, arguments):
         row = compare(path)
         differ += row.difference is not None
+        triangles += row.second.triangles
         sys.stdout.write("\n".join(lines(path.name, row)) + "\n")
-    sys.stdout.write(f"{differ} of {len(arguments)} files differ\n")
+    sys.stdout.write(f"{len(arguments)} files, {triangles:,} triangles, {differ} differ\n")
     return int(differ > 0)
 
 

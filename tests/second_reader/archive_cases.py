@@ -101,7 +101,7 @@ def threemf_refusals() -> Iterator[Case]:
 
 
 def threedxml() -> Iterator[Case]:
-    def package_of(rep: str, matrix: str = "1 0 0 0 1 0 0 0 1 0 0 0") -> bytes:
+    def package_of(rep: str, matrix: str = "1 0 0 0 1 0 0 0 1 0 0 0", more: str = "") -> bytes:
         space = 'xmlns="http://www.3ds.com/xsd/3DXML" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
         structure = (
             f"<Model_3dxml {space}><Header><SchemaVersion>4.0</SchemaVersion></Header>"
@@ -112,7 +112,7 @@ def threedxml() -> Iterator[Case]:
             '<Instance3D xsi:type="Instance3DType" id="4" name="i"><IsAggregatedBy>1</IsAggregatedBy>'
             f"<IsInstanceOf>2</IsInstanceOf><RelativeMatrix>{matrix}</RelativeMatrix></Instance3D>"
             '<InstanceRep xsi:type="InstanceRepType" id="5" name="r"><IsAggregatedBy>2</IsAggregatedBy>'
-            "<IsInstanceOf>3</IsInstanceOf></InstanceRep></ProductStructure></Model_3dxml>"
+            f"<IsInstanceOf>3</IsInstanceOf></InstanceRep>{more}</ProductStructure></Model_3dxml>"
         )
         bag = f'<Root xsi:type="BagRepType" id="1">{rep}</Root>'
         part = f'<XMLRepresentation version="1.2" {space}>{bag}</XMLRepresentation>'
@@ -142,3 +142,9 @@ def threedxml() -> Iterator[Case]:
     matrix = shift(1, 2, 3) @ making.quarter_turn()
     numbers = " ".join(f"{value:g}" for value in matrix[:3].T.ravel())
     yield case("placed.3dxml", package_of(rep(whole), numbers), moved(matrix))
+    aside = (
+        '<Reference3D xsi:type="Reference3DType" id="8" name="aside"/>'
+        '<Instance3D xsi:type="Instance3DType" id="9" name="j"><IsAggregatedBy>8</IsAggregatedBy>'
+        "<IsInstanceOf>2</IsInstanceOf><RelativeMatrix>1 0 0 0 1 0 0 0 1 50 0 0</RelativeMatrix></Instance3D>"
+    )
+    yield case("not_below_the_root.3dxml", package_of(rep(whole), more=aside))

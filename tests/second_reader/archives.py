@@ -187,6 +187,9 @@ class Structure:
         if len(structures) != 1:
             raise Refused(f"{len(structures)} product structures")
         self.items = list(structures[0])
+        names = [one.get("id") for one in self.items]
+        if len(set(names)) < len(names):
+            raise Refused("two items of one id")
         self.enter(structures[0].get("root", ""), stated(identity()), 0)
 
     def enter(self, reference: str, placed: Placement, depth: int) -> None:

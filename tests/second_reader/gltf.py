@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,12 @@ Placed = tuple[list[float], list[float], float]  #: position, sizes of its terms
 
 def read(path: Path, unit: bool = True) -> Reading:
     """Read the triangles of a glTF file; `unit`: divide quaternions by their length."""
-    document = Document(path)
-    refuse(document.json)
-    return Walk(document, unit).reading
+    try:
+        document = Document(path)
+        refuse(document.json)
+        return Walk(document, unit).reading
+    except (LookupError, TypeError, AttributeError, ValueError, struct.error) as error:
+        raise Refused(f"an entry that is missing or of another type: {error}") from error
 
 
 def refuse(json: dict[str, Any]) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tests.second_reader import texts
 from tests.second_reader.model import Reading, Refused
 
-LETTERS = "+-.0123456789eE"  #: of a number
 #: Statements without geometry, and points and lines.
 HARMLESS = {"vp", "p", "l", "g", "s", "mg", "o", "bevel", "c_interp", "d_interp", "lod", "usemtl", "mtllib"}
 HARMLESS |= {"shadow_obj", "trace_obj", "usemap", "maplib", "ctech", "stech"}
@@ -76,26 +76,23 @@ def _statements(path: Path) -> list[tuple[int, list[str]]]:
     for number, line in enumerate(lines, 1):
         if not parts:
             first = number
-        stripped = line.split("#", 1)[0].rstrip()
+        stripped = line.split("#", 1)[0].rstrip(" \t\v\f")
         if stripped.endswith("\\"):
             parts += stripped[:-1] + " "
             continue
-        words = (parts + stripped).split()
+        words = texts.words(parts + stripped)
         parts = ""
         if words:
             statements.append((first, words))
-    if parts.split():
+    if texts.words(parts):
         raise Refused("the last line is continued by none")
     return statements
 
 
 def _numbers(number: int, words: list[str]) -> list[float]:
-    if words and not any(word.strip(LETTERS) for word in words):  # no inf, nan, 1_000
-        try:
-            return [float(word) for word in words]
-        except ValueError:
-            pass
-    raise Refused(f"line {number}: {' '.join(words)} are not numbers")
+    if not words:
+        raise Refused(f"line {number}: no numbers")
+    return [texts.number(word) for word in words]
 
 
 def _vertex(number: int, words: list[str]) -> list[float]:
@@ -124,12 +121,7 @@ def _face(number: int, words: list[str], counts: dict[str, int]) -> tuple[list[i
 
 
 def _place(number: int, word: str, count: int) -> int:
-    if word.strip("+-0123456789"):
-        raise Refused(f"line {number}: index {word}")
-    try:
-        value = int(word)
-    except ValueError:
-        raise Refused(f"line {number}: index {word}") from None
+    value = texts.integer(word)
     if value == 0 or value < -count:
         raise Refused(f"line {number}: index {value} after {count}")
     return value - 1 if value > 0 else count + value

@@ -6,6 +6,7 @@ import re
 import struct
 from pathlib import Path
 
+from tests.second_reader import texts
 from tests.second_reader.model import UNIT, Reading, Refused
 
 HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\Z")
@@ -15,7 +16,7 @@ def read(path: Path) -> Reading:
     """Read the polygons of an OFF file: `[ST][C][N][4][n]OFF`, text or `BINARY`."""
     data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     first, _, rest = data.partition(b"\n")
-    words = first.decode("latin-1").split("#")[0].split()
+    words = texts.words(first.decode("latin-1").split("#")[0])
     if len(words) == 2 and words[1] == "BINARY":
         if "n" in words[0]:
             raise Refused("binary positions of n dimensions")
@@ -44,7 +45,7 @@ def _position(values: list[float], homogeneous: bool) -> list[float]:
 
 def _text(text: str) -> Reading:
     # Line ends matter after the corners of a face alone, where the color may follow.
-    tokens = [word for line in text.split("\n") for word in [*line.split("#", 1)[0].split(), "\n"]]
+    tokens = [word for line in text.split("\n") for word in [*texts.words(line.split("#", 1)[0]), "\n"]]
     place = 0
 
     def take() -> str:
@@ -57,17 +58,10 @@ def _text(text: str) -> Reading:
         return tokens[place - 1]
 
     def number() -> float:
-        word = take()
-        try:
-            return float(word)
-        except ValueError:
-            raise Refused(f"{word} is not a number") from None
+        return texts.number(take())
 
     def integer() -> int:
-        word = take()
-        if not word.lstrip("+-").isdigit():
-            raise Refused(f"{word} is not a whole number")
-        return int(word)
+        return texts.integer(take())
 
     head = take()
     if head.isdigit():  # "recommended but optional"

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tests.second_reader import texts
 from tests.second_reader.model import Reading, Refused
 
 CODES = {
@@ -52,7 +53,7 @@ class Text:
     """Values of a text file, one element a line."""
 
     def __init__(self, data: bytes) -> None:
-        self.lines = [line.split() for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
+        self.lines = [texts.words(line) for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
         self.lines = [line for line in self.lines if line]
         self.line, self.column = 0, 0
 
@@ -61,10 +62,7 @@ class Text:
             raise Refused("the file is cut off")
         word = self.lines[self.line][self.column]
         self.column += 1
-        try:
-            return float(word) if code in "fd" else int(word)
-        except ValueError as error:
-            raise Refused(str(error)) from None
+        return texts.number(word) if code in "fd" else texts.integer(word)
 
     def end_row(self) -> None:
         if self.line < len(self.lines) and self.column != len(self.lines[self.line]):
@@ -101,6 +99,9 @@ class Binary:
 def read(path: Path) -> Reading:
     """Read the faces of a PLY file."""
     order, elements, data = _header(path.read_bytes())
+    for element in elements:
+        if len({one.name for one in element.properties}) < len(element.properties):
+            raise Refused(f"element {element.name} declares a property twice")
     source: Source = Text(data) if order == "" else Binary(data, order)
     rows = {element.name: _rows(element, source) for element in elements}
     source.end()
@@ -158,7 +159,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
         stop = data.find(end, place)
         if stop < 0:
             raise Refused("the header does not end")
-        words = data[place:stop].decode("latin-1").split()
+        words = texts.words(data[place:stop].decode("latin-1"))
         first, place = place == 0, stop + 1
         if first and words != ["ply"]:
             raise Refused("not a PLY file")

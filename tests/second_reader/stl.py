@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+from tests.second_reader import texts
 from tests.second_reader.model import Reading, Refused
 
 
@@ -31,7 +32,7 @@ def _binary(data: bytes, count: int) -> Reading:
 def _text(data: bytes) -> Reading:
     """Read solids of facets: `facet normal`, `outer loop`, three `vertex`, `endloop endfacet`."""
     reading = Reading()
-    lines = [line.split() for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
+    lines = [texts.words(line) for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
     lines = [line for line in lines if line]
     words = [word for line in lines for word in _without_name(line)]
     place = 0
@@ -46,10 +47,7 @@ def _text(data: bytes) -> Reading:
         nonlocal place
         three = words[place : place + 3]
         place += 3
-        try:
-            values = [float(word) for word in three]
-        except ValueError as error:
-            raise Refused(str(error)) from None
+        values = [texts.number(word) for word in three]
         if len(values) < 3:
             raise Refused("the file is cut off")
         return values

@@ -179,6 +179,9 @@ def obj_refusals() -> Iterator[Case]:
     }.items():
         used = "f 1 2 -1\n" if line.startswith("v") else ""
         yield case(f"{name}.obj", POINTS + NAMES + line + "\n" + used, None)
+    yield case("control_byte_in_a_number.obj", (POINTS + NAMES).replace("v 4 0 0", "v \x14.0 0 0"), None)
+    yield case("control_byte_for_a_number.obj", POINTS + NAMES.replace("f 1 3 2", "f 1 3 2 \x1d"), None)
+    yield case("control_byte_for_a_coordinate.obj", (POINTS + NAMES).replace("v 4 0 0", "v 4 0 \x11"), None)
     yield case("cut_off_in_a_face.obj", POINTS + NAMES + "f 1 2", None)
     yield case("empty.obj", "", None)
     yield case("vertices_alone.obj", POINTS, None)
@@ -255,6 +258,8 @@ def off_refusals() -> Iterator[Case]:
         "kind": f"XOFF\n4 1 0\n{points}3 0 1 2\n",
     }.items():
         yield case(f"{name}.off", text, None)
+    damaged = points.replace("4 0 0", "\x14.0 0 0")
+    yield case("control_byte_in_a_number.off", f"OFF\n4 1 0\n{damaged}3 0 1 2\n", None)
     body = struct.pack(">3i", 4, 1, 0) + CORNERS.astype(">f4").tobytes()
     yield case("binary_cut_off.off", b"OFF BINARY\n" + body + struct.pack(">3i", 3, 0, 1), None)
 
@@ -301,6 +306,13 @@ def ply_refusals() -> Iterator[Case]:
     yield case("index.ply", ply("", types, [[0, 1, 4]], CORNERS), None)
     yield case("negative_index.ply", ply("<", types, [[0, 1, -1]], CORNERS), None)
     yield case("no_faces.ply", ply("<", types, [], CORNERS), None)
+    yield case(
+        "property_twice.ply",
+        text.replace(b"property float z\n", b"property float y\nproperty float z\n"),
+        None,
+    )
+    damaged = text.replace(b"7 4.0 0.0 0.0", b"7 \x14.0 0.0 0.0")
+    yield case("control_byte_in_a_number.ply", damaged, None)
     yield case("words.ply", text.replace(b"7 4.0", b"7 four"), None)
     head = b"ply\nformat ascii 1.0\nelement vertex 1\n"
     cloud = head + b"property float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
@@ -337,4 +349,5 @@ def stl_kinds() -> Iterator[Case]:
     yield case("text_cut_off_in_a_number.stl", text[: text.rindex("5.0")], None)
     corner = "    vertex 1.0 1.0 5.0\n"
     yield case("text_four_corners.stl", text.replace(corner, corner * 2, 1), None)
+    yield case("text_control_byte_in_a_number.stl", text.replace("4.0", "\x14.0"), None)
     yield case("text_word.stl", text.replace("4.0", "four"), None)
