@@ -373,7 +373,7 @@ def shard_file(place: Path, array: Any, column: int, row: int) -> Path:
     """Return the file that holds a hogel of a plate's array."""
     side = (array.shards or array.chunks)[:2]
     number = (row // side[0], column // side[1], *(0 for _ in array.shape[2:]))
-    return place / array.basename / array.metadata.encode_chunk_key(number)
+    return place / str(array.basename) / str(array.metadata.encode_chunk_key(number))
 
 
 class PlateStore:

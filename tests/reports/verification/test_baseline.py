@@ -314,7 +314,12 @@ def test_the_action_has_every_input_that_it_uses_and_every_option_of_baselines()
             | {"apertures": "0,0;2,1", "accept": "orientation", "approve": "true", "repeated": "true"}
             | {"arguments": "--max-wrong 0.5% --timeout '20'"},
             {"command": "build/r --x {x} --y {y} --out {out}", "renderer": "mine; rm -rf", "timeout_s": 20.0}
-            | {"approve": True, "repeated": True, "max_wrong": 0.005, "apertures": ((0, 0), (2, 1))},
+            | {
+                "approve": True,
+                "repeated": True,
+                "max_wrong": 0.005,
+                "apertures": (((0, 0), (0, 0)), ((2, 2), (1, 1))),
+            },
         ),
     ],
 )

@@ -88,7 +88,7 @@ def test_files_of_other_programs_are_read_as_they_are_meant(tmp_path: Path, name
 
 def test_files_whose_format_changes_pixels_are_said_in_text_and_json(tmp_path: Path) -> None:
     of = open_scene("hard/only-behind")
-    Image.new("RGB", of.frustum.resolution, (90, 90, 90)).save(tmp_path / "h.jpg")
-    found = xfrustum.verify(of, str(tmp_path / "h.jpg"), encoding="srgb", apertures=[(0, 0)])
+    Image.new("RGB", of.frustum.resolution, (90, 90, 90)).save(tmp_path / "h_0x0.jpg")
+    found = xfrustum.verify(of, str(tmp_path / "h_{i}x{j}.jpg"), encoding="srgb", apertures=[(0, 0)])
     assert found.summary()["storage"] == {"JPEG, lossy": 1}
     assert "stored as: JPEG, lossy (1 of 1 hogels)" in found.table()
