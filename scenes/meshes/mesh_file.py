@@ -14,11 +14,12 @@ from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.obj import read_obj
 from xfrustum.scenes.meshes.textures import decode_textures
 from xfrustum.scenes.meshes.trimesh_reader import read_with_trimesh
 
 #: Readers by suffix; trimesh reads all other formats.
-_READERS: dict[str, Callable[[Path], MeshContent]] = {}
+_READERS: dict[str, Callable[[Path], MeshContent]] = {".obj": read_obj}
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
