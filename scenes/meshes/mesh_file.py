@@ -15,11 +15,19 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.obj import read_obj
+from xfrustum.scenes.meshes.off import read_off
+from xfrustum.scenes.meshes.ply import read_ply
+from xfrustum.scenes.meshes.stl import read_stl
 from xfrustum.scenes.meshes.textures import decode_textures
 from xfrustum.scenes.meshes.trimesh_reader import read_with_trimesh
 
 #: Readers by suffix; trimesh reads all other formats.
-_READERS: dict[str, Callable[[Path], MeshContent]] = {".obj": read_obj}
+_READERS: dict[str, Callable[[Path], MeshContent]] = {
+    ".obj": read_obj,
+    ".off": read_off,
+    ".ply": read_ply,
+    ".stl": read_stl,
+}
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:

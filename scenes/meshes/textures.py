@@ -34,7 +34,7 @@ def decode_textures(
         if part.name in index_of_name:
             continue
         pixels, name = None, part.texture
-        if part.picture is not None:
+        if part.picture is not None and part.uv is not None:
             input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
             with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
                 if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
@@ -45,20 +45,12 @@ def decode_textures(
         index_of_name[part.name] = -1 if pixels is None else len(pictures)
         if pixels is not None:
             pictures.append(pixels)
-            if part.uv is None:
-                unread.append(
-                    UnreadFeature(
-                        feature=f"texture {name}", consequence="is not shown: there are no coordinates"
-                    )
-                )
         elif name is not None:
             there = name.startswith("in image") or file_beside(path, name) is not None
-            lost = "cannot be read" if there else "is missing"
-            unread.append(
-                UnreadFeature(
-                    feature=f"texture {name}", consequence=f"{lost}; the surface is drawn without it"
-                )
-            )
+            lost = f"{'cannot be read' if there else 'is missing'}; the surface is drawn without it"
+            if part.picture is not None and part.uv is None:
+                lost = "is not shown: there are no coordinates"
+            unread.append(UnreadFeature(feature=f"texture {name}", consequence=lost))
     indices = [np.full(len(part.faces), index_of_name[part.name], np.int32) for part in parts]
     return tuple(pictures), np.concatenate(indices) if pictures else None, unread
 
