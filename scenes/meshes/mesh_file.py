@@ -19,14 +19,33 @@ from xfrustum.scenes.meshes.off import read_off
 from xfrustum.scenes.meshes.ply import read_ply
 from xfrustum.scenes.meshes.stl import read_stl
 from xfrustum.scenes.meshes.textures import decode_textures
-from xfrustum.scenes.meshes.trimesh_reader import read_with_trimesh
+from xfrustum.scenes.meshes.threedxml import read_3dxml
+from xfrustum.scenes.meshes.threemf import read_3mf
 
-#: Readers by suffix; trimesh reads all other formats.
+#: Readers by suffix.
 _READERS: dict[str, Callable[[Path], MeshContent]] = {
+    ".3dxml": read_3dxml,
+    ".3mf": read_3mf,
     ".obj": read_obj,
     ".off": read_off,
     ".ply": read_ply,
     ".stl": read_stl,
+    ".stl_ascii": read_stl,
+}
+
+#: Formats that are known and not read, by suffix, and what to do with them.
+_EXPORT = "export the mesh as glTF, OBJ, PLY or STL"
+_REFUSED = {
+    **dict.fromkeys((".dae", ".zae"), f"COLLADA, which is not read; {_EXPORT}"),
+    **dict.fromkeys(
+        (".xaml", ".x3d", ".wrl", ".amf", ".ctm", ".drc"), f"of a format that is not read; {_EXPORT}"
+    ),
+    **dict.fromkeys((".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc"), f"a scene; {_EXPORT}"),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".dxf", ".dwg"), f"a CAD drawing; {_EXPORT}"),
+    **dict.fromkeys(
+        (".xyz", ".pts", ".pcd", ".las", ".laz", ".e57"), "a point cloud; give it a mesh with faces"
+    ),
+    **dict.fromkeys((".zip", ".gz", ".bz2", ".xz", ".tar", ".7z"), "packed; unpack it first"),
 }
 
 
@@ -42,7 +61,7 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     with input_files.bounded_memory(path):
-        content = _READERS.get(path.suffix.lower(), read_with_trimesh)(path)
+        content = _reader(path)(path)
         parts = content.parts
         if not parts:
             raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
@@ -61,6 +80,17 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
             vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
             unread=tuple(dict.fromkeys([*content.unread, *not_shown])),
         )
+
+
+def _reader(path: Path) -> Callable[[Path], MeshContent]:
+    """Return the reader of a file; InputError where its format is not read."""
+    suffix = path.suffix.lower()
+    if suffix in _READERS:
+        return _READERS[suffix]
+    if suffix in _REFUSED:
+        raise InputError(f"{path}: is {_REFUSED[suffix]}")
+    kinds = ", ".join(sorted(suffix[1:] for suffix in _READERS))
+    raise InputError(f"{path}: not a mesh type that can be read; use one of {kinds}")
 
 
 def _joined(
