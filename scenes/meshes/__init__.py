@@ -3,5 +3,8 @@
 mesh_file    One mesh file as one object: the reader of its format, the checks that all formats share
 content      What a reader returns: parts with their attributes, and the features that it does not honour
 textures     Pictures of base colors, decoded once each
+gltf         glTF files: nodes, instances, morph targets and skins at rest
+gltf_data    Document, buffers and accessors of a glTF file
+gltf_materials  Base colors and textures of glTF materials
 trimesh_reader  Formats that trimesh reads
 """

@@ -14,6 +14,7 @@ from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.gltf import read_gltf
 from xfrustum.scenes.meshes.obj import read_obj
 from xfrustum.scenes.meshes.off import read_off
 from xfrustum.scenes.meshes.ply import read_ply
@@ -26,6 +27,8 @@ from xfrustum.scenes.meshes.threemf import read_3mf
 _READERS: dict[str, Callable[[Path], MeshContent]] = {
     ".3dxml": read_3dxml,
     ".3mf": read_3mf,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
     ".obj": read_obj,
     ".off": read_off,
     ".ply": read_ply,

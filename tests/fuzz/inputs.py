@@ -3,7 +3,7 @@
 Most inputs are only read, because a verdict takes a hundred times as long as reading what it is about; one in
 so many goes all the way:
 
-scene, mesh, patches, environment   `read-scene`; one in ten `check`, one in ten `trace`
+scene, mesh, patches, environment, instances   `read-scene`; one in ten `check`, one in ten `trace`
 exr                                 `compare`
 picture                             `read-picture`, which reads as `verify` does; one in a hundred `verify`
 exr-attributes                      `read-picture`; one in ten `compare`
@@ -29,6 +29,7 @@ import trimesh
 from PIL import Image
 
 from tests.support.environment_maps import write_map
+from tests.support.gltf_writer import TENT, Writer
 from tests.support.scene_file import film, named, part
 from xfrustum.scenes.files.pictures import write_video
 
@@ -168,6 +169,26 @@ def meshes() -> list[Seed]:
             replace(wood, name="mesh-texture", mutated="skin.png"),
         ]
     )
+
+
+def instances() -> list[Seed]:
+    """Return glTF meshes that are placed by instances, joints and morph targets."""
+    writer = Writer()
+    targets = [{"POSITION": writer.array(TENT * np.float32(0.1))}]
+    joints = writer.array(np.zeros((5, 4), "<u1"))
+    weights = writer.array(np.tile(np.array([255, 0, 0, 0], "<u1"), (5, 1)), normalized=True)
+    mesh = writer.tent(targets=targets, attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
+    places = writer.array(np.arange(9, dtype="<f4").reshape(3, 3))
+    node = writer.node(mesh=mesh, weights=[0.5], translation=[1, 0, 0])
+    attributes = {"attributes": {"TRANSLATION": places, "SCALE": places}}
+    writer.extend("nodes", node, "EXT_mesh_gpu_instancing", attributes)
+    writer.node(mesh=mesh, skin=writer.add("skins", joints=[node]))
+    files = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("b.glb", "b.gltf"):
+            writer.tree.pop("buffers", None)
+            files.append((name, writer.save(Path(folder) / name).read_bytes()))
+    return _of_scene([_of_mesh(name, data) for name, data in files])
 
 
 def patches() -> list[Seed]:
@@ -314,6 +335,7 @@ def commands() -> list[Seed]:
 KINDS: dict[str, Callable[[], list[Seed]]] = {
     "scene": scenes,
     "mesh": meshes,
+    "instances": instances,
     "patches": patches,
     "exr": images,
     "exr-attributes": attributes,

@@ -1,0 +1,408 @@
+"""glTF files: nodes, instances, morph targets and skins at rest, in double precision.
+
+Parts are placed node by node: a node before its children, siblings last to first, as trimesh numbers them
+(CONVENTIONS.md). The number of triangles is computed from the document before any is placed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from trimesh.transformations import quaternion_matrix
+
+from xfrustum.scenes import InputError
+from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
+from xfrustum.scenes.meshes.gltf_materials import Look, look_of, unread_extension
+from xfrustum.scenes.model.scene import UnreadFeature
+
+_TRIANGLES, _STRIP = 4, 5
+_DRACO = "KHR_draco_mesh_compression"
+_HONOURED = {
+    _DRACO, "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_mesh_quantization", "KHR_node_visibility",
+    "KHR_texture_transform",
+}  # fmt: skip
+#: Extensions that change positions or faces and are not read.
+_CHANGING_GEOMETRY = {
+    "AGI_articulations", "CESIUM_RTC", "EXT_implicit_geometry", "EXT_meshopt_compression",
+    "EXT_primitive_voxels", "KHR_implicit_shapes", "KHR_meshopt_compression", "MPEG_accessor_timed",
+    "MPEG_buffer_circular", "MPEG_mesh_linking",
+}  # fmt: skip
+#: Names of extensions that change looks alone.
+_LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|xmp)\w*")
+#: Arrays of doubles that exist at the same time for each one of the result.
+_COPIES = 3
+#: Bytes of memory of one primitive of a node besides its arrays, and of one instance.
+_MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
+#: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the sum and
+#: one that does not differ by more than a part per thousand of a vertex's position.
+_WEIGHT_TOLERANCE = 1e-3
+_NO_TRIANGLES = UnreadFeature(feature="points and lines", consequence="are not shown")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Local:
+    """Triangles of a primitive in the mesh's own coordinates, morph targets applied."""
+
+    points: Floats
+    faces: Indices
+    normals: Floats | None
+    uv: Floats | None
+    color: Floats | None
+    look: Look
+    joints: tuple[tuple[Indices, Floats], ...]  #: numbers of joints and their weights, (V, 4) each
+
+
+def read_gltf(path: Path) -> MeshContent:
+    """Read a .gltf or .glb file; InputError where it breaks the format or needs what is not read."""
+    gltf = open_gltf(path)
+    unread = _unread_extensions(gltf)
+    tree, look, parts = gltf.tree, cache(partial(look_of, gltf)), []
+
+    @cache
+    def primitives(mesh: int, weights: tuple[float, ...]) -> list[_Local | None]:
+        return [_local(gltf, each, weights, look) for each in tree.meshes[mesh].primitives]
+
+    with np.errstate(all="ignore"):  # coordinates that overflow are refused with all vertices
+        worlds = _world_matrices(gltf)
+        placed = list(_visible_meshes(gltf))
+        _check_memory(gltf, placed)
+        for number, mesh in placed:
+            node = tree.nodes[number]
+            place = _placing(gltf, node, worlds, number)
+            weights = tree.meshes[mesh].weights if node.weights is None else node.weights
+            for index, local in enumerate(primitives(mesh, weights)):
+                if local is None:
+                    unread.append(_NO_TRIANGLES)
+                elif len(local.faces):
+                    unread += local.look.unread
+                    parts.append(replace(place(local), name=f"mesh {mesh}, primitive {index}"))
+    return MeshContent(parts=tuple(parts), unread=tuple(dict.fromkeys(unread)))
+
+
+def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
+    """Return the extensions that are not honoured; refuse those that are required or change geometry."""
+    tree = gltf.tree
+    primitives = [primitive for mesh in tree.meshes for primitive in mesh.primitives]
+    extended: list[Any] = [tree, *tree.nodes, *tree.meshes, *primitives, *tree.skins, *tree.scenes]
+    extended += [*tree.accessors, *tree.buffer_views, *tree.buffers]
+    inside = [name for entry in extended for name in entry.extensions]
+    names = dict.fromkeys([*tree.extensions_required, *tree.extensions_used, *inside])
+    for name in names:
+        unknown = (
+            name in tree.extensions_required
+            and name not in _HONOURED
+            and not _LOOKS.fullmatch(name)
+        )
+        if unknown or name in _CHANGING_GEOMETRY:
+            raise InputError(
+                f"{gltf.path}: the extension {name} is not read, and may change the geometry; "
+                "export the mesh without it"
+            )
+    unread = [unread_extension(name) for name in names if name not in _HONOURED]
+    if tree.animations:
+        unread.append(
+            UnreadFeature(feature="animations", consequence="are not played: all is at rest")
+        )
+    return unread
+
+
+def _local_matrix(gltf: Gltf, node: Node) -> Floats:
+    if node.matrix is not None:
+        matrix: Floats = np.array(node.matrix).reshape(4, 4).T
+        if node.translation or node.rotation or node.scale:
+            raise gltf.error("a node has a matrix beside translation, rotation or scale")
+        if matrix[3].tolist() != [0, 0, 0, 1]:
+            raise gltf.error("the last row of a node's matrix is not 0 0 0 1")
+        return matrix
+    given = [[part] if part else None for part in (node.translation, node.rotation, node.scale)]
+    placed: Floats = _matrices(*given, count=1)[0]
+    return placed
+
+
+def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Floats:
+    """Return (count, 4, 4) matrices that scale, then turn, then move; None leaves a step out."""
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    if rotation is not None:
+        turned = quaternion_matrix(np.asarray(rotation, np.float64)[:, [3, 0, 1, 2]])
+        matrices = np.array(turned).reshape(count, 4, 4)
+    if scale is not None:
+        matrices[:, :3, :3] *= np.asarray(scale, np.float64)[:, None, :]
+    if translation is not None:
+        matrices[:, :3, 3] = translation
+    return matrices
+
+
+def _world_matrices(gltf: Gltf) -> list[Floats]:
+    """Return the (4, 4) matrix of every node; refuse cycles and children of two parents."""
+    nodes = gltf.tree.nodes
+    parents: dict[int, int] = {}
+    for number, node in enumerate(nodes):
+        for child in node.children:
+            gltf.entry(nodes, child, "node")
+            if child in parents:
+                raise gltf.error(f"node {child} is a child twice")
+            parents[child] = number
+    worlds: dict[int, Floats] = {}
+    waiting = [number for number in range(len(nodes)) if number not in parents]
+    while waiting:
+        number = waiting.pop()
+        own = _local_matrix(gltf, nodes[number])
+        worlds[number] = own if number not in parents else worlds[parents[number]] @ own
+        waiting += nodes[number].children
+    if len(worlds) < len(nodes):
+        raise gltf.error("nodes are their own children")
+    return [worlds[number] for number in range(len(nodes))]
+
+
+def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
+    """Yield visible nodes with their meshes, by number, in the order of their triangles."""
+    tree = gltf.tree
+    children = {child for node in tree.nodes for child in node.children}
+    waiting = [number for number in range(len(tree.nodes)) if number not in children]
+    if tree.scenes or tree.scene is not None:
+        waiting = list(gltf.entry(tree.scenes, tree.scene or 0, "scene").nodes)
+        if len(set(waiting)) < len(waiting) or not children.isdisjoint(waiting):
+            raise gltf.error("a node is a root of the scene twice, or also a child")
+    while waiting:
+        number = waiting.pop()
+        node = gltf.entry(tree.nodes, number, "node")
+        if node.visibility is not None and not node.visibility.visible:
+            continue
+        waiting += node.children
+        if node.mesh is not None:
+            gltf.entry(tree.meshes, node.mesh, "mesh")
+            yield number, node.mesh
+
+
+def _instances(gltf: Gltf, node: Node) -> int:
+    """Return the number of places of a node's mesh."""
+    instancing = node.instancing
+    if instancing is None:
+        return 1
+    counts = {gltf.accessor(index).count for index in instancing.attributes.values()}
+    if len(counts) > 1:
+        raise gltf.error("attributes of instances have different numbers")
+    return counts.pop() if counts else 1
+
+
+def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
+    """Raise InputError where the triangles of all nodes and instances take too much memory."""
+
+    def size(primitive: Primitive) -> int:
+        names = primitive.attributes
+        if "POSITION" not in names:
+            return 0
+        vertices = gltf.accessor(names["POSITION"]).count
+        indices = primitive.indices
+        corners = vertices if indices is None else gltf.accessor(indices).count
+        faces = corners // 3 if primitive.mode == _TRIANGLES else corners
+        arrays = len(names) + len(primitive.targets) + (8 if "JOINTS_0" in names else 0)
+        return 24 * (vertices * arrays + faces) * _COPIES
+
+    sizes = [sum(map(size, mesh.primitives)) for mesh in gltf.tree.meshes]
+    counts = [_instances(gltf, gltf.tree.nodes[number]) for number, _ in placed]
+    total = sum(
+        _MEMORY_PER_PART * len(gltf.tree.meshes[mesh].primitives)
+        + (_MEMORY_PER_INSTANCE + sizes[mesh]) * count
+        for (_, mesh), count in zip(placed, counts, strict=True)
+    )
+    what = f"{len(placed):,} nodes with {sum(counts):,} instances of meshes"
+    input_files.check_declared(gltf.path, total, what)
+
+
+def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
+    """Return (F, 3) faces of a triangle topology (section 3.7.2.1), wound as the specification says."""
+    order = np.arange(count) if primitive.indices is None else gltf.indices(primitive.indices)
+    if len(order) and order.max() >= count:
+        raise gltf.error(f"faces point past the vertices: index {order.max()}, {count} vertices")
+    if primitive.mode == _TRIANGLES:
+        if len(order) % 3:
+            raise gltf.error(f"{len(order)} indices are no triangles")
+        return order.reshape(-1, 3)
+    if len(order) < 3:
+        return np.empty((0, 3), np.int64)
+    if primitive.mode == _STRIP:
+        faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
+        faces[1::2] = faces[1::2, [0, 2, 1]]
+        return faces
+    return np.stack([order[1:-1], order[2:], np.full(len(order) - 2, order[0])], axis=1)
+
+
+def _local(
+    gltf: Gltf, primitive: Primitive, weights: Sequence[float], look_of: Callable[[int], Look]
+) -> _Local | None:
+    """Return the triangles of a primitive; None where its topology has none."""
+    names = primitive.attributes
+    if primitive.mode < _TRIANGLES or "POSITION" not in names:
+        return None
+    if weights and len(weights) != len(primitive.targets):
+        raise gltf.error(f"{len(weights)} weights for {len(primitive.targets)} morph targets")
+    if primitive.draco is not None and gltf.accessor(names["POSITION"]).buffer_view is None:
+        _decode_draco(gltf, primitive, primitive.draco)
+    count = gltf.accessor(names["POSITION"]).count
+
+    def read(index: int, *widths: int, shares: bool = False) -> Floats:
+        values = gltf.values(index, *widths, shares=shares)
+        if len(values) != count:
+            raise gltf.error(f"accessor {index} has {len(values)} elements for {count} vertices")
+        return values
+
+    def attribute(name: str, *widths: int, shares: bool = False) -> Floats | None:
+        if name not in names:
+            return None
+        values = read(names[name], *widths, shares=shares)
+        for weight, target in zip(weights, primitive.targets, strict=False):
+            if weight and name in target:
+                values = values + weight * read(target[name], *widths)
+        return values
+
+    look = Look() if primitive.material is None else look_of(primitive.material)
+    uv = None if primitive.material is None else attribute(look.coordinates, 2)
+    joints: list[tuple[Indices, Floats]] = []
+    while (name := f"JOINTS_{len(joints)}") in names:
+        shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
+        numbers = gltf.stored(names[name], 4).astype(np.int64)
+        if shares is None or numbers.shape != shares.shape:
+            raise gltf.error("joints of a skin have no weights")
+        joints.append((numbers, shares))
+    gltf.check_bounds(names["POSITION"])
+    points = attribute("POSITION", 3)
+    assert points is not None  # the name is there
+    return _Local(
+        points=points,
+        faces=_faces(gltf, primitive, count),
+        normals=attribute("NORMAL", 3),
+        uv=None if uv is None else look.placed(uv),
+        color=look.colors(attribute("COLOR_0", 3, 4, shares=True)),
+        look=look,
+        joints=tuple(joints),
+    )
+
+
+def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
+    """Decode the data of a primitive's accessors."""
+    try:
+        import DracoPy  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise InputError(
+            f"{gltf.path}: {_DRACO} needs a package that is not installed: pip install '.[draco]' in the "
+            "checkout of xfrustum"
+        ) from error
+    data = bytes(gltf.view(draco.buffer_view))
+    try:
+        mesh = DracoPy.decode(data)
+        arrays = {
+            primitive.attributes[name]: mesh.get_attribute_by_unique_id(number)["data"]
+            for name, number in draco.attributes.items()
+        }
+        faces = np.asarray(mesh.faces, np.uint32).reshape(-1, 1)
+    except Exception as error:  # any type: DracoPy has its own, and those of its bindings
+        raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
+    if primitive.indices is None or primitive.mode != _TRIANGLES:
+        raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")
+    gltf.decoded.update({**arrays, primitive.indices: faces})
+
+
+def _placing(
+    gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int
+) -> Callable[[_Local], MeshPart]:
+    """Return the function that places the primitives of a node's mesh."""
+    instancing = node.instancing
+    if node.skin is not None:
+        if instancing is not None:
+            raise gltf.error("instances of a mesh with a skin have no defined place")
+        skin = gltf.entry(gltf.tree.skins, node.skin, "skin")
+        joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(
+            -1, 4, 4
+        )
+        if skin.inverse_bind_matrices is not None:
+            inverse = gltf.values(skin.inverse_bind_matrices, 16)
+            if len(inverse) < len(joints):
+                raise gltf.error(f"{len(inverse)} inverse bind matrices for {len(joints)} joints")
+            joints = joints @ inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+        return partial(_skinned, gltf, joints)
+    matrices = worlds[number][None]
+    if instancing is not None:
+        indices = instancing.attributes
+        given = [
+            gltf.values(indices[name], width) if name in indices else None
+            for name, width in (("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3))
+        ]
+        matrices = matrices @ _matrices(*given, count=_instances(gltf, node))
+    return partial(_placed, matrices)
+
+
+def _placed(matrices: Floats, local: _Local) -> MeshPart:
+    """Return the triangles of a primitive at all of its places, (N, 4, 4) matrices, one after the other."""
+    places, count = len(matrices), len(local.points)
+    homogeneous = np.column_stack([local.points, np.ones(count)])
+    vertices = np.matmul(matrices, homogeneous.T)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+    mirrored = np.linalg.det(matrices[:, :3, :3]) < 0
+    faces = np.repeat(local.faces[None], places, axis=0)
+    faces[mirrored] = faces[mirrored][..., ::-1]
+    faces += count * np.arange(places)[:, None, None]
+    normals = None
+    if local.normals is not None:
+        sides = np.where(mirrored, -1.0, 1.0)[:, None, None]
+        normals = (local.normals @ (_cofactors(matrices[:, :3, :3]) * sides)).reshape(-1, 3)
+    return _part(local, vertices, faces.reshape(-1, 3), normals, places)
+
+
+def _skinned(gltf: Gltf, joints: Floats, local: _Local) -> MeshPart:
+    """Return the triangles of a primitive placed by its joints, (N, 4, 4) matrices."""
+    if not local.joints:
+        raise gltf.error("a mesh with a skin has no JOINTS_0")
+    total = sum(shares.sum(axis=1) for _, shares in local.joints)
+    if not (np.abs(total - 1.0) <= _WEIGHT_TOLERANCE).all():
+        raise gltf.error("weights of joints do not add up to one")
+    matrices = np.zeros((len(local.points), 4, 4))
+    for numbers, shares in local.joints:
+        if len(numbers) and numbers.max() >= len(joints):
+            raise gltf.error(f"joint {numbers.max()} of {len(joints)} does not exist")
+        for column in range(4):
+            matrices += shares[:, column, None, None] * joints[numbers[:, column]]
+    linear = matrices[:, :3, :3]
+    vertices = np.einsum("vij,vj->vi", linear, local.points) + matrices[:, :3, 3]
+    mirrored = np.linalg.det(linear) < 0
+    turned = mirrored[local.faces].all(axis=1)
+    faces = np.where(turned[:, None], local.faces[:, ::-1], local.faces)
+    normals = None
+    if local.normals is not None:
+        normals = np.einsum("vi,vij->vj", local.normals, _cofactors(linear))
+        normals[mirrored] *= -1.0
+    return _part(local, vertices, faces, normals, 1)
+
+
+def _cofactors(matrices: Floats) -> Floats:
+    """Return (N, 3, 3) matrices that take normals, as rows, along with what (N, 3, 3) matrices place."""
+    x, y, z = np.moveaxis(matrices, 2, 0)
+    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+
+
+def _part(
+    local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int
+) -> MeshPart:
+    if normals is not None:
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        usable = np.isfinite(length) & (length > 0)
+        normals = np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable)
+    uv, color = local.uv, local.color
+    return MeshPart(
+        name="",
+        vertices=vertices,
+        faces=faces,
+        uv=None if uv is None else np.tile(uv, (places, 1)),
+        color=color if color is None or color.ndim == 1 else np.tile(color, (places, 1)),
+        normals=normals,
+        picture=local.look.picture,
+        texture=local.look.texture,
+    )

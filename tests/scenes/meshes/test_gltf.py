@@ -1,0 +1,560 @@
+"""glTF: each feature of a file gives the triangles of its twin, which is written plainly."""
+
+import base64
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote_from_bytes
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.support.gltf_writer import TENT, TENT_FACES, Writer
+from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.disk.input_files import input_memory
+from xfrustum.scenes.meshes.mesh_file import load_mesh
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "inputs"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
+
+PLAIN = TENT.astype(np.float64)[TENT_FACES.reshape(-1, 3)]
+"""Corners of the triangles of `TENT`, where nothing moves it."""
+ROUNDING = 1e-12
+"""Some ten operations of doubles on values of size one hundred."""
+
+
+def corners(mesh: SceneObject) -> Floats:
+    """Return the corners of all triangles, (F, 3, 3), in the order of their numbers."""
+    return mesh.vertices[mesh.faces]
+
+
+def read(writer: Writer, folder: Path, name: str = "mesh.glb") -> SceneObject:
+    return load_mesh(writer.save(folder / name))
+
+
+# The same shape written with a feature and plainly.
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("plain", "other", "largest"),
+    [
+        ("box_float", "box_normalized_int16", 0.5 * 0.03 / 32767),  # half a step of 16 bits, times the scale
+        ("box_float", "box_uv_uint16", 0),
+        ("figure_baked", "figure_skinned", 0),
+        ("hill_baked", "hill_morph", 0),
+        ("skyline_dense", "skyline_sparse", 0),
+        ("skyline_dense", "skyline_all_sparse", 0),
+        ("badge_baked", "badge_under_camera", 0),
+        ("field_nodes", "field_instanced", 0),
+        ("field_nodes", "field_instanced_required", 0),
+        ("mixed_triangles", "mixed_modes", 0),
+    ],
+)
+def test_a_file_has_the_triangles_of_its_twin(plain: str, other: str, largest: float) -> None:
+    expected, measured = (corners(load_mesh(DATA / f"{name}.glb")) for name in (plain, other))
+    if other.startswith("field"):  # nodes count from the last, instances from the first
+        expected = expected.reshape(-1, 12, 3, 3)[::-1].reshape(expected.shape)
+    # A fan ends each triangle with the center, where its twin begins: the winding is the same.
+    turns = [np.abs(expected - np.roll(measured, turn, axis=1)).max(axis=(1, 2)) for turn in range(3)]
+    assert (np.min(turns, axis=0) if other == "mixed_modes" else turns[0]).max() <= largest
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "triangles", "low", "high"),
+    [
+        ("fan_parent", 13, (4.5, -0.5, 0.0), (6, 1, 1.5)),
+        ("outline_parent", 12, (4.5, -0.5, 0.5), (5.5, 0.5, 1.5)),
+        ("hidden_box", 12, (-0.5, -0.5, -1.5), (0.5, 0.5, -0.5)),
+        ("mesh_and_camera", 12, (2.5, -0.5, -0.5), (3.5, 0.5, 0.5)),
+        ("mesh_and_camera2", 24, (-0.5, -0.5, -0.5), (3.5, 0.5, 0.5)),
+        ("no_scenes", 12, (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)),
+        ("same_names", 36, (-0.5, -0.5, -0.5), (3.5, 3.5, 0.5)),
+    ],
+)
+def test_all_visible_nodes_are_walked(
+    name: str, triangles: int, low: tuple[float, ...], high: tuple[float, ...]
+) -> None:
+    mesh = load_mesh(DATA / f"{name}.glb")
+    assert len(mesh.faces) == triangles
+    np.testing.assert_array_equal([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)], [low, high])
+
+
+def sparse(base: bool) -> Writer:
+    """Return the tent with some vertices replaced; without a base the others are zero."""
+    writer = Writer()
+    wrong = TENT.copy()
+    wrong[[2, 4]] = 9
+    rows = np.flatnonzero(TENT.any(axis=1)) if not base else np.array([2, 4])
+    replaced = {
+        "count": len(rows),
+        "indices": {"bufferView": writer.view(rows.astype("<u1").tobytes()), "componentType": 5121},
+        "values": {"bufferView": writer.view(TENT[rows].tobytes())},
+    }
+    more = {"bufferView": writer.view(wrong.tobytes())} if base else {}
+    points = writer.array(TENT, sparse=replaced, **more)
+    primitive = {"attributes": {"POSITION": points}, "indices": writer.array(TENT_FACES)}
+    writer.node(mesh=writer.add("meshes", primitives=[primitive]))
+    return writer
+
+
+def interleaved() -> Writer:
+    writer, stored = Writer(), np.full((5, 5), 77, "<f4")
+    stored[:, 1:4] = TENT
+    points = writer.array(TENT, bufferView=writer.view(stored.tobytes(), byteStride=20), byteOffset=4)
+    primitive = {"attributes": {"POSITION": points}, "indices": writer.array(TENT_FACES)}
+    writer.node(mesh=writer.add("meshes", primitives=[primitive]))
+    return writer
+
+
+def whole_numbers(kind: str) -> Writer:
+    writer = Writer()
+    writer.node(mesh=writer.mesh(TENT.astype(kind), TENT_FACES))
+    return writer
+
+
+def without_indices() -> Writer:
+    writer = Writer()
+    writer.node(mesh=writer.mesh(TENT[TENT_FACES]))
+    return writer
+
+
+def morphed(by_node: bool) -> Writer:
+    """Return the tent flattened, and raised by three targets of which one has no weight."""
+    writer = Writer()
+    half, junk = np.zeros_like(TENT), np.full_like(TENT, 8)
+    half[:, 2] = TENT[:, 2] / 2
+    flat = TENT * np.array([1, 1, 0], "<f4")
+    targets = [{"POSITION": writer.array(array)} for array in (half, junk, half)]
+    mesh = writer.mesh(flat, TENT_FACES, targets=targets)
+    weights = [1.5, 0, 0.5]
+    writer.tree["meshes"][mesh]["weights"] = [1, 1, 1] if by_node else weights
+    writer.node(mesh=mesh, **({"weights": weights} if by_node else {}))
+    return writer
+
+
+def skinned() -> Writer:
+    """Return the tent hung on two joints that are moved together; its node's place is ignored."""
+    writer = Writer()
+    joints = writer.array(np.tile(np.array([0, 1, 0, 0], "<u1"), (5, 1)))
+    weights = writer.array(np.tile(np.array([64, 191, 0, 0], "<u1"), (5, 1)), normalized=True)
+    mesh = writer.tent(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
+    back = np.eye(4, dtype="<f4")
+    back[:3, 3] = (-3, 0, 0)
+    binds = writer.array(np.stack([back.T, np.eye(4, dtype="<f4")]).reshape(2, 16))
+    moved = writer.node(translation=[3, 0, 0])
+    writer.node(mesh=mesh, skin=0, translation=[5, 5, 5], scale=[9, 9, 9])
+    writer.add("skins", joints=[moved, writer.node()], inverseBindMatrices=binds)
+    return writer
+
+
+def instanced() -> Writer:
+    """Return the tent behind a hidden tent, in one place of an instance undone by its node."""
+    writer = Writer()
+    mesh = writer.tent()
+    attributes = {
+        "TRANSLATION": writer.array(np.array([[1, 2, 3]], "<f4")),
+        "ROTATION": writer.array(np.array([[0, 0, 32767, 0]], "<i2"), normalized=True),
+        "SCALE": writer.array(np.array([[2, 2, 2]], "<f4")),
+    }
+    undone = [-0.5, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 0.5, 0, 0.5, 1, -1.5, 1]
+    node = writer.node(mesh=mesh, matrix=undone)
+    writer.extend("nodes", node, "EXT_mesh_gpu_instancing", {"attributes": attributes})
+    hidden = writer.node(children=[writer.node(mesh=mesh, root=False)])
+    writer.extend("nodes", hidden, "KHR_node_visibility", {"visible": False})
+    return writer
+
+
+def below_others() -> Writer:
+    """Return the tent below a camera, below a line; its node is in no scene of none."""
+    writer = Writer()
+    tent = writer.node(mesh=writer.tent(), translation=[-2, 0, 0], root=False)
+    camera = writer.node(children=[tent], camera=0, translation=[2, 0, -1], root=False)
+    line = writer.mesh(TENT, mode=3)
+    writer.node(mesh=line, children=[camera], translation=[0, 0, 1])
+    del writer.tree["scenes"], writer.tree["scene"]
+    return writer
+
+
+def two_mirrors() -> Writer:
+    writer = Writer()
+    tent = writer.node(mesh=writer.tent(), scale=[-0.5, 0.5, 0.5], root=False)
+    writer.node(children=[tent], scale=[-2, 2, 2])
+    return writer
+
+
+WRITTEN: dict[str, Callable[[], Writer]] = {
+    "sparse": lambda: sparse(True),
+    "sparse without a base": lambda: sparse(False),
+    "byteStride": interleaved,
+    "no indices": without_indices,
+    "signed bytes": lambda: whole_numbers("<i1"),
+    "unsigned words": lambda: whole_numbers("<u2"),
+    "weights of the mesh": lambda: morphed(False),
+    "weights of the node": lambda: morphed(True),
+    "skin": skinned,
+    "instances and hidden nodes": instanced,
+    "below a line and a camera, without scenes": below_others,
+    "two mirrors": two_mirrors,
+}
+
+
+@pytest.mark.parametrize("feature", WRITTEN)
+def test_a_feature_gives_the_triangles_that_are_written_plainly(feature: str, tmp_path: Path) -> None:
+    measured = corners(read(WRITTEN[feature](), tmp_path))
+    turned = feature.startswith("instances")  # by a quaternion, which rounds
+    np.testing.assert_allclose(measured, PLAIN, rtol=0, atol=ROUNDING if turned else 0)
+
+
+@pytest.mark.parametrize("kind", ["<i1", "<u1", "<i2", "<u2"])
+def test_normalized_integers_are_shares_of_the_largest(kind: str, tmp_path: Path) -> None:
+    bounds = np.iinfo(kind)
+    stored = np.array([[bounds.min, 0, 0], [bounds.max, 0, 1], [0, bounds.max // 2, 0]], kind)
+    writer = Writer()
+    points = writer.array(stored, normalized=True)  # its bounds are those of the stored numbers
+    color = writer.array(np.array([[255, 51, 0]] * 3, "<u1"), normalized=True)
+    attributes = {"POSITION": points, "COLOR_0": color}
+    writer.node(mesh=writer.add("meshes", primitives=[{"attributes": attributes}]))
+    mesh = read(writer, tmp_path)
+    np.testing.assert_array_equal(mesh.vertices, np.maximum(stored / bounds.max, -1))
+    np.testing.assert_array_equal(mesh.vertex_colors, [[1, 0.2, 0]] * 3)
+
+
+@pytest.mark.parametrize(
+    ("mode", "order", "expected"),
+    [
+        (5, [0, 1, 2, 3, 4], [[0, 1, 2], [1, 3, 2], [2, 3, 4]]),
+        (6, [0, 1, 2, 3, 4], [[1, 2, 0], [2, 3, 0], [3, 4, 0]]),
+        (4, [0, 1, 2, 2, 1, 3], [[0, 1, 2], [2, 1, 3]]),
+    ],
+)
+def test_faces_are_those_of_the_specification(
+    mode: int, order: list[int], expected: list[list[int]], tmp_path: Path
+) -> None:
+    """Section 3.7.2.1: the formulas of strips and fans, with indices and without."""
+    writer = Writer()
+    writer.node(mesh=writer.mesh(TENT, np.array(order, "<u4"), mode=mode))
+    assert read(writer, tmp_path).faces.tolist() == expected
+    if mode != 4:
+        writer = Writer()
+        writer.node(mesh=writer.mesh(TENT, mode=mode))
+        assert read(writer, tmp_path).faces.tolist() == expected
+
+
+def test_utm_coordinates_are_rounded_once(tmp_path: Path) -> None:
+    writer = Writer()
+    far, turn = (500000.123, 4.0e6, -7.25), np.eye(4)
+    turn[:3] = [[0, 0, 1, far[0]], [1, 0, 0, far[1]], [0, 1, 0, far[2]]]
+    writer.node(mesh=writer.tent(), matrix=turn.T.ravel().tolist())
+    vertices = read(writer, tmp_path).vertices
+    np.testing.assert_array_equal(vertices, TENT[:, [2, 0, 1]].astype(np.float64) + far)
+
+
+def test_instances_are_numbered_one_after_the_other_and_mirrored_ones_turn_their_faces(
+    tmp_path: Path,
+) -> None:
+    writer = Writer()
+    normals = np.tile(np.array([0, 0.6, 0.8], "<f4"), (5, 1))
+    mesh = writer.tent(attributes={"NORMAL": writer.array(normals)})
+    sizes = np.array([[1, 1, 1], [-1, 1, 1], [1, 2, -1]], "<f4")
+    node = writer.node(mesh=mesh)
+    attributes = {"SCALE": writer.array(sizes)}
+    writer.extend("nodes", node, "EXT_mesh_gpu_instancing", {"attributes": attributes})
+    whole = read(writer, tmp_path)
+    a, b, c = np.moveaxis(corners(whole).reshape(3, -1, 3, 3), 2, 0)
+    for number, (size, volume) in enumerate(zip(sizes, (20, 20, 40), strict=True)):
+        expected = PLAIN * size
+        assert {*map(tuple, a[number])} <= {*map(tuple, expected.reshape(-1, 3))}
+        # The faces look outward: they enclose a positive volume, 4 x 3 x 5 / 3.
+        assert np.einsum("fx,fx->", a[number], np.cross(b[number], c[number])) / 6 == pytest.approx(volume)
+    assert whole.vertex_normals is not None
+    normal = np.array([[0, 0.6, 0.8], [0, 0.6, 0.8], [0, 0.3, -0.8] / np.hypot(0.3, 0.8)])
+    np.testing.assert_allclose(whole.vertex_normals[::5], normal, atol=1e-7)
+
+
+def test_a_skin_blends_its_joints_and_turns_faces_where_they_mirror(tmp_path: Path) -> None:
+    writer = Writer()
+    joints = writer.array(np.tile(np.array([0, 1, 0, 0], "<u2"), (5, 1)))
+    weights = writer.array(np.tile(np.array([0.25, 0.75, 0, 0], "<f4"), (5, 1)))
+    mesh = writer.tent(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
+    root = writer.node(scale=[-1, 1, 1])
+    far = writer.node(translation=[8, 0, 0], scale=[1, 1, 3], root=False)
+    writer.tree["nodes"][root]["children"] = [far]
+    writer.add("skins", joints=[root, far])
+    writer.node(mesh=mesh, skin=0)
+    expected = PLAIN * (-1, 1, 0.25 + 0.75 * 3) - (0.75 * 8, 0, 0)
+    np.testing.assert_allclose(corners(read(writer, tmp_path)), expected[:, ::-1], atol=1e-12)
+
+
+def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
+    """Random trees, with mirrors and meshes of two primitives.
+
+    Matrices of three and more levels are multiplied in another order, so that vertices round otherwise.
+    """
+    chance = np.random.default_rng(51)
+    for number in range(12):
+        writer = Writer()
+        meshes = [writer.tent(), writer.mesh(TENT * np.float32(0.3), TENT_FACES[:6]), writer.tent()]
+        writer.tree["meshes"][2]["primitives"] *= 2
+        for index in range(9):
+            placed = {"translation": chance.normal(size=3).tolist(), "scale": chance.normal(size=3).tolist()}
+            rotation = chance.normal(size=4)
+            node = writer.node(rotation=(rotation / np.linalg.norm(rotation)).tolist(), **placed, root=False)
+            if chance.random() < 0.8:
+                writer.tree["nodes"][node]["mesh"] = meshes[chance.integers(3)]
+            parent = chance.integers(-2, index) if index else -1
+            of = writer.tree["scenes"][0]["nodes"] if parent < 0 else None
+            (writer.tree["nodes"][parent].setdefault("children", []) if of is None else of).append(node)
+        path = writer.save(tmp_path / f"{number}.glb")
+        ours, theirs = load_mesh(path), trimesh.load_scene(str(path), process=False).to_mesh()
+        np.testing.assert_array_equal(ours.faces, theirs.faces)
+        np.testing.assert_allclose(ours.vertices, theirs.vertices, rtol=0, atol=ROUNDING)
+
+
+# Where data lie.
+
+
+def test_buffers_lie_in_the_file_beside_it_or_in_its_text(tmp_path: Path) -> None:
+    writer = Writer()
+    writer.node(mesh=writer.tent())
+    (tmp_path / "a b.bin").write_bytes(writer.data + b"more")
+    base64_uri = "data:application/gltf-buffer;base64," + base64.b64encode(writer.data).decode()
+    percent_uri = "data:application/octet-stream," + quote_from_bytes(writer.data)
+    for uri in ("a%20b.bin", base64_uri, percent_uri):
+        writer.tree["buffers"] = [{"byteLength": len(writer.data), "uri": uri}]
+        for name in ("mesh.gltf", "mesh.glb"):
+            np.testing.assert_array_equal(corners(read(writer, tmp_path, name)), PLAIN)
+
+
+def test_a_byte_order_mark_and_chunks_of_others_are_passed_over(tmp_path: Path) -> None:
+    writer = Writer()
+    writer.node(mesh=writer.tent())
+    text = writer.save(tmp_path / "mesh.gltf")
+    text.write_bytes(b"\xef\xbb\xbf" + text.read_bytes())
+    np.testing.assert_array_equal(corners(load_mesh(text)), PLAIN)
+
+
+# Colors and textures.
+
+
+def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path) -> None:
+    """The example of KHR_texture_transform: the lower left quadrant of the image, a quarter turned."""
+    Image.new("RGB", (4, 4), (1, 2, 3)).save(tmp_path / "a b.png")
+    writer = Writer()
+    writer.add("images", uri="a%20b.png")
+    writer.add("textures", source=0)
+    first, second = (np.array(uv, "<f4") for uv in ([[9, 9]] * 5, [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]))
+    info: dict[str, Any] = {"index": 0, "texCoord": 1}
+    writer.add("materials", pbrMetallicRoughness={"baseColorTexture": info})
+    attributes = {"TEXCOORD_0": writer.array(first), "TEXCOORD_1": writer.array(second)}
+    writer.node(mesh=writer.tent(material=0, attributes=attributes))
+    plain = read(writer, tmp_path)
+    assert plain.unread == () and len(plain.textures) == 1
+    np.testing.assert_array_equal(plain.uv, [[0, 1], [1, 1], [1, 0], [0, 0], [0, 1]])
+    transform = {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}
+    info["extensions"] = {"KHR_texture_transform": transform}
+    turned = read(writer, tmp_path)
+    expected = np.array([[0, 1], [0, 0.5], [0.5, 0.5], [0.5, 1], [0, 1]])  # v down, as glTF counts
+    np.testing.assert_allclose(turned.uv, expected * (1, -1) + (0, 1), atol=1e-15)
+    transform["texCoord"] = 0
+    assert read(writer, tmp_path).uv[0].tolist() == pytest.approx([4.5, 4.5])
+
+
+# Unread and refused.
+
+
+def test_features_that_change_no_triangle_are_listed(tmp_path: Path) -> None:
+    writer = Writer()
+    writer.add("samplers", wrapS=33071)
+    writer.add("textures", sampler=0)
+    writer.add(
+        "materials",
+        extensions={"KHR_materials_sheen": {}},
+        alphaMode="MASK",
+        normalTexture={"index": 0},
+        pbrMetallicRoughness={"baseColorTexture": {"index": 0}},
+    )
+    mesh = writer.tent(material=0)
+    writer.tree["meshes"][mesh]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 0})
+    writer.node(mesh=mesh)
+    writer.tree["extensionsUsed"] = ["KHR_materials_sheen", "ACME_dust", "KHR_node_visibility"]
+    writer.add("animations", channels=[])
+    lines = [str(feature) for feature in read(writer, tmp_path).unread]
+    assert lines == [
+        "KHR_materials_sheen is not shown: materials are those of the scene file",
+        "ACME_dust is not read",
+        "animations are not played: all is at rest",
+        "alphaMode MASK is not applied: surfaces are opaque",
+        "normalTexture is not shown",
+        "wrap mode of a sampler is not applied: textures repeat",
+        "points and lines are not shown",
+        "texture number 0 without an image is missing; the surface is drawn without it",
+    ]
+
+
+def changed(*path: Any, to: Any) -> Callable[[Writer], None]:
+    """Return the change of one value of a document."""
+
+    def change(writer: Writer) -> None:
+        at: Any = writer.tree
+        for key in path[:-1]:
+            at = at[key]
+        at[path[-1]] = to
+
+    return change
+
+
+def draco(writer: Writer) -> None:
+    compressed = {"bufferView": 0, "attributes": {"POSITION": 0}}
+    extensions = {"KHR_draco_mesh_compression": compressed}
+    writer.tree["meshes"][0]["primitives"][0]["extensions"] = extensions
+    for accessor in writer.tree["accessors"]:
+        del accessor["bufferView"]
+
+
+REFUSED: dict[str, Callable[[Writer], None]] = {
+    "extension ACME_bend": changed("extensionsRequired", to=["ACME_bend"]),
+    "extension CESIUM_RTC": changed("extensions", to={"CESIUM_RTC": {"center": [1, 2, 3]}}),
+    "extension EXT_meshopt_compression": changed(
+        "bufferViews", 0, "extensions", to={"EXT_meshopt_compression": {}}
+    ),
+    "extension AGI_articulations": changed("extensionsUsed", to=["AGI_articulations"]),
+    "KHR_draco_mesh_compression needs a package": draco,
+    "min of accessor 0 is declared [0.0, 0.0, -1.0], its data have [0.0, 0.0, 0.0]": changed(
+        "accessors", 0, "min", to=[0, 0, -1]
+    ),
+    "max of accessor 0": changed("accessors", 0, "max", to=[4, 3, 5.0000005]),
+    "18 elements take 36 bytes, buffer view 1 has 34": changed("bufferViews", 1, "byteLength", to=34),
+    "buffer view 1 ends after its buffer": changed("bufferViews", 1, "byteOffset", to=64),
+    "buffer 0 declares 999 bytes": changed("buffers", to=[{"byteLength": 999}]),
+    "no such file that a mesh refers to": changed("buffers", to=[{"byteLength": 9, "uri": "lost.bin"}]),
+    "is a folder": changed("buffers", to=[{"byteLength": 9, "uri": "."}]),
+    "is no base64": changed("buffers", to=[{"byteLength": 9, "uri": "data:;base64,?"}]),
+    "index 4, 4 vertices": changed("accessors", 0, to={
+        "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}),
+    "17 indices are no triangles": changed("accessors", 1, "count", to=17),
+    "does not hold unsigned integers": changed("accessors", 1, "componentType", to=5122),
+    "accessor 0 has 2 components, not 3": changed("accessors", 0, "type", to="VEC2"),
+    "accessor 7 of 2 does not exist": changed("meshes", 0, "primitives", 0, "indices", to=7),
+    "node 0 is a child twice": changed("nodes", to=[{}, {"children": [0]}, {"children": [0]}]),
+    "nodes are their own children": changed("nodes", to=[{"children": [1]}, {"children": [0]}]),
+    "a root of the scene twice": changed("scenes", to=[{"nodes": [0, 0]}]),
+    "scene 3 of 1 does not exist": changed("scene", to=3),
+    "last row of a node's matrix": changed("nodes", 0, "matrix", to=[1.0] * 16),
+    "2 weights for 0 morph targets": changed("nodes", 0, "weights", to=[1, 1]),
+    "has no JOINTS_0": lambda writer: writer.tree.update(
+        skins=[{"joints": [0]}], nodes=[{"mesh": 0, "skin": 0}]
+    ),
+    "nodes.0.mesh": changed("nodes", 0, "mesh", to="0"),
+    "is glTF 1.0": changed("asset", to={"version": "1.0"}),
+    "nodes.0.scale": changed("nodes", 0, "scale", to=[1, 1, 1e999]),
+    "vertices are NaN or infinite": changed("nodes", 0, "scale", to=[1e308] * 3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_would_be_misread_is_refused_in_one_line(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    writer = Writer()
+    writer.node(mesh=writer.tent())
+    REFUSED[words](writer)
+    with pytest.raises(InputError) as caught:
+        read(writer, tmp_path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_weights_of_joints_add_up_to_one(tmp_path: Path) -> None:
+    writer = skinned()
+    writer.tree["accessors"][1]["normalized"] = False  # shares all the same
+    np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
+    writer = Writer()
+    joints = writer.array(np.zeros((5, 4), "<u1"))
+    weights = writer.array(np.full((5, 4), 0.2, "<f4"))
+    mesh = writer.tent(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
+    writer.add("skins", joints=[writer.node(mesh=mesh, skin=0)])
+    with pytest.raises(InputError, match="do not add up to one"):
+        read(writer, tmp_path)
+
+
+def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every value of a document."""
+    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+        yield (*at, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*at, key))
+
+
+STRANGE = (None, True, "7", -1, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
+
+
+@pytest.mark.parametrize("make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__)
+def test_values_of_any_type_end_in_a_mesh_or_in_one_line(make: Callable[..., Writer], tmp_path: Path) -> None:
+    """Every value of four documents replaced by values of every JSON type, one at a time."""
+    writer = make() if make in (skinned, instanced) else make(True)
+    text = writer.save(tmp_path / "mesh.gltf").read_text()
+    outcomes = [0, 0]
+    for path in places(json.loads(text)):
+        for strange in STRANGE:
+            writer.tree = json.loads(text)
+            changed(*path, to=strange)(writer)
+            try:
+                read(writer, tmp_path, "mesh.gltf")
+                outcomes[0] += 1
+            except InputError as error:
+                assert "\n" not in str(error)
+                outcomes[1] += 1
+    assert min(outcomes) > 5
+
+
+def test_a_text_nested_without_end_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "deep.gltf"
+    path.write_text('{"extras":' * 200_000)
+    with pytest.raises(InputError, match="recursion"):
+        load_mesh(path)
+    path.write_text('{"nodes":[' + "{}," * 1_200_000 + "{}]}")
+    with pytest.raises(InputError, match="objects of JSON"):
+        load_mesh(path)
+
+
+def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
+    """400 nodes with a thousand instances each: 100 KB that become 400,000 tents."""
+    writer = Writer()
+    mesh, places = writer.tent(), writer.array(np.zeros((1000, 3), "<f4"))
+    for _ in range(400):
+        extension = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": places}}}
+        writer.node(mesh=mesh, extensions=extension)
+    path = writer.save(tmp_path / "mesh.glb")
+    assert path.stat().st_size < 100_000
+    with input_memory(1 << 26), pytest.raises(InputError, match="400 nodes with 400,000 instances"):
+        load_mesh(path)
+
+
+def test_draco_gives_the_triangles_that_were_compressed(tmp_path: Path) -> None:
+    draco_py = pytest.importorskip("DracoPy")
+    faces = TENT_FACES.reshape(-1, 3).astype(np.uint32)
+    data = draco_py.encode(TENT, faces=faces, quantization_bits=24, preserve_order=True)
+    writer = Writer()
+    points = writer.array(TENT, bufferView=None)
+    indices = writer.array(TENT_FACES.astype("<u4"), bufferView=None)
+    compressed = {"bufferView": writer.view(data), "attributes": {"POSITION": 0}}
+    extensions = {"KHR_draco_mesh_compression": compressed}
+    primitive = {"attributes": {"POSITION": points}, "indices": indices, "extensions": extensions}
+    writer.node(mesh=writer.add("meshes", primitives=[primitive]))
+    writer.tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    step = 5 / 2**24  # of the longest side
+    np.testing.assert_allclose(corners(read(writer, tmp_path)), PLAIN, atol=step)
+    writer.tree["accessors"][points]["count"] = 4
+    with pytest.raises(InputError, match="has 4 elements, its data 5"):
+        read(writer, tmp_path)
+    writer.data = writer.data[:40] + bytes(len(writer.data) - 40)
+    with pytest.raises(InputError, match="KHR_draco_mesh_compression"):
+        read(writer, tmp_path)

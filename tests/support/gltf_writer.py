@@ -1,0 +1,91 @@
+"""A small writer of glTF documents for tests: arrays become accessors with their true bounds."""
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+_CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+TENT = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [2, 1, 5]], "<f4")
+"""A pyramid of no symmetry but one, with four sides and a floor of two triangles."""
+TENT_FACES = np.array([0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4, 2, 1, 0, 3, 2, 0], "<u2")
+
+
+class Writer:
+    """A document whose parts are added one by one; `tree` may be changed before it is saved."""
+
+    def __init__(self) -> None:
+        self.data = b""
+        self.tree: dict[str, Any] = {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": []}],
+            **{name: [] for name in ("nodes", "meshes", "accessors", "bufferViews")},
+        }
+
+    def add(self, table: str, **entry: Any) -> int:
+        """Return the number of a new entry of a table."""
+        entries = self.tree.setdefault(table, [])
+        entries.append(entry)
+        return len(entries) - 1
+
+    def view(self, data: bytes, **more: Any) -> int:
+        """Return the number of a new buffer view."""
+        start, self.data = len(self.data), self.data + data + bytes(-len(data) % 4)
+        return self.add("bufferViews", buffer=0, byteOffset=start, byteLength=len(data), **more)
+
+    def array(self, array: Array, **more: Any) -> int:
+        """Return the number of an accessor of an array of (count,) or (count, width)."""
+        rows = array.reshape(len(array), -1)
+        if "bufferView" not in more and "sparse" not in more:
+            more["bufferView"] = self.view(np.ascontiguousarray(rows).tobytes())
+        if rows.shape[1] == 3:
+            more = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist(), **more}
+        code, kind = _CODES[array.dtype.str[1:]], _TYPES[rows.shape[1]]
+        return self.add("accessors", componentType=code, count=len(rows), type=kind, **more)
+
+    def mesh(self, points: Array, faces: Array | None = None, **primitive: Any) -> int:
+        """Return the number of a mesh of one primitive."""
+        attributes = {"POSITION": self.array(points), **primitive.pop("attributes", {})}
+        if faces is not None:
+            primitive["indices"] = self.array(faces)
+        return self.add("meshes", primitives=[{"attributes": attributes, **primitive}])
+
+    def tent(self, **primitive: Any) -> int:
+        """Return the number of a mesh of `TENT`."""
+        return self.mesh(TENT, TENT_FACES, **primitive)
+
+    def node(self, *, root: bool = True, **node: Any) -> int:
+        """Return the number of a node."""
+        number = self.add("nodes", **node)
+        if root:
+            self.tree["scenes"][0]["nodes"].append(number)
+        return number
+
+    def extend(self, table: str, number: int, name: str, extension: dict[str, Any]) -> None:
+        """Give an entry an extension, and name it as used."""
+        self.tree[table][number].setdefault("extensions", {})[name] = extension
+        self.tree.setdefault("extensionsUsed", []).append(name)
+
+    def save(self, path: Path) -> Path:
+        """Write the document, its data in itself, and return the path."""
+        if path.suffix == ".glb":
+            self.tree.setdefault("buffers", [{"byteLength": len(self.data)}])
+            text = json.dumps(self.tree).encode()
+            text += b" " * (-len(text) % 4)
+            chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+            chunks += struct.pack("<II", len(self.data), 0x004E4942) + self.data
+            path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+            return path
+        uri = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
+        self.tree.setdefault("buffers", [{"byteLength": len(self.data), "uri": uri}])
+        path.write_text(json.dumps(self.tree))
+        return path
