@@ -13,6 +13,7 @@ import numpy as np
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.geometry.shapes import has_area
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.gltf import read_gltf
 from xfrustum.scenes.meshes.obj import read_obj
@@ -22,6 +23,7 @@ from xfrustum.scenes.meshes.stl import read_stl
 from xfrustum.scenes.meshes.textures import decode_textures
 from xfrustum.scenes.meshes.threedxml import read_3dxml
 from xfrustum.scenes.meshes.threemf import read_3mf
+from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 
 #: Readers by suffix.
 _READERS: dict[str, Callable[[Path], MeshContent]] = {
@@ -70,19 +72,30 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
             raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
         _check_geometry(path, parts)
         offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        vertices = np.concatenate([part.vertices for part in parts])
+        faces = np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)])
+        uv = _joined(parts, (part.uv for part in parts), (np.nan, np.nan))
         pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
+        if texture_of_triangle is not None and uv is not None:
+            texture_of_triangle[np.isnan(uv[faces]).any(axis=(1, 2))] = UNTEXTURED
         return SceneObject(
             name=str(path),
-            vertices=np.concatenate([part.vertices for part in parts]),
-            faces=np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)]),
+            vertices=vertices,
+            faces=faces,
             material=material,
-            uv=_joined(parts, (part.uv for part in parts), (np.nan, np.nan)),
+            uv=uv,
             textures=pictures,
             texture_of_triangle=texture_of_triangle,
             vertex_normals=_joined(parts, (part.normals for part in parts), (np.nan,) * 3),
             vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
-            unread=tuple(dict.fromkeys([*content.unread, *not_shown])),
+            unread=tuple(dict.fromkeys([*content.unread, *not_shown, *_without_area(vertices[faces])])),
         )
+
+
+def _without_area(triangles: Floats) -> list[UnreadFeature]:
+    flat = np.count_nonzero(~has_area(triangles))
+    counted = f"{flat:,} of {len(triangles):,} triangles"
+    return [UnreadFeature(feature=counted, consequence="have no area and are not seen")] if flat else []
 
 
 def _reader(path: Path) -> Callable[[Path], MeshContent]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -52,7 +53,7 @@ class _Header:
 
 def read_ply(path: Path) -> MeshContent:
     """Read a PLY file; InputError where it is damaged, cut off, or has no polygons."""
-    data = mesh_bytes(path)
+    data = mesh_bytes(path).removeprefix(codecs.BOM_UTF8)
     header = _header(path, data)
     if header.order == "=":
         _read_text(path, data, header)
@@ -64,8 +65,10 @@ def read_ply(path: Path) -> MeshContent:
 
 
 def _header(path: Path, data: bytes) -> _Header:
-    end = re.search(rb"^end_header[ \t]*(\r\n|\n|\r)", data, re.MULTILINE)
-    if not data.startswith(b"ply") or end is None:
+    first = re.match(rb"(?i:ply)[ \t]*(\r\n|\n|\r)", data)
+    line_end = b"\n" if first is None else first[1]  # also of the last line, before bytes of any value
+    end = re.search(line_end + rb"end_header[ \t]*" + line_end, data)
+    if first is None or end is None:
         raise InputError(f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'")
     order, elements, textures = None, list[_Element](), list[str]()
     for number, line in enumerate(plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")):
@@ -93,8 +96,7 @@ def _header(path: Path, data: bytes) -> _Header:
 
 
 def _read_text(path: Path, data: bytes, header: _Header) -> None:
-    plain = plain_text(data)
-    lines = TextLines(path, plain, plain.index(b"\n", plain.index(b"\nend_header") + 1) + 1)
+    lines = TextLines(path, plain_text(data), len(plain_text(data[: header.size])))
     declared, line = sum(element.count for element in header.elements), 0
     if len(lines) != declared:
         told = f"the header declares {declared:,} lines of elements, and the file has {len(lines):,}"
@@ -107,9 +109,10 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
             lengths = np.ones(element.count, np.int64)
             if length_type is not None:
                 _check_row(lines, line, place + 1 <= after)
-                lengths, place = numbers[place].astype(np.int64), place + 1
-                element.lengths[name] = lengths
-            _check_row(lines, line, (lengths >= 0) & (place + lengths <= after))
+                given, place = numbers[place], place + 1
+                _check_row(lines, line, (given >= 0) & (given <= after - place) & (given == np.floor(given)))
+                element.lengths[name] = lengths = given.astype(np.int64)
+            _check_row(lines, line, place + lengths <= after)
             element.values[name] = _cast(path, numbers[_ranges(place, lengths)], kind, name)
             place = place + lengths
         _check_row(lines, line, place == after)
@@ -278,7 +281,8 @@ def _textured(
     of_faces = face.lengths.get("texcoord")
     if of_faces is not None and (of_faces == 2 * counts).all():
         uv = face.values["texcoord"].astype(np.float64).reshape(-1, 2)[cut].reshape(-1, 2)
-        unique, inverse = unique_rows(uv)
+        with np.errstate(invalid="ignore", over="ignore"):  # of coordinates beyond all textures
+            unique, inverse = unique_rows(uv)
         faces, chosen, places = unmerge_faces(faces, inverse.reshape(faces.shape))
         return faces, chosen, uv[unique][places]
     names = next((names for names in _COORDINATES if all(one in vertex.values for one in names)), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,15 +16,18 @@ from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 
 _SPACE = ord(" ")  #: bytes up to this one are white space
+_CONTROL_TO_SPACE = bytes(
+    [0, *(byte if byte == ord("\n") else _SPACE for byte in range(1, 32)), *range(32, 256)]
+)
 _CONTINUED = b" \v"  #: written over a backslash and the line end that it continues, so that lines count
 
 
 def plain_text(data: bytes) -> bytes:
     """Return a text in ASCII or UTF-8 with line feeds alone, whatever its encoding and line ends are."""
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.decode("utf-16", "replace").encode()
-    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return data.replace(b"\v", b" ")
+    data = data.removeprefix(codecs.BOM_UTF8).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data.translate(_CONTROL_TO_SPACE)
 
 
 def join_continued(data: bytes) -> bytes:
@@ -41,6 +45,8 @@ class TextLines:
     """Lines of a plain text that are not blank, in order, without comments from `#` on."""
 
     def __init__(self, path: Path, data: bytes, start: int = 0) -> None:
+        if b"\0" in data:
+            raise InputError(f"{path}: has zero bytes, as no text has; save it as UTF-8, or repair it")
         self.path = path
         self._data = data if data.endswith(b"\n") else data + b"\n"
         self._bytes = np.frombuffer(self._data, np.uint8)
@@ -132,7 +138,7 @@ def parse(
             whole = False
         if not whole:
             raise refused(word)
-    raise AssertionError("words that are numbers one by one are numbers in a row")
+    raise refused(0)
 
 
 def word_starts(text: NDArray[np.uint8]) -> Indices:
