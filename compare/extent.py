@@ -14,6 +14,7 @@ import numpy as np
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.geometry.shapes import has_area
 from xfrustum.scenes.model.effects import FAR_MARGIN, ROUNDING_MARGIN, Region, loses_far_plane
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -116,9 +117,10 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
 
 
 def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4) -> Iterator[Floats]:
-    """Yield (F, 3, 3) corners of an object's triangles, some at a time, for cutting takes memory."""
+    """Yield (F, 3, 3) corners of the triangles that have an area, some at a time: cutting takes memory."""
     for start in range(0, len(part.faces), at_once):
-        yield part.vertices[part.faces[start : start + at_once]]
+        triangles = part.vertices[part.faces[start : start + at_once]]
+        yield triangles[has_area(triangles)]
 
 
 def box(part: SceneObject) -> tuple[Point, Point]:
@@ -531,6 +533,8 @@ def _first(found: list[str]) -> tuple[str, ...]:
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
     """Say with sizes why apertures see nothing of an object: beyond the reach, aside, or too small."""
     (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
+    if share_in_reach(part, scene.frustum) is None:
+        return "has triangles without area alone"
     for beyond, reach in ((high[2] < -back, back), (low[2] > toward, toward)):
         if beyond:
             return f"{_spans(low[2], high[2], units)}; the reach is {length(reach)} {units} there"

@@ -1,7 +1,7 @@
 """`xfrustum check`: what lies where, which apertures see it, what looks like a mistake; and two views."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
@@ -254,6 +254,11 @@ class SceneCheck(Shown):
                 "plate": scene.plate,
                 "reach": scene.frustum.reach,
                 "objects": objects,
+                "unread": [
+                    {"object": number, "file": part.name, **asdict(feature)}
+                    for number, part in enumerate(scene.objects)
+                    for feature in part.unread
+                ],
                 "warnings": self.warnings,
                 "seen": self.seen,
             }

@@ -17,10 +17,11 @@ from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.shapes import place as placed
 from xfrustum.scenes.geometry.shapes import placement
 from xfrustum.scenes.geometry.tessellation import load_patches
+from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.model.scene import UnreadFeature
 
 FOV_DEG, RESOLUTION = 60.0, 512
 """Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""
@@ -93,6 +94,7 @@ class NewScene:
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: What was placed otherwise, cannot be drawn where it was asked for, or is seen as cells; None: nothing.
     warning: str | None = None
+    unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
 
     @property
     def pitch(self) -> float:
@@ -279,7 +281,7 @@ def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, si
         heights=(bottom, top),
         rotate_deg=turn,
     )
-    return replace(written, warning=warning or display.warning(written))
+    return replace(written, warning=warning or display.warning(written), unread=part.unread)
 
 
 def _round_up(value: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes import InputError, Scene, SceneObject
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.model.scene import NormalsMade
 
@@ -82,6 +82,16 @@ def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     flat = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
     return vertices, faces[~flat]
+
+
+def has_area(triangles: Floats) -> Mask:
+    """Return (F,) whether triangles (F, 3, 3) have an area, within the rounding of double precision."""
+    edges = triangles[:, 1:] - triangles[:, :1]
+    # Edges are scaled to at most one, so that areas neither underflow nor overflow.
+    size = np.abs(edges).max(axis=(1, 2), keepdims=True)
+    edges = edges / np.where(size > 0, size, 1.0)
+    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return np.asarray(doubled > 4 * np.finfo(np.float64).eps)  # three roundings of products of at most one
 
 
 def join(*meshes: Mesh) -> Mesh:

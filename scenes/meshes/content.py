@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.model.scene import UnreadFeature
 
 
@@ -29,3 +33,16 @@ class MeshContent:
 
     parts: tuple[MeshPart, ...]
     unread: tuple[UnreadFeature, ...] = ()
+
+
+def mesh_bytes(path: Path) -> bytes:
+    """Return the bytes of a mesh file, or of a file beside it; InputError where it cannot be read."""
+    return input_files.head_of(path, "mesh file", input_files.regular_size(path, "mesh file"))
+
+
+def unit_normals(normals: Floats) -> Floats:
+    """Return (V, 3) unit normals, NaN where one is zero or not finite."""
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))

@@ -13,13 +13,45 @@ import numpy as np
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.geometry.shapes import has_area
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.gltf import read_gltf
+from xfrustum.scenes.meshes.obj import read_obj
+from xfrustum.scenes.meshes.off import read_off
+from xfrustum.scenes.meshes.ply import read_ply
+from xfrustum.scenes.meshes.stl import read_stl
 from xfrustum.scenes.meshes.textures import decode_textures
-from xfrustum.scenes.meshes.trimesh_reader import read_with_trimesh
+from xfrustum.scenes.meshes.threedxml import read_3dxml
+from xfrustum.scenes.meshes.threemf import read_3mf
+from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 
-#: Readers by suffix; trimesh reads all other formats.
-_READERS: dict[str, Callable[[Path], MeshContent]] = {".gltf": read_gltf, ".glb": read_gltf}
+#: Readers by suffix.
+_READERS: dict[str, Callable[[Path], MeshContent]] = {
+    ".3dxml": read_3dxml,
+    ".3mf": read_3mf,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".obj": read_obj,
+    ".off": read_off,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".stl_ascii": read_stl,
+}
+
+#: Formats that are known and not read, by suffix, and what to do with them.
+_EXPORT = "export the mesh as glTF, OBJ, PLY or STL"
+_REFUSED = {
+    **dict.fromkeys((".dae", ".zae"), f"COLLADA, which is not read; {_EXPORT}"),
+    **dict.fromkeys(
+        (".xaml", ".x3d", ".wrl", ".amf", ".ctm", ".drc"), f"of a format that is not read; {_EXPORT}"
+    ),
+    **dict.fromkeys((".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc"), f"a scene; {_EXPORT}"),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".dxf", ".dwg"), f"a CAD drawing; {_EXPORT}"),
+    **dict.fromkeys(
+        (".xyz", ".pts", ".pcd", ".las", ".laz", ".e57"), "a point cloud; give it a mesh with faces"
+    ),
+    **dict.fromkeys((".zip", ".gz", ".bz2", ".xz", ".tar", ".7z"), "packed; unpack it first"),
+}
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
@@ -34,25 +66,47 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     with input_files.bounded_memory(path):
-        content = _READERS.get(path.suffix.lower(), read_with_trimesh)(path)
+        content = _reader(path)(path)
         parts = content.parts
         if not parts:
             raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
         _check_geometry(path, parts)
         offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        vertices = np.concatenate([part.vertices for part in parts])
+        faces = np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)])
+        uv = _joined(parts, (part.uv for part in parts), (np.nan, np.nan))
         pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
+        if texture_of_triangle is not None and uv is not None:
+            texture_of_triangle[np.isnan(uv[faces]).any(axis=(1, 2))] = UNTEXTURED
         return SceneObject(
             name=str(path),
-            vertices=np.concatenate([part.vertices for part in parts]),
-            faces=np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)]),
+            vertices=vertices,
+            faces=faces,
             material=material,
-            uv=_joined(parts, (part.uv for part in parts), (np.nan, np.nan)),
+            uv=uv,
             textures=pictures,
             texture_of_triangle=texture_of_triangle,
             vertex_normals=_joined(parts, (part.normals for part in parts), (np.nan,) * 3),
             vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
-            unread=tuple(dict.fromkeys([*content.unread, *not_shown])),
+            unread=tuple(dict.fromkeys([*content.unread, *not_shown, *_without_area(vertices[faces])])),
         )
+
+
+def _without_area(triangles: Floats) -> list[UnreadFeature]:
+    flat = np.count_nonzero(~has_area(triangles))
+    counted = f"{flat:,} of {len(triangles):,} triangles"
+    return [UnreadFeature(feature=counted, consequence="have no area and are not seen")] if flat else []
+
+
+def _reader(path: Path) -> Callable[[Path], MeshContent]:
+    """Return the reader of a file; InputError where its format is not read."""
+    suffix = path.suffix.lower()
+    if suffix in _READERS:
+        return _READERS[suffix]
+    if suffix in _REFUSED:
+        raise InputError(f"{path}: is {_REFUSED[suffix]}")
+    kinds = ", ".join(sorted(suffix[1:] for suffix in _READERS))
+    raise InputError(f"{path}: not a mesh type that can be read; use one of {kinds}")
 
 
 def _joined(

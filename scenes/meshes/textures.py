@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.color import srgb_to_linear
 
-from xfrustum.scenes.arrays import Bytes, Numbers
+from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.content import MeshPart
+from xfrustum.scenes.meshes.content import MeshPart, mesh_bytes
 from xfrustum.scenes.model.scene import UnreadFeature
 
 
@@ -30,7 +35,7 @@ def decode_textures(
         if part.name in index_of_name:
             continue
         pixels, name = None, part.texture
-        if part.picture is not None:
+        if part.picture is not None and part.uv is not None:
             input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
             with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
                 if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
@@ -41,19 +46,49 @@ def decode_textures(
         index_of_name[part.name] = -1 if pixels is None else len(pictures)
         if pixels is not None:
             pictures.append(pixels)
-            if part.uv is None:
-                unread.append(
-                    UnreadFeature(
-                        feature=f"texture {name}", consequence="is not shown: there are no coordinates"
-                    )
-                )
         elif name is not None:
-            there = name.startswith("in image") or (path.parent / name).is_file()
-            lost = "cannot be read" if there else "is missing"
-            unread.append(
-                UnreadFeature(
-                    feature=f"texture {name}", consequence=f"{lost}; the surface is drawn without it"
-                )
-            )
+            there = name.startswith("in image") or file_beside(path, name) is not None
+            lost = f"{'cannot be read' if there else 'is missing'}; the surface is drawn without it"
+            if part.picture is not None and part.uv is None:
+                lost = "is not shown: there are no coordinates"
+            unread.append(UnreadFeature(feature=f"texture {name}", consequence=lost))
     indices = [np.full(len(part.faces), index_of_name[part.name], np.int32) for part in parts]
     return tuple(pictures), np.concatenate(indices) if pictures else None, unread
+
+
+def file_beside(path: Path, name: str) -> Path | None:
+    """Return the regular file of a name in a mesh file's folder or below it; None where there is none.
+
+    Raises InputError where it is there and no regular file.
+    """
+    name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
+    for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
+        with suppress(ValueError, OSError):  # no name of a file
+            found = (folder / candidate).resolve()
+            if candidate and found.is_relative_to(folder) and found.exists():
+                input_files.regular_size(found, "file that a mesh refers to")
+                return found
+    return None
+
+
+def open_picture(path: Path, name: str) -> Any:
+    """Return the Pillow image, not yet decoded, of a mesh file's texture; None where it cannot be opened."""
+    found = file_beside(path, name)
+    with suppress(OSError, SyntaxError, ValueError):
+        return None if found is None else Image.open(io.BytesIO(mesh_bytes(found)))
+    return None
+
+
+def linear_colors(stored: NDArray[Any]) -> Floats:
+    """Return (V, 3) linear RGB of stored sRGB, alpha ignored.
+
+    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1, as some
+    exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
+    """
+    color = stored[:, :3].astype(np.float64)
+    if stored.dtype in (np.uint8, np.uint16):
+        color = color / (255.0 if stored.dtype == np.uint8 else 65535.0)
+    else:
+        color = np.where(np.isfinite(color), color, 0.0)
+        color = np.clip(color / (255.0 if (color > 1).any() else 1.0), 0.0, 1.0)
+    return np.asarray(srgb_to_linear(color), dtype=np.float64)

@@ -26,7 +26,7 @@ from xfrustum.reference.llvm import THREADS_VARIABLE
 CORPUS = Path(__file__).parent / "corpus"
 BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
-    *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
+    *("tests.fuzz.entries", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
     *("xfrustum.reports.comparison", "xfrustum.reports.plate.plate", "xfrustum.reports.trace"),
     *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),

@@ -21,7 +21,6 @@ import io
 import json
 import shlex
 import tempfile
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -33,6 +32,7 @@ from PIL import Image
 
 from tests.support.environment_maps import write_map
 from tests.support.gltf_writer import TENT, Writer
+from tests.support.packages import mesh_xml, threedxml, threemf
 from tests.support.scene_file import film, named, part
 from xfrustum.scenes.files.pictures import write_video
 from xfrustum.scenes.model.device_model import H100, SOFTPIPE
@@ -178,9 +178,6 @@ def meshes() -> list[Seed]:
         b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
     )
     wood = _of_mesh("a.obj", obj, a_mtl=b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n", skin_png=_picture())
-    zipped = io.BytesIO()
-    with zipfile.ZipFile(zipped, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(zipfile.ZipInfo("a.obj"), obj.replace(b"mtllib a.mtl\n", b""))
     return _of_scene(
         [
             wood,
@@ -189,7 +186,8 @@ def meshes() -> list[Seed]:
             _of_mesh("a.off", box.export(file_type="off").encode()),
             _of_mesh("a.gltf", trimesh.exchange.gltf.export_gltf(scene, embed_buffers=True)["model.gltf"]),
             _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
-            _of_mesh("a.zip", zipped.getvalue()),
+            _of_mesh("a.3mf", _threemf()),
+            _of_mesh("a.3dxml", threedxml('<Faces><Face strips="0 1 2 3" triangles="0 1 4"/></Faces>')),
             replace(_of_mesh("a.ply", bytes(box.export(file_type="ply"))), name="mesh-ply-binary"),
             replace(_of_mesh("a.stl", box.export(file_type="stl_ascii").encode()), name="mesh-stl-ascii"),
             replace(wood, name="mesh-mtl", mutated="a.mtl"),
@@ -460,6 +458,14 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "command": commands,
 }
 """The seeds of each kind of input."""
+
+
+def _threemf() -> bytes:
+    """Return a 3MF file of two objects, one of them placed by a component."""
+    square = mesh_xml([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    turned = '<component objectid="1" transform="0 1 0 -1 0 0 0 0 1 1 2 3"/>'
+    objects = f'<object id="1">{square}</object><object id="2"><components>{turned}</components></object>'
+    return threemf(f'<resources>{objects}</resources><build><item objectid="1"/><item objectid="2"/></build>')
 
 
 def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:

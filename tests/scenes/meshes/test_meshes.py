@@ -15,8 +15,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 from PIL import Image
-from trimesh.exceptions import ExceptionWrapper
-from trimesh.exchange.load import mesh_loaders
 
 from tests.support.long_tail import examples
 from tests.support.scene_file import film
@@ -25,8 +23,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
@@ -89,18 +87,6 @@ def test_a_placement_that_overflows_is_an_input_error(tmp_path: Path) -> None:
     path.write_text("v 1e300 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(InputError, match="NaN or infinite in scene coordinates"):
         place(load_mesh(path), np.diag([1e300, 1, 1, 1]))
-
-
-def test_a_3mf_mesh_without_lxml_is_told_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "a.3mf"
-    trimesh.creation.box().export(path)
-    # So trimesh keeps the failure of its own import of lxml.
-    failed = ExceptionWrapper(ImportError("No module named 'lxml'"))
-    monkeypatch.setitem(mesh_loaders, "3mf", failed)
-    with pytest.raises(InputError, match=r"not installed; for 3MF: pip install '\.\[3mf\]'"):
-        load_mesh(path)
 
 
 # Normals and colors of meshes: those of the file, carried along by placing and refining.
@@ -437,7 +423,8 @@ WORDS = (40000, 20000, 500)
 def objs(folder: Path) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Write OBJ files, and yield their names and what albedo they have.
 
-    A material library gives its texture and not its colors: only those of glTF's materials are read.
+    A material library gives its texture and not its colors, which are a warning: only those of glTF's
+    materials are read.
     """
     write_picture(folder / "wood.png")
     (folder / "m.mtl").write_text(
@@ -508,7 +495,7 @@ def test_a_mesh_is_as_bright_as_its_file_says_with_texture_coordinates_or_withou
     """Coordinates place a texture. Where there is none they change nothing."""
     for number, (name, albedo) in enumerate(files(tmp_path)):
         scene = sheet_scene(tmp_path, name, smooth=number % 2 == 1)
-        assert scene.warnings == (), name
+        assert [line for line in scene.warnings if "statements Kd" not in line] == [], name
         np.testing.assert_allclose(
             radiance(scene), DIFFUSE * np.array(albedo), FLOAT32_ROUNDING, err_msg=name
         )

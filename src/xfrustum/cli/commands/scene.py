@@ -59,6 +59,8 @@ def new(asked: _New) -> None:
     place = next((place for place in reversed(_PLACES) if asked.places[place]), None)
     how: dict[str, Any] = {"units": asked.units, "size": asked.size, "force": asked.force, "up": asked.up}
     written = new_scene(asked.mesh, asked.out, place=place, **how, **asked.display)
+    for feature in written.unread:
+        say(f"warning: {asked.mesh}: {feature}")
     if written.warning is not None:
         say(f"warning: {written.warning}")
     more = {"path": str(written.path), "pitch": written.pitch, "cells_within": written.cells_within}

@@ -1,0 +1,97 @@
+"""Textures of the material libraries of OBJ files (.mtl); colors and lights are those of the scene file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from xfrustum.scenes.meshes.content import mesh_bytes
+from xfrustum.scenes.meshes.text_lines import join_continued, plain_text
+from xfrustum.scenes.meshes.textures import file_beside, open_picture
+from xfrustum.scenes.model.scene import UnreadFeature
+
+#: Statements that show a surface in another color, or not at all, and the value that changes nothing.
+_NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
+_MAPS: Final = ("map_d", "map_bump", "bump", "disp", "decal", "refl", "map_disp", "norm")
+
+
+@dataclass(kw_only=True)
+class Look:
+    """Base color texture of one material."""
+
+    texture: str | None = None  #: name of the texture
+    picture: Any = None  #: Pillow image, opened and not yet decoded
+    not_honoured: list[str] = field(default_factory=list)  #: other statements
+
+
+def read_libraries(
+    path: Path, statements: Sequence[str], used: set[str]
+) -> tuple[dict[str, Look], list[UnreadFeature]]:
+    """Return the looks of materials by their names, the first of a name; and what is not honoured.
+
+    Parameters
+    ----------
+    path : OBJ file
+    statements : names of libraries, as each `mtllib` statement lists them
+    used : names of materials of which something is not honoured
+    """
+    looks: dict[str, Look] = {}
+    unread: list[UnreadFeature] = []
+    for statement in dict.fromkeys(statements):
+        whole = file_beside(path, statement)
+        for name in [statement] if whole is not None else statement.split():
+            library = file_beside(path, name)
+            if library is None:
+                lost = "is missing; textures that it may name are not shown"
+                unread.append(UnreadFeature(feature=f"material library {name}", consequence=lost))
+                continue
+            for material, look in _library(path, library, unread).items():
+                looks.setdefault(material, look)
+    others = dict.fromkeys(word for name in used if name in looks for word in looks[name].not_honoured)
+    if others:
+        told = "are not applied: colors and lights are those of the scene file"
+        listed = ", ".join(sorted(others))
+        unread.append(UnreadFeature(feature=f"statements {listed} of materials", consequence=told))
+    return {name: look for name, look in looks.items() if name in used}, unread
+
+
+def _library(path: Path, library: Path, unread: list[UnreadFeature]) -> dict[str, Look]:
+    looks: dict[str, Look] = {}
+    look = Look()
+    text = join_continued(plain_text(mesh_bytes(library))).decode("utf-8", "replace")
+    for line in text.split("\n"):
+        words = line.split()
+        key, values = (words[0].lower(), words[1:]) if words else ("", [])
+        if key == "newmtl":
+            look = looks.setdefault(" ".join(values), Look())
+        elif key == "map_kd" and values:
+            options, skipped = _options(values)
+            look.texture = line.split(None, 1 + skipped)[-1].strip()
+            look.picture = open_picture(path, look.texture)
+            look.not_honoured += [f"map_Kd {option}" for option in options]
+        elif key in _MAPS or (key in _NEUTRAL and not all(_is(value, _NEUTRAL[key]) for value in values)):
+            look.not_honoured.append(words[0])
+    return looks
+
+
+def _options(values: Sequence[str]) -> tuple[list[str], int]:
+    """Return the options before a texture's name, and how many words they take."""
+    found, place = [], 0
+    while place < len(values) - 1 and values[place].startswith("-") and values[place][1:2].isalpha():
+        option, place = values[place].lower(), place + 1
+        found.append(option)
+        most = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}.get(option, 1)
+        numbers = [_is(value, None) for value in values[place : place + most]]
+        place += max(1, (*numbers, False).index(False)) if most > 1 else 1
+    return found, min(place, len(values) - 1)
+
+
+def _is(word: str, number: float | None) -> bool:
+    """Return whether a word is a number, and this one."""
+    try:
+        value = float(word)
+    except ValueError:
+        return False
+    return number is None or value == number

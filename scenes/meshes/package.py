@@ -1,0 +1,134 @@
+"""Packages of XML parts (3MF, 3DXML): zip archives of bounded size, and placed meshes."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.meshes.content import MeshPart, mesh_bytes, unit_normals
+
+#: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays, copies.
+_MEMORY_PER_UNPACKED_BYTE = 16
+#: Bytes of memory that one placed triangle takes: corners and indices in double precision, and copies.
+_MEMORY_PER_TRIANGLE = 512
+_DEEPEST = 100  # levels of instances within instances
+
+
+@dataclass(kw_only=True)
+class Node:
+    """Object of a package, which may be placed many times."""
+
+    parts: list[MeshPart] = field(default_factory=list)
+    children: list[tuple[Node, Floats]] = field(default_factory=list)  #: with (4, 4) transforms to this node
+
+
+class Package:
+    """Parts of a zip archive by their names, in any case and with or without a slash first."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._archive = zipfile.ZipFile(io.BytesIO(mesh_bytes(path)))
+            total = sum(info.file_size for info in self._archive.infolist())
+        except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+            raise self.error(
+                f"cannot be unpacked ({error or type(error).__name__}); pack it again"
+            ) from error
+        input_files.check_declared(path, total * _MEMORY_PER_UNPACKED_BYTE, "unpacking")
+        self._read: list[bytes] = []
+        self._names = {name.lower().lstrip("/"): name for name in self._archive.namelist()}
+
+    def error(self, reason: str) -> InputError:
+        """Return the error of the package, to be raised."""
+        return InputError(f"{self.path}: {reason}")
+
+    def read(self, name: str) -> tuple[ElementTree.Element, dict[str, str]]:
+        """Return the root element of an XML part, and its namespaces by their prefixes."""
+        stored = self._names.get(name.lower().lstrip("/"))
+        if stored is None:
+            raise self.error(f"has no part {name}; export the mesh again")
+        namespaces: dict[str, str] = {}
+        root = None
+        try:
+            data = self._archive.read(stored)
+            self._read.append(data)
+            for event, value in ElementTree.iterparse(io.BytesIO(data), ("start-ns", "start")):
+                if event == "start-ns" and root is None:
+                    namespaces[value[0]] = value[1]
+                elif root is None:
+                    root = value
+        except (
+            ElementTree.ParseError,
+            OSError,
+            EOFError,
+            ValueError,
+            RuntimeError,
+            zipfile.BadZipFile,
+        ) as error:
+            raise self.error(f"part {name} cannot be read ({error}); export the mesh again") from error
+        assert root is not None
+        return root, namespaces
+
+    def mentions(self, word: bytes) -> bool:
+        """Return whether any part that was read holds a word."""
+        return any(word in data for data in self._read)
+
+    def numbers(self, text: str | None, columns: int) -> Floats:
+        """Return (N, columns) numbers between spaces and commas."""
+        text = (text or "").replace(",", " ")
+        try:
+            found = np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
+            return found.reshape(-1, columns)
+        except ValueError as error:
+            raise self.error("has numbers that are damaged; export the mesh again") from error
+
+    def placed(self, root: Node) -> tuple[MeshPart, ...]:
+        """Return the parts of all nodes from a root on, placed; InputError where they are too many."""
+        sizes: dict[int, int] = {}
+        self._count(root, sizes, 0)
+        input_files.check_declared(self.path, sizes[id(root)] * _MEMORY_PER_TRIANGLE, "placing its objects")
+        return tuple(_placed(root, np.eye(4)))
+
+    def _count(self, node: Node, sizes: dict[int, int], depth: int) -> int:
+        """Return how many triangles and nodes are placed from a node on."""
+        if depth > _DEEPEST:
+            raise self.error(
+                f"objects lie within each other more than {_DEEPEST} levels deep, or in a circle"
+            )
+        if id(node) not in sizes:
+            own = 1 + sum(len(part.faces) for part in node.parts)
+            sizes[id(node)] = own + sum(self._count(child, sizes, depth + 1) for child, _ in node.children)
+        return sizes[id(node)]
+
+
+def _placed(node: Node, matrix: Floats) -> Iterator[MeshPart]:
+    for part in node.parts:
+        yield place_part(part, matrix)
+    for child, local in node.children:
+        yield from _placed(child, matrix @ local)
+
+
+def place_part(part: MeshPart, matrix: Floats) -> MeshPart:
+    """Return a part moved by a (4, 4) matrix; a mirror also turns the winding: outside stays outside."""
+    linear = matrix[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = (
+            part.vertices if np.array_equal(matrix, np.eye(4)) else part.vertices @ linear.T + matrix[:3, 3]
+        )
+        mirrored = np.linalg.det(linear) < 0
+    normals = part.normals
+    if normals is not None:
+        # Cofactors carry normals, also where the matrix is singular.
+        cofactors = np.stack([np.cross(linear[(row + 1) % 3], linear[(row + 2) % 3]) for row in range(3)])
+        normals = unit_normals(normals @ cofactors.T * (-1.0 if mirrored else 1.0))
+    faces = part.faces[:, ::-1] if mirrored else part.faces
+    return MeshPart(name=part.name, vertices=vertices, faces=faces, normals=normals)

@@ -1,0 +1,313 @@
+"""PLY in text and in binary: elements and their properties as the header declares them (Greg Turk, 1994)."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from trimesh.grouping import unique_rows
+from trimesh.visual.texture import unmerge_faces
+
+from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, mesh_bytes, unit_normals
+from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
+from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
+from xfrustum.scenes.meshes.textures import linear_colors, open_picture
+from xfrustum.scenes.model.scene import UnreadFeature
+
+_TYPES: Final = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
+    **{"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
+    **{"float16": "f2", "float32": "f4", "float64": "f8"},
+}
+_ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+_CORNERS: Final = ("vertex_indices", "vertex_index")
+_COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+
+
+@dataclass(kw_only=True)
+class _Element:
+    name: str
+    count: int
+    types: dict[str, tuple[str | None, str]] = field(default_factory=dict)  #: of a list's length, of values
+    values: dict[str, NDArray[Any]] = field(default_factory=dict)  #: lists of an element in a row
+    lengths: dict[str, Indices] = field(default_factory=dict)  #: of lists
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Header:
+    order: str
+    elements: tuple[_Element, ...]
+    textures: tuple[str, ...]
+    size: int  #: bytes
+
+
+def read_ply(path: Path) -> MeshContent:
+    """Read a PLY file; InputError where it is damaged, cut off, or has no polygons."""
+    data = mesh_bytes(path).removeprefix(codecs.BOM_UTF8)
+    header = _header(path, data)
+    if header.order == "=":
+        _read_text(path, data, header)
+    else:
+        _read_binary(path, data, header)
+    elements = {element.name: element for element in header.elements}
+    _check_kind(path, elements)
+    return _content(path, elements, header.textures)
+
+
+def _header(path: Path, data: bytes) -> _Header:
+    first = re.match(rb"(?i:ply)[ \t]*(\r\n|\n|\r)", data)
+    line_end = b"\n" if first is None else first[1]  # also of the last line, before bytes of any value
+    end = re.search(line_end + rb"end_header[ \t]*" + line_end, data)
+    if first is None or end is None:
+        raise InputError(f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'")
+    order, elements, textures = None, list[_Element](), list[str]()
+    for number, line in enumerate(plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")):
+        words = line.split()
+        match [word.lower() for word in words[:1]] + words[1:]:
+            case ["format", name, "1.0"] if name in _ORDERS:
+                order = _ORDERS[name]
+            case ["element", name, count] if count.isdecimal():
+                elements.append(_Element(name=name, count=int(count)))
+            case ["property", "list", length, kind, name] if elements and {length, kind} <= _TYPES.keys():
+                elements[-1].types[name] = (_TYPES[length], _TYPES[kind])
+            case ["property", kind, name] if elements and kind in _TYPES:
+                elements[-1].types[name] = (None, _TYPES[kind])
+            case ["comment", word, _, *_] if word.lower() == "texturefile":
+                textures.append(line.split(None, 2)[2].strip())
+            case [] | ["comment" | "obj_info" | "ply", *_]:
+                pass
+            case _:
+                raise InputError(
+                    f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or no line of PLY"
+                )
+    if order is None:
+        raise InputError(f"{path}: is damaged: its header names no format, such as 'format ascii 1.0'")
+    return _Header(order=order, elements=tuple(elements), textures=tuple(textures), size=end.end())
+
+
+def _read_text(path: Path, data: bytes, header: _Header) -> None:
+    lines = TextLines(path, plain_text(data), len(plain_text(data[: header.size])))
+    declared, line = sum(element.count for element in header.elements), 0
+    if len(lines) != declared:
+        told = f"the header declares {declared:,} lines of elements, and the file has {len(lines):,}"
+        raise InputError(f"{path}: {told}; export the mesh again")
+    for element in header.elements:
+        numbers, counts = lines.numbers(slice(line, line + element.count))
+        place = np.cumsum(counts) - counts
+        after = place + counts
+        for name, (length_type, kind) in element.types.items():
+            lengths = np.ones(element.count, np.int64)
+            if length_type is not None:
+                _check_row(lines, line, place + 1 <= after)
+                given, place = numbers[place], place + 1
+                _check_row(lines, line, (given >= 0) & (given <= after - place) & (given == np.floor(given)))
+                element.lengths[name] = lengths = given.astype(np.int64)
+            _check_row(lines, line, place + lengths <= after)
+            element.values[name] = _cast(path, numbers[_ranges(place, lengths)], kind, name)
+            place = place + lengths
+        _check_row(lines, line, place == after)
+        line += element.count
+
+
+def _check_row(lines: TextLines, first: int, right: NDArray[np.bool_]) -> None:
+    for row in np.flatnonzero(~right)[:1].tolist():
+        raise lines.error(first + row, "has another number of values than the header declares")
+
+
+def _ranges(starts: Indices, lengths: Indices) -> Indices:
+    """Return the indices of all ranges in a row."""
+    within = np.arange(int(lengths.sum())) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.asarray(np.repeat(starts, lengths) + within)
+
+
+def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
+    with np.errstate(invalid="ignore", over="ignore"):
+        cast = numbers.astype(kind)
+    if cast.dtype.kind != "f" and (cast != numbers).any():
+        raise InputError(f"{path}: a value of '{name}' does not fit its type; export the mesh again")
+    return cast
+
+
+def _read_binary(path: Path, data: bytes, header: _Header) -> None:
+    place = header.size
+    for element in header.elements:
+        # Most files have lists of one length: that of the first row.
+        row, fixed = list[tuple[str, str] | tuple[str, str, int]](), place
+        for name, (length_type, kind) in element.types.items():
+            if length_type is None:
+                row.append((name, header.order + kind))
+            else:
+                length = _number(path, data, fixed, header.order + length_type) if element.count else 0
+                row += [(f"{name} ", header.order + length_type), (name, header.order + kind, length)]
+            fixed = place + np.dtype(row).itemsize
+        whole = np.dtype(row)
+        if place + whole.itemsize * element.count <= len(data):
+            table = np.frombuffer(data, whole, element.count, place)
+            if all(
+                (table[name] == table[name][:1]).all() for name in table.dtype.names or () if name[-1] == " "
+            ):
+                for name in element.types:
+                    element.values[name] = table[name].ravel()
+                    if f"{name} " in (table.dtype.names or ()):
+                        element.lengths[name] = table[f"{name} "].astype(np.int64)
+                place += whole.itemsize * element.count
+                continue
+        place = _read_rows(path, data, element, header.order, place)
+    if place != len(data):
+        declared, there = place - header.size, len(data) - header.size
+        told = f"the header declares {declared:,} bytes of elements, file has {there:,}"
+        raise InputError(f"{path}: {told}; export the mesh again")
+
+
+def _read_rows(path: Path, data: bytes, element: _Element, order: str, place: int) -> int:
+    """Read an element whose lists have different lengths, row by row; return where it ends."""
+    found: dict[str, list[NDArray[Any]]] = {name: [] for name in element.types}
+    kinds = [
+        (name, None if length is None else np.dtype(order + length), np.dtype(order + kind))
+        for name, (length, kind) in element.types.items()
+    ]
+    for row in range(element.count):
+        for name, length_kind, kind in kinds:
+            length = 1
+            if length_kind is not None:
+                length = _number(path, data, place, length_kind)
+                place += length_kind.itemsize
+            end = place + length * kind.itemsize
+            if end > len(data) or length < 0:
+                told = f"ends within {element.name} {row:,} of {element.count:,}: the file is cut off"
+                raise InputError(f"{path}: {told}; export the mesh again")
+            found[name].append(np.frombuffer(data, kind, length, place))
+            place = end
+    for name, values in found.items():
+        element.values[name] = np.concatenate(values) if values else np.zeros(0)
+        element.lengths[name] = np.array([len(one) for one in values], np.int64)
+    return place
+
+
+def _number(path: Path, data: bytes, place: int, kind: str | np.dtype[Any]) -> int:
+    size = np.dtype(kind).itemsize
+    if place + size > len(data):
+        raise InputError(
+            f"{path}: ends before the length of a list: the file is cut off; export the mesh again"
+        )
+    value = float(np.frombuffer(data, kind, 1, place)[0])
+    if not 0 <= value <= len(data) or value != int(value):
+        raise InputError(f"{path}: a list has {value:g} values: the file is damaged; export the mesh again")
+    return int(value)
+
+
+def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
+    """Raise InputError at files of other things than polygons, naming them."""
+    vertex, face = elements.get("vertex"), elements.get("face")
+    if vertex is None or not {"x", "y", "z"} <= vertex.types.keys():
+        raise InputError(
+            f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
+        )
+    if (strips := elements.get("tristrips")) is not None and strips.count:
+        raise InputError(f"{path}: triangle strips (element tristrips) are not read; export triangles")
+    if face is None or not face.count:
+        what = "a point cloud"
+        if {"f_dc_0", "opacity", "rot_0", "scale_0"} <= vertex.types.keys():
+            what = "Gaussian splats"
+        other = [name for name in elements if name not in ("vertex", "face")]
+        beside = f", beside {', '.join(other)}" if other else ""
+        what += f": {vertex.count:,} vertices, no faces{beside}"
+        raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
+    if not any(name in face.lengths for name in _CORNERS):
+        raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
+
+
+def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]) -> MeshContent:
+    vertex, face = elements["vertex"], elements["face"]
+    points = _columns(vertex, ("x", "y", "z")).astype(np.float64)
+    name = next(name for name in _CORNERS if name in face.lengths)
+    counts = face.lengths[name]
+    corners = _corners(path, face.values[name], counts, len(points))
+    cut = cut_polygons(
+        points, corners, counts, lambda number, why: InputError(f"{path}: face {number} {why}")
+    )[sizes_together(counts)]
+    faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
+    normals = ("nx", "ny", "nz")
+    colors = next((names for names in _COLORS if all(one in vertex.values for one in names)), None)
+    single = len(textures) == 1
+    part = MeshPart(
+        name="",
+        vertices=points[chosen],
+        faces=faces,
+        uv=uv,
+        color=None if colors is None else linear_colors(_columns(vertex, colors))[chosen],
+        normals=unit_normals(_columns(vertex, normals).astype(np.float64))[chosen]
+        if all(one in vertex.values for one in normals)
+        else None,
+        picture=open_picture(path, textures[0]) if single else None,
+        texture=textures[0] if single else None,
+    )
+    return MeshContent(parts=(part,), unread=tuple(_unread(elements, textures, counts)))
+
+
+def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
+    columns = np.column_stack([element.values[name] for name in names])
+    return columns.astype(columns.dtype.newbyteorder("="))
+
+
+def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -> Indices:
+    """Return the corners of faces as indices; InputError where they are none, or faces too small."""
+    for face in np.flatnonzero(counts < 3)[:1].tolist():
+        raise InputError(f"{path}: face {face} has {counts[face]} corners, and needs three; repair the mesh")
+    corners = values.astype(np.int64)
+    if (corners != values).any():
+        raise InputError(f"{path}: faces have corners that are no whole numbers; export the mesh again")
+    if corners.min() < 0 or corners.max() >= vertices:
+        worst = corners.min() if corners.min() < 0 else corners.max()
+        told = f"faces point past the vertices (index {worst}, {vertices} vertices)"
+        raise InputError(f"{path}: {told}; export the mesh again")
+    return corners
+
+
+def _textured(
+    vertex: _Element, face: _Element, faces: Indices, cut: Indices, counts: Indices
+) -> tuple[Indices, Indices | slice, Floats | None]:
+    """Return faces, the vertices that they refer to, and texture coordinates there."""
+    of_faces = face.lengths.get("texcoord")
+    if of_faces is not None and (of_faces == 2 * counts).all():
+        uv = face.values["texcoord"].astype(np.float64).reshape(-1, 2)[cut].reshape(-1, 2)
+        with np.errstate(invalid="ignore", over="ignore"):  # of coordinates beyond all textures
+            unique, inverse = unique_rows(uv)
+        faces, chosen, places = unmerge_faces(faces, inverse.reshape(faces.shape))
+        return faces, chosen, uv[unique][places]
+    names = next((names for names in _COORDINATES if all(one in vertex.values for one in names)), None)
+    if names is None:
+        return faces, slice(None), None
+    chosen, numbered = np.unique(faces, return_inverse=True)
+    uv = _columns(vertex, names).astype(np.float64)
+    return numbered.reshape(faces.shape), chosen, uv[chosen]
+
+
+def _unread(
+    elements: Mapping[str, _Element], textures: tuple[str, ...], counts: Indices
+) -> list[UnreadFeature]:
+    found, face = [], elements["face"]
+    if len(textures) > 1:
+        several = "are not shown: faces choose among several"
+        found.append(UnreadFeature(feature=f"textures {', '.join(textures)}", consequence=several))
+    if any(name in face.types for names in _COLORS for name in names):
+        found.append(UnreadFeature(feature="colors of faces", consequence="are not shown"))
+    if "texcoord" in face.lengths and (face.lengths["texcoord"] != 2 * counts).any():
+        some = "are not read: not all faces have them"
+        found.append(UnreadFeature(feature="texture coordinates of faces (texcoord)", consequence=some))
+    found += [
+        UnreadFeature(feature=f"element {name}", consequence="is not drawn: it has no faces")
+        for name, element in elements.items()
+        if element.count and name not in ("vertex", "face")
+    ]
+    return found

@@ -1,0 +1,161 @@
+"""Polygons cut into triangles, in their own plane.
+
+Libraries for it (mapbox_earcut) drop corners on straight edges, and neighbors would meet in cracks: here a
+polygon of n corners always gives n - 2 triangles.
+
+However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a cut is
+right where no triangle faces against Newell's normal: nothing is covered twice or left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.errors import InputError
+
+#: Largest number of corners of a polygon that the fan does not cut; the time grows as their square.
+MAX_CONCAVE_CORNERS = 4_000
+#: Rounding errors of a cross product of coordinates of at most one, in units of the coordinates' own.
+_ROUNDINGS = 16
+
+
+def cut_polygons(
+    points: Floats, corners: Indices, counts: Indices, refuse: Callable[[int, str], InputError]
+) -> Indices:
+    """Return (T, 3) places in `corners` of the triangles of polygons, polygon by polygon.
+
+    A polygon's fan from its first corner stays wherever it is right; the second triangle of a quadrilateral
+    then begins at its third corner, as in trimesh. Polygons that are not flat are cut as seen along Newell's
+    normal; their fan, too, stays where all of it faces that way.
+
+    Parameters
+    ----------
+    points : (V, 3) coordinates
+    corners : (K,) indices into `points`, polygon after polygon
+    counts : (P,) numbers of corners of each polygon, at least 3
+    refuse : returns the error for polygon number, reason
+    """
+    first = np.cumsum(counts) - counts
+    before = np.cumsum(counts - 2) - (counts - 2)  # triangles of earlier polygons
+    triangles = np.empty((int((counts - 2).sum()), 3), np.int64)
+    for count in np.unique(counts).tolist():
+        which = np.flatnonzero(counts == count)
+        local = np.repeat(_fan(count)[None], len(which), axis=0)
+        if count > 3:
+            polygons = points[corners[first[which, None] + np.arange(count)]]
+            _mend(polygons, local, lambda place, why, which=which: refuse(int(which[place]), why))
+        triangles[before[which, None] + np.arange(count - 2)] = first[which, None, None] + local
+    return triangles
+
+
+def sizes_together(counts: Indices) -> Indices:
+    """Return the order in which trimesh numbers triangles of mixed polygons, as places in polygon order.
+
+    Triangles come first, then first halves of quadrilaterals, then their second halves, then fans.
+    """
+    size = np.repeat(np.minimum(counts, 5), counts - 2)
+    within = np.arange(len(size)) - np.repeat(np.cumsum(counts - 2) - (counts - 2), counts - 2)
+    return np.lexsort((np.where(size == 4, within, 0), size))
+
+
+def _fan(count: int) -> Indices:
+    if count == 4:
+        return np.array([[0, 1, 2], [2, 3, 0]])
+    second = np.arange(1, count - 1)
+    return np.stack([np.zeros_like(second), second, second + 1], axis=1)
+
+
+def _mend(polygons: Floats, local: Indices, refuse: Callable[[int, str], InputError]) -> None:
+    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) whose fan is not right."""
+    count = polygons.shape[1]
+    size = np.ptp(polygons, axis=1).max(axis=1)
+    doubt = np.abs(polygons).max(axis=(1, 2))  # coordinates are rounded in proportion to themselves
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        shape = (polygons - polygons[:, :1]) / size[:, None, None]
+        doubt = _ROUNDINGS * np.finfo(np.float64).eps * (1 + doubt / size)
+    crosses = np.cross(shape[:, 1:-1], shape[:, 2:])
+    newell = crosses.sum(axis=1)
+    area = np.linalg.norm(newell, axis=1)
+    flat = (np.linalg.norm(crosses, axis=2) <= doubt[:, None]).all(axis=1)  # corners on one line
+    # Sizes of zero, and those that are not finite, are for the checks that all formats share.
+    normals = newell / np.where(area > 0, area, 1.0)[:, None]
+    wrong = np.isfinite(doubt) & ~flat & ((area <= doubt) | ~_all_face(crosses, normals, doubt))
+    if count == 4:  # the other diagonal
+        halves = np.stack(
+            [
+                np.cross(shape[:, b] - shape[:, a], shape[:, c] - shape[:, a])
+                for a, b, c in ((1, 2, 3), (3, 0, 1))
+            ],
+            axis=1,
+        )
+        other = wrong & (area > doubt) & _all_face(halves, normals, doubt)
+        local[other] = [[1, 2, 3], [3, 0, 1]]
+        wrong &= ~other
+    for place in np.flatnonzero(wrong).tolist():
+        if count > MAX_CONCAVE_CORNERS:
+            limit = f"is concave and has {count:,} corners, more than {MAX_CONCAVE_CORNERS:,}"
+            raise refuse(place, f"{limit}; cut it into triangles")
+        flattened = shape[place] @ _plane(normals[place]).T
+        ears = _clip_ears(flattened, float(doubt[place])) if area[place] > doubt[place] else None
+        if ears is None:
+            raise refuse(place, "crosses or covers itself, so that its surface is undefined; mend the mesh")
+        local[place] = ears
+
+
+def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
+    """Return (P,) whether all triangles, by their cross products (P, T, 3), face the normals."""
+    facing = np.einsum("ptx,px->pt", crosses, normals)
+    return np.asarray((facing >= -doubt[:, None]).all(axis=1))
+
+
+def _plane(normal: Floats) -> Floats:
+    """Return (2, 3) axes of the plane of a unit normal, so that it faces the viewer."""
+    across = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(normal, across)])
+
+
+def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | None:
+    """Return triangles that face the viewer of a polygon (n, 2); None where it crosses itself."""
+    count = len(corners)
+    left_over = corners.copy()  # NaN where a corner is cut off
+    before, after = (np.roll(np.arange(count), step).tolist() for step in (1, -1))
+
+    def triangle(tip: int) -> tuple[int, int, int]:
+        return before[tip], tip, after[tip]
+
+    def is_ear(tip: int) -> bool:
+        a, b, c = three = corners[list(triangle(tip))]
+        if _turn(a, b, c) <= doubt:
+            return False
+        inside = _turn(a, b, left_over) >= -doubt
+        inside &= (_turn(b, c, left_over) >= -doubt) & (_turn(c, a, left_over) >= -doubt)
+        # Bridges to holes pass through a corner twice: other corners in the same place are no obstacle.
+        return bool((corners[inside, None] == three).all(axis=2).any(axis=1).all())
+
+    ears = np.array([is_ear(tip) for tip in range(count)])
+    found = []
+    while len(found) < count - 3:
+        tips = np.flatnonzero(ears)
+        if not len(tips):
+            alone = np.flatnonzero(~np.isnan(left_over[:, 0])).tolist()
+            tips = [tip for tip in alone if is_ear(tip) or abs(_turn(*corners[list(triangle(tip))])) <= doubt]
+            if not tips:
+                return None
+        tip = int(tips[0])
+        found.append(triangle(tip))
+        left_over[tip], ears[tip] = np.nan, False
+        left, right = before[tip], after[tip]
+        after[left], before[right] = right, left
+        ears[left], ears[right] = is_ear(left), is_ear(right)
+    last = triangle(int(np.nanargmax(left_over[:, 0])))
+    return [*found, last] if _turn(*corners[list(last)]) >= -doubt else None
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return twice the areas of triangles a b c, positive where they turn left; c may be many points."""
+    c = np.asarray(c)
+    return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
