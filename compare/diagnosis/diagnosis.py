@@ -569,8 +569,6 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
             same.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
         elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
             same.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
-    elif model.screen_center != nominal.screen_center:
-        same += _sheared_instead(evidence, model)
     elif model.recentering is not nominal.recentering:
         # Where everything visible lies on one side of the plate, images do not say what became of the other
         # camera; in one aperture alone, a missing or reversed shear equals a screen at another place.
@@ -603,12 +601,14 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
                 x, y = (tilt * z).tolist()
                 tried.append(replace(plain, fov=model.fov, scene_offset=(x, y, 0.0)))
                 tried.append(replace(plain, fov=model.fov, aperture_offset=(-x, -y)))
-    return (*same, *filter(evidence.explains, tried))
+    return (*same, *_sheared_instead(evidence, model), *filter(evidence.explains, tried))
 
 
 def _sheared_instead(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
     """Return guesses with a wrong shear that show the images as well as a moved screen: of one aperture."""
     nominal, scene = evidence.nominal, evidence.reference.scene
+    if model.screen_center == nominal.screen_center:
+        return []
     plain = replace(model, screen_center=nominal.screen_center)
     tried = (replace(plain, recentering=one) for one in (Recentering.NONE, Recentering.BOTH_REVERSED))
     apertures = {model.answers(scene, image.camera.aperture) for image in evidence.images}

@@ -54,6 +54,8 @@ ENCODING_FAULTS = (
 )
 """Names of the faults; after the last four numbers are lost."""
 
+TRUE = DrawnModel()  #: the renderer that draws the true crossed frustum
+
 # The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
 FIRST_NUMBER = "first"
 
@@ -88,10 +90,6 @@ NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 # kind of damage accounts, as `diagnosis.MIN_EXPLAINED_FRACTION`. The second one applies to objects of a
 # renderer that may draw with another near offset or a moved scene, which change them.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
-
-# Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a
-# factor f repeats 1 - 1 / f of the lines: 15 % at 1.18. In pictures drawn at their own size few lines repeat.
-MIN_REPEATED_FRACTION = 0.15
 
 # Smallest share of pixels with a number between those around them in a resampled picture; fewer are
 # accidents. And the smallest ratio of the number of different integers to that in the truth: values between
@@ -139,7 +137,7 @@ class Restoring:
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    nominal: DrawnModel = DrawnModel()  # the renderer by its author's statements
+    nominal: DrawnModel = TRUE  # the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
@@ -158,7 +156,7 @@ class Restoring:
 
 def _stated(reference: Reference, nominal: DrawnModel, aperture: Aperture) -> HogelImage:
     """Return what a renderer should draw by its author's statements: the truth, or with a near offset."""
-    if nominal == DrawnModel():
+    if nominal == TRUE:
         return reference.trace(aperture)
     return reference_colors(reference, nominal, trace_drawn(reference, nominal, aperture))
 
@@ -344,14 +342,14 @@ class _Search:
                 return None
             found = self._by_claims(stated, left)
             found = found or self._restarting()
+            # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel, and are
+            # explained by their film (`film_faults`).
             if found is None and left <= MIN_FAILED_MISFIT_PX:
-                # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel.
-                return self._enlarged()
-            found = found or self._by_objects(objects, 0.0)
-            # Numbers that lie where some camera draws their triangles are whole. Of a mesh with few triangles,
-            # damage would account for nearly any of them.
-            if found is None and self._drawn():
                 return None
+            found = found or self._by_objects(objects, 0.0)
+            # Numbers that lie where some camera draws their triangles are whole; of few triangles, damage
+            # would account for nearly any.
+            found = found or self._drawn()
         # What is left is compared with the truth.
         found = found or self._spoiled()
         # Pixels that name things in the scene are numbers, right or wrong, and not colors.
@@ -445,12 +443,13 @@ class _Search:
                 return FoundEncoding(faults=(fault,), restoring=found)
         return None
 
-    def _drawn(self) -> bool:
-        """Return whether the claims hold under a guess about the cameras with one group of numbers at most."""
+    def _drawn(self) -> FoundEncoding | None:
+        """Return the stated reading where claims hold under a guess with one group of numbers at most."""
         claims = self._read(self.stated)
         if len(claims) < MIN_CLAIMS:
-            return False
-        return fit_geometry(claims, self.nominal, simple=True).noise_px <= MAX_HELD_MISFIT_PX
+            return None
+        fit = fit_geometry(claims, self.nominal, simple=True)
+        return FoundEncoding() if fit.noise_px <= MAX_HELD_MISFIT_PX else None
 
     def _restarting(self) -> FoundEncoding | None:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
@@ -466,28 +465,6 @@ class _Search:
         words += "add the number of each object's first triangle"
         fault = Fault(fault=RESTARTING, value=float(len(first)), unit="number", words=words)
         return FoundEncoding(faults=(fault,), restoring=found)
-
-    def _enlarged(self) -> FoundEncoding | None:
-        """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
-        images = [self.stated.packed(stored_rgb(image)) for image in self.compared]
-        expected = [self.truth(image.camera.aperture.index).triangle for image in self.compared]
-
-        def repeated(images: Sequence[Numbers], axis: int) -> float:
-            """Return the share of rows (axis 0) or columns, not uniform, that repeat the ones before."""
-            lines = [np.moveaxis(image, axis, 0) for image in images]
-            several = [(one[:-1] != one[:-1, :1]).any(axis=1) for one in lines]
-            pairs = zip(lines, several, strict=True)
-            same = [some & (one[1:] == one[:-1]).all(axis=1) for one, some in pairs]
-            return float(np.sum(same) / max(np.sum(several), 1))
-
-        shares, usual = [[repeated(some, axis) for axis in (0, 1)] for some in (images, expected)]
-        if min(shares) < MIN_REPEATED_FRACTION or any(np.array(usual) > np.array(shares) / 2):
-            return None
-        share = float(np.mean(shares))
-        words = f"{share:.0%} of columns and rows repeat the ones before: "
-        words += "images were drawn smaller and enlarged"
-        fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
-        return FoundEncoding(faults=(fault,), restoring=self.agreement(self.stated))
 
     def _read(self, reading: Reading) -> Claims:
         """Return what the images claim in some reading."""

@@ -318,7 +318,7 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
         colored = by == "color"
-        # In another shading a crease beside an outline may be the stronger edge: none counts more than another.
+        # In another shading creases beside outlines may be stronger edges: none counts more than another.
         shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
         expected = contrast(answer, MAX_EDGE_CONTRAST)
         if not colored:

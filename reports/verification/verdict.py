@@ -141,7 +141,7 @@ class Limits:
             told = None if numbers.blind else True
         elif (outlines := numbers.outlines) is not None and outlines.shown:
             share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
-            # Outlines that neither picture nor true colors show may be missing too: nothing says that they are.
+            # Outlines that neither picture nor true colors show may be missing too.
             doubtful = outlines.missing + outlines.unknown > most * outlines.shown
             doubtful |= outlines.untold > self.wrong * numbers.shown
             kept = False if share > most else None if doubtful else True
@@ -408,7 +408,7 @@ def with_correction_tested(found: Verification) -> Verification:
     if not found.diagnosis.faults or not wrong:
         return found
     pairs = [(one.as_found, one.corrected, one.left) for one in judged if one.as_found and one.corrected]
-    before, after = (sum(wrong_in(pair[which]) for pair in pairs) for which in (0, 1))
+    before, after = sum(wrong_in(mine) for mine, *_ in pairs), sum(wrong_in(its) for _, its, _ in pairs)
     # A correction after which nothing could be wrong explains nothing.
     left = sum(wrong_in(mine) if its.blind else rest for mine, its, rest in pairs)
     share = max(0.0, 1.0 - left / before) if before else 0.0
@@ -594,8 +594,7 @@ def explained(found: Verification) -> list[str]:
     if not found.diagnosis.faults:
         return []
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
-    told = [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
-    return told
+    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
 
 
 def nothing_found(found: Verification) -> str:

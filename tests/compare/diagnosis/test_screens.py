@@ -1,4 +1,4 @@
-"""Recentered frusta: exchanged centers of the screen, films of one row, restored numbers of offset cameras."""
+"""Recentered frusta: exchanged screens, films of one row, and restored numbers of offset cameras."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -259,8 +259,8 @@ def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> Non
     found = verification({(0, 0): 100})
     (hogel,) = found.hogels
     assert hogel.as_found is not None
-    blind = {"by": "outlines", "surface": None, "displacement_by": MeasuredBy.NO_OUTLINES, "wrong": 0}
-    hogel = replace(hogel, corrected=replace(hogel.as_found, **blind), mended=False)
+    blind = replace(hogel.as_found, by="outlines", surface=None, displacement_by=MeasuredBy.NO_OUTLINES)
+    hogel = replace(hogel, corrected=replace(blind, wrong=0), mended=False)
     diagnosis = replace(found.diagnosis, faults=(SHIFT,))
     tested = with_correction_tested(replace(found, hogels=(hogel,), diagnosis=diagnosis))
     assert [guess.explains for guess in tested.diagnosis.does_not_explain] == [0.0]
