@@ -21,6 +21,7 @@ import io
 import json
 import shlex
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
