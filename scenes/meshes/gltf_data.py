@@ -211,15 +211,16 @@ class Accessor(_Model):
 
 
 class Asset(_Model):
-    """Version of the format."""
+    """Version of the format, and the oldest that a reader must have."""
 
-    version: str = "2.0"
+    version: str
+    min_version: str = "2.0"
 
 
 class Tree(_Model):
     """Document: tables of objects that refer to each other by number."""
 
-    asset: Asset = Asset()
+    asset: Asset
     scene: Natural | None = None
     scenes: tuple[Scene, ...] = ()
     nodes: tuple[Node, ...] = ()
@@ -393,8 +394,10 @@ def open_gltf(path: Path) -> Gltf:
         where = ".".join(map(str, first["loc"]))
         reason = f"{where}: {first['msg']}" if where else first["msg"]
         raise InputError(f"{path}: cannot be read as glTF ({reason}); export the mesh again") from error
-    if not gltf.tree.asset.version.startswith("2."):
-        raise InputError(f"{path}: is glTF {gltf.tree.asset.version}; export the mesh as glTF 2.0")
+    asset = gltf.tree.asset
+    if not asset.version.startswith("2.") or asset.min_version != "2.0":
+        needed = asset.min_version if asset.version.startswith("2.") else asset.version
+        raise InputError(f"{path}: is glTF {needed}; export the mesh as glTF 2.0")
     return gltf
 
 

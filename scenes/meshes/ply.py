@@ -73,6 +73,8 @@ def _header(path: Path, data: bytes) -> _Header:
     order, elements, textures = None, list[_Element](), list[str]()
     for number, line in enumerate(plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")):
         words = line.split()
+        if words[:1] == ["property"] and elements and words[-1] in elements[-1].types:
+            raise InputError(f"{path}, line {number + 1}: property {words[-1]} is declared twice")
         match [word.lower() for word in words[:1]] + words[1:]:
             case ["format", name, "1.0"] if name in _ORDERS:
                 order = _ORDERS[name]

@@ -16,9 +16,9 @@ from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 
 _SPACE = ord(" ")  #: bytes up to this one are white space
-_CONTROL_TO_SPACE = bytes(
-    [0, *(byte if byte == ord("\n") else _SPACE for byte in range(1, 32)), *range(32, 256)]
-)
+#: Tab, vertical tab and form feed are blanks; other control bytes become DEL, which no number has.
+_BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, ord("\n"): ord("\n")}
+_CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
 _CONTINUED = b" \v"  #: written over a backslash and the line end that it continues, so that lines count
 
 
@@ -27,7 +27,7 @@ def plain_text(data: bytes) -> bytes:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.decode("utf-16", "replace").encode()
     data = data.removeprefix(codecs.BOM_UTF8).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return data.translate(_CONTROL_TO_SPACE)
+    return data.translate(_CONTROL_TO_BLANK)
 
 
 def join_continued(data: bytes) -> bytes:
