@@ -97,11 +97,7 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
     inside = [name for entry in extended for name in entry.extensions]
     names = dict.fromkeys([*tree.extensions_required, *tree.extensions_used, *inside])
     for name in names:
-        unknown = (
-            name in tree.extensions_required
-            and name not in _HONOURED
-            and not _LOOKS.fullmatch(name)
-        )
+        unknown = name in tree.extensions_required and name not in _HONOURED and not _LOOKS.fullmatch(name)
         if unknown or name in _CHANGING_GEOMETRY:
             raise InputError(
                 f"{gltf.path}: the extension {name} is not read, and may change the geometry; "
@@ -109,9 +105,7 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
             )
     unread = [unread_extension(name) for name in names if name not in _HONOURED]
     if tree.animations:
-        unread.append(
-            UnreadFeature(feature="animations", consequence="are not played: all is at rest")
-        )
+        unread.append(UnreadFeature(feature="animations", consequence="are not played: all is at rest"))
     return unread
 
 
@@ -312,18 +306,14 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
     gltf.decoded.update({**arrays, primitive.indices: faces})
 
 
-def _placing(
-    gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int
-) -> Callable[[_Local], MeshPart]:
+def _placing(gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int) -> Callable[[_Local], MeshPart]:
     """Return the function that places the primitives of a node's mesh."""
     instancing = node.instancing
     if node.skin is not None:
         if instancing is not None:
             raise gltf.error("instances of a mesh with a skin have no defined place")
         skin = gltf.entry(gltf.tree.skins, node.skin, "skin")
-        joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(
-            -1, 4, 4
-        )
+        joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(-1, 4, 4)
         if skin.inverse_bind_matrices is not None:
             inverse = gltf.values(skin.inverse_bind_matrices, 16)
             if len(inverse) < len(joints):
@@ -388,9 +378,7 @@ def _cofactors(matrices: Floats) -> Floats:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
 
 
-def _part(
-    local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int
-) -> MeshPart:
+def _part(local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int) -> MeshPart:
     if normals is not None:
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         usable = np.isfinite(length) & (length > 0)

@@ -66,9 +66,7 @@ def look_of(gltf: Gltf, index: int) -> Look:
     unread = [unread_extension(name) for name in material.extensions]
     if material.alpha_mode != "OPAQUE":
         feature = f"alphaMode {material.alpha_mode}"
-        unread.append(
-            UnreadFeature(feature=feature, consequence="is not applied: surfaces are opaque")
-        )
+        unread.append(UnreadFeature(feature=feature, consequence="is not applied: surfaces are opaque"))
     unread += [
         UnreadFeature(feature=f"{name}Texture", consequence="is not shown")
         for name in ("normal", "occlusion", "emissive")

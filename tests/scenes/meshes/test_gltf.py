@@ -135,7 +135,9 @@ def morphed(by_node: bool) -> Writer:
     mesh = writer.mesh(flat, TENT_FACES, targets=targets)
     weights = [1.5, 0, 0.5]
     writer.tree["meshes"][mesh]["weights"] = [1, 1, 1] if by_node else weights
-    writer.node(mesh=mesh, **({"weights": weights} if by_node else {}))
+    node = writer.node(mesh=mesh)
+    if by_node:
+        writer.tree["nodes"][node]["weights"] = weights
     return writer
 
 
@@ -500,7 +502,7 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(value, (*at, key))
 
 
-STRANGE = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
+STRANGE: tuple[Any, ...] = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
 
 
 @pytest.mark.parametrize("make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__)
