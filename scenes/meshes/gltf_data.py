@@ -238,6 +238,9 @@ class Tree(_Model):
     extensions_required: tuple[str, ...] = ()
 
 
+#: Relative rounding of numbers printed with six significant digits, the fewest that exporters write.
+_PRINTED = 5e-6
+
 _Item = TypeVar("_Item")
 
 
@@ -320,7 +323,7 @@ class Gltf:
         return self.stored(index, 1)[:, 0].astype(np.int64)
 
     def check_bounds(self, index: int) -> None:
-        """Raise InputError where `min` and `max` of a vector are not those of its data, in float32."""
+        """Raise InputError where `min` and `max` of a vector are not those of its data."""
         accessor = self.accessor(index)
         if index in self.decoded:  # bounds are mostly those from before the compression
             return
@@ -328,8 +331,9 @@ class Gltf:
         for name, declared in (("min", accessor.min), ("max", accessor.max)):
             if declared is None or not len(stored):
                 continue
-            measured = (stored.min if name == "min" else stored.max)(axis=0).astype(np.float32)
-            if not np.array_equal(np.array(declared, np.float32), measured):
+            measured = (stored.min if name == "min" else stored.max)(axis=0).astype(np.float64)
+            rounding = _PRINTED * float(np.abs(measured).max())
+            if np.shape(declared) != (3,) or not np.allclose(declared, measured, rtol=0, atol=rounding):
                 given, real = ([float(f"{value:.6g}") for value in row] for row in (declared, measured))
                 raise self.error(f"{name} of accessor {index} is declared {given}, its data have {real}")
 

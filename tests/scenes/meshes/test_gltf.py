@@ -135,7 +135,9 @@ def morphed(by_node: bool) -> Writer:
     mesh = writer.mesh(flat, TENT_FACES, targets=targets)
     weights = [1.5, 0, 0.5]
     writer.tree["meshes"][mesh]["weights"] = [1, 1, 1] if by_node else weights
-    writer.node(mesh=mesh, **({"weights": weights} if by_node else {}))
+    node = writer.node(mesh=mesh)
+    if by_node:
+        writer.tree["nodes"][node]["weights"] = weights
     return writer
 
 
@@ -436,7 +438,7 @@ REFUSED: dict[str, Callable[[Writer], None]] = {
     "min of accessor 0 is declared [0.0, 0.0, -1.0], its data have [0.0, 0.0, 0.0]": changed(
         "accessors", 0, "min", to=[0, 0, -1]
     ),
-    "max of accessor 0": changed("accessors", 0, "max", to=[4, 3, 5.0000005]),
+    "max of accessor 0": changed("accessors", 0, "max", to=[4, 3, 5.0001]),
     "18 elements take 36 bytes, buffer view 1 has 34": changed("bufferViews", 1, "byteLength", to=34),
     "buffer view 1 ends after its buffer": changed("bufferViews", 1, "byteOffset", to=64),
     "buffer 0 declares 999 bytes": changed("buffers", to=[{"byteLength": 999}]),
@@ -479,6 +481,13 @@ def test_what_would_be_misread_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_bounds_may_be_printed_with_six_digits(tmp_path: Path) -> None:
+    writer = Writer()
+    writer.node(mesh=writer.tent())
+    changed("accessors", 0, "max", to=[4, 3, 5.00001])(writer)
+    np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
+
+
 def test_weights_of_joints_add_up_to_one(tmp_path: Path) -> None:
     writer = skinned()
     writer.tree["accessors"][1]["normalized"] = False  # shares all the same
@@ -500,7 +509,7 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(value, (*at, key))
 
 
-STRANGE = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
+STRANGE: tuple[Any, ...] = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
 
 
 @pytest.mark.parametrize("make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__)
