@@ -141,8 +141,8 @@ class Limits:
             told = None if numbers.blind else True
         elif (outlines := numbers.outlines) is not None and outlines.shown:
             share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
-            # Outlines that neither picture nor true colors show may be missing too.
-            doubtful = outlines.missing + outlines.unknown > most * outlines.shown
+            # What most outlines do not say, the others do not say for them.
+            doubtful = 2 * outlines.unknown > outlines.shown
             doubtful |= outlines.untold > self.wrong * numbers.shown
             kept = False if share > most else None if doubtful else True
             found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=kept))
