@@ -98,8 +98,9 @@ def _mend(polygons: Floats, local: Indices, refuse: Callable[[int, str], InputEr
         if count > MAX_CONCAVE_CORNERS:
             limit = f"is concave and has {count:,} corners, more than {MAX_CONCAVE_CORNERS:,}"
             raise refuse(place, f"{limit}; cut it into triangles")
-        flattened = shape[place] @ _plane(normals[place]).T
-        ears = _clip_ears(flattened, float(doubt[place])) if area[place] > doubt[place] else None
+        ears = None
+        if area[place] > doubt[place]:
+            ears = _clip_ears(shape[place] @ _plane(normals[place]).T, float(doubt[place]))
         if ears is None:
             raise refuse(place, "crosses or covers itself, so that its surface is undefined; mend the mesh")
         local[place] = ears

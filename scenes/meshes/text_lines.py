@@ -34,7 +34,7 @@ def join_continued(data: bytes) -> bytes:
     """Join lines of a plain text that end with a backslash to the next line, comments excepted."""
     if b"\\\n" not in data:
         return data
-    return re.sub(rb"^[ \t]*#[^\n]*|\\\n", _joined, data, flags=re.MULTILINE)
+    return re.sub(rb"#[^\n]*|\\\n", _joined, data)
 
 
 def _joined(found: re.Match[bytes]) -> bytes:

@@ -22,9 +22,9 @@ from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.files.pictures import read_environment, read_rgb
 from xfrustum.scenes.geometry.tessellation import load_patches
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 GIBIBYTE = 1 << 30
 SCENE = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))

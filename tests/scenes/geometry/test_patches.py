@@ -14,7 +14,6 @@ from trimesh.triangles import closest_point
 from tests.support.long_tail import examples
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.tessellation import (
     cut,
     evenly,
@@ -27,6 +26,7 @@ from xfrustum.scenes.geometry.tessellation import (
     surface,
     tessellate,
 )
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 ROUNDING = 1e-12
 """Largest rounding of a few hundred operations of doubles on values of size ten."""

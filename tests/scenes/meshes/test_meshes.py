@@ -23,8 +23,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
