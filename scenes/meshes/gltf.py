@@ -82,9 +82,9 @@ def read_gltf(path: Path) -> MeshContent:
             for index, local in enumerate(primitives(mesh, weights)):
                 if local is None:
                     unread.append(_NO_TRIANGLES)
-                elif len(local.faces):
+                elif len((part := place(local)).faces):
                     unread += local.look.unread
-                    parts.append(replace(place(local), name=f"mesh {mesh}, primitive {index}"))
+                    parts.append(replace(part, name=f"mesh {mesh}, primitive {index}"))
     return MeshContent(parts=tuple(parts), unread=tuple(dict.fromkeys(unread)))
 
 

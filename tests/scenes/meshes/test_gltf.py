@@ -418,7 +418,14 @@ def draco(writer: Writer) -> None:
         del accessor["bufferView"]
 
 
+def no_instances(writer: Writer) -> None:
+    none = writer.add("accessors", componentType=5126, count=0, type="VEC3", bufferView=0)
+    extension = {"attributes": {"TRANSLATION": none}}
+    writer.extend("nodes", 0, "EXT_mesh_gpu_instancing", extension)
+
+
 REFUSED: dict[str, Callable[[Writer], None]] = {
+    "the mesh has no triangles": no_instances,
     "extension ACME_bend": changed("extensionsRequired", to=["ACME_bend"]),
     "extension CESIUM_RTC": changed("extensions", to={"CESIUM_RTC": {"center": [1, 2, 3]}}),
     "extension EXT_meshopt_compression": changed(
@@ -493,7 +500,7 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(value, (*at, key))
 
 
-STRANGE = (None, True, "7", -1, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
+STRANGE = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
 
 
 @pytest.mark.parametrize("make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__)
