@@ -17,11 +17,11 @@ from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.meshes.mesh_file import load_mesh
-from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.geometry.shapes import place as placed
 from xfrustum.scenes.geometry.shapes import placement
 from xfrustum.scenes.geometry.tessellation import load_patches
+from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.model.scene import UnreadFeature
 
 FOV_DEG, RESOLUTION = 60.0, 512
 """Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""

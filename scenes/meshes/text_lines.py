@@ -151,4 +151,4 @@ def word_starts(text: NDArray[np.uint8]) -> Indices:
 def _first_from(places: Indices, starts: Indices, ends: Indices) -> Indices:
     """Return the first of ordered places from each start on, or the end where none comes before it."""
     found = np.concatenate([places, [np.iinfo(np.int64).max]])[np.searchsorted(places, starts)]
-    return np.minimum(found, ends)
+    return np.asarray(np.minimum(found, ends))
