@@ -5,11 +5,6 @@ the same question, name surfaces and say where these lie. A foreign image may be
 that do not exist, or show colors alone, and its question may be two offset cameras, which see the plate, and
 of which the front one covers the other. Here colors are right or wrong within a tolerance; there their error
 is measured.
-
-How far a picture without points has moved is found by registration of its outlines. An outline runs between
-two neighboring pixels, and the place between them is called a step. The steps of the truth's outlines are
-moved by every whole number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast
-is looked up where they come to lie: the displacement is the one with the largest mean contrast.
 """
 
 from __future__ import annotations
@@ -20,9 +15,22 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from xfrustum.compare.judging.outlines import (
+    MAX_EDGE_CONTRAST,
+    MIN_EDGE_CONTRAST,
+    MIN_STEPS,
+    OUTLINE_TOLERANCE_PX,
+    contrast,
+    missing_outlines,
+    outline_displacement,
+    seen_outlines,
+    steps_of,
+    strongest_steps,
+    true_outlines,
+    unlike_shading,
+)
 from xfrustum.compare.metrics.error_maps import (
     Spread,
     SurfaceErrors,
@@ -36,16 +44,14 @@ from xfrustum.compare.metrics.error_maps import (
     other_surfaces,
     outside_film,
     pixel_centers,
-    true_lines,
 )
-from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front, unflipped
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
+from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.files.foreign_images import Transfer, stored_rgb
 from xfrustum.scenes.model.device_model import DeviceModel, safe_model
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
@@ -65,40 +71,6 @@ NEAR_PLANE_PER_REACH = 1e-6
 """Near plane of a camera that stands in the aperture, as a part of the reach: such a camera has none, but
 depths are stored relative to one."""
 
-# Largest displacement that is searched, along each axis: what has moved farther has no peak among 17 by 17.
-MAX_DISPLACEMENT_PX = 8
-
-# Smallest number of steps from which a displacement is taken. A peak is an accident where by chance half of
-# the steps fall on edges at a wrong displacement. Where one step of a picture in five is an edge, the
-# binomial distribution expects that at 0.75 of the 289 displacements with 20 steps, and at 0.006 with 40.
-MIN_STEPS = 40
-
-# Largest number of steps that are looked up. The contrast of one step lies between 0 and a cap, so that the
-# mean of 4000 has a standard error of at most 0.5 / sqrt(4000) = 0.8 % of the cap: less than what
-# `EQUAL_PEAK_RATIO` takes for equal anyway. Mean number in a tile, and most tiles along each side.
-MAX_STEPS, STEPS_PER_TILE, MAX_TILES_PER_SIDE = 4000, 300, 4
-
-# Smallest ratio of a peak to the median contrast over all displacements. In noise, contrast is as large
-# everywhere: in 60 pictures of independent uniform pixels the ratio was 1.14 at most with `MIN_STEPS` steps
-# (1.16 with half as many), which leaves as much again for noise of other kinds.
-MIN_PEAK_RATIO = 1.3
-
-# Smallest ratio to the peak at which the contrast of another displacement cannot be told from it, as along a
-# straight outline; the smallest of such displacements is taken. Rounding to 8 bits moves the contrast of one
-# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the largest that counts; that of
-# the mean of `MIN_STEPS` is 0.25 %. The largest and the smallest of 17 displacements along an outline then
-# differ by 3.6 standard deviations, 0.9 %, on the average; twice that is allowed.
-EQUAL_PEAK_RATIO = 0.98
-
-# Distance from a true outline within which a picture must have an edge, for the outline to be there: the
-# outline runs between two pixels, and rounding puts it on either side of a center.
-OUTLINE_TOLERANCE_PX = 1
-
-# Smallest difference between two neighboring pixels that is an edge, of the square root of the radiance,
-# which is nearly what a display encodes: 8 bits and dithering move one brightness by at most 2 steps on
-# either side. And the contrast beyond which one edge counts no more than another.
-MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
-
 MAX_MISSING_OUTLINES = 0.1
 """Largest share of the truth's outlines that a right picture in another shading may lack. Two grays drawn
 from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
@@ -117,9 +89,6 @@ COMPOSITIONS: tuple[dict[str, Any], ...] = (
 
 COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
-Steps = tuple[Floats, Floats]
-"""A quantity between neighboring pixels: (H, W - 1) between the columns and (H - 1, W) between the rows."""
-
 
 class MeasuredBy(StrEnum):
     """Means by which a displacement was measured."""
@@ -132,68 +101,6 @@ class MeasuredBy(StrEnum):
     """The truth has too few outlines to be registered. Colors are then judged by wrong pixels alone; an image
     without colors and points shows nothing by which it could be judged."""
     NOTHING = "nothing"  # The displacement cannot be known
-
-
-def steps_of(values: NDArray[np.generic]) -> Steps:
-    """Return absolute differences of neighboring pixels of numbers (H, W); of labels, 1 where they differ."""
-    if np.issubdtype(values.dtype, np.floating):
-        return np.abs(np.diff(values, axis=1)), np.abs(np.diff(values, axis=0))
-    across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
-    return across.astype(np.float64), down.astype(np.float64)
-
-
-def contrast(image: HogelImage, most: float = np.inf) -> Steps:
-    """Return a picture's contrast as it is seen: differences of the square root of its mean radiance."""
-    assert image.color is not None
-    gray = np.nan_to_num(image.color.astype(np.float64), posinf=1.0, neginf=0.0).mean(axis=-1)
-    across, down = steps_of(np.sqrt(np.clip(gray, 0.0, 1.0)))
-    return np.minimum(across, most), np.minimum(down, most)
-
-
-def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
-    """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
-    # The normals of triangles decide whether neighboring points lie on one surface.
-    found = contours(replace(answer, normal=_normals(scene, answer)))
-    chosen = found.kind != Kind.SEAM
-    first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
-    across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
-    beside = second - first == 1
-    across.flat[first[beside]] = 1.0
-    down.flat[first[~beside]] = 1.0
-    return across[:, :-1], down[:-1]
-
-
-def strongest_steps(steps: Steps) -> Floats:
-    """Return the strongest step after each pixel (H, W): a step belongs to the pixel before it."""
-    across, down = steps
-    return np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
-
-
-def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
-    """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
-    strongest = maximum_filter(strongest_steps(shown), size=2 * OUTLINE_TOLERANCE_PX + 1)
-    return np.asarray((strongest_steps(outlines) > 0) & (strongest < MIN_EDGE_CONTRAST))
-
-
-def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
-    """Return those outlines of an answer that any sensible shading shows.
-
-    They are seen in its own colors and, inside one object, under a light at the camera. Parallel faces, and
-    those that lean to opposite sides, may have one brightness.
-    """
-    lines = true_lines(answer.camera).directions()
-    lines /= np.linalg.norm(lines, axis=2, keepdims=True)
-    facing = np.abs(np.einsum("hwi,hwi->hw", _normals(scene, answer), lines))
-    lit = steps_of(np.sqrt(np.nan_to_num(facing)))
-    across, down = (np.maximum(*pair) for pair in zip(lit, steps_of(answer.object), strict=True))
-    seen = ~missing_outlines(outlines, contrast(answer)) & ~missing_outlines(outlines, (across, down))
-    return outlines[0] * seen[:, :-1], outlines[1] * seen[:-1]
-
-
-def _normals(scene: Scene, answer: HogelImage) -> Floats:
-    """Return the normals (H, W, 3) of the triangles that an image shows, NaN where it shows none."""
-    normals = scene.normals.take(answer.triangle, axis=0, mode="clip")
-    return np.where((answer.triangle == NOTHING)[..., None], np.nan, normals)
 
 
 def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
@@ -212,98 +119,10 @@ def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
         told = (other.covered != answer.covered).sum() > wrong.sum() / 2
         missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
         told |= alone * missing > MAX_MISSING_OUTLINES * count
-        left = [_unlike_shading(scene, shown, seen.upright, wrong) for shown in (answer, other)]
+        left = [unlike_shading(scene, shown, seen.upright, wrong) for shown in (answer, other)]
         if not told and MIN_SHADING_RATIO * left[0] >= left[1]:
             worst = max(worst, int(wrong.sum()))
     return worst
-
-
-def _unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
-    """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
-
-    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree, nearly
-    (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has its own.
-    """
-    assert picture.color is not None
-    bright = np.sqrt(np.clip(np.nan_to_num(picture.color.mean(axis=2)[chosen]), 0.0, 1.0))
-    normal, part = np.nan_to_num(_normals(scene, shown)[chosen]), shown.object[chosen]
-    lines = true_lines(shown.camera).directions()[chosen]
-    facing = np.einsum("ni,ni->n", normal, lines) / np.linalg.norm(lines, axis=1)
-    x, y, z = (normal * -np.sign(facing)[:, None]).T
-    every = (np.ones_like(x), x, y, z, x * x, y * y, x * y, x * z, y * z, np.abs(facing), facing**2)
-    terms = np.stack(every, axis=1)
-    left = 0.0
-    for number in np.unique(part):
-        some = part == number
-        fitted = terms[some] @ np.linalg.lstsq(terms[some], bright[some])[0]
-        left += float(np.square(bright[some] - fitted).sum())
-    return left
-
-
-def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
-    """Measure by how much outlines have moved, px, over a picture as a whole and each of its tiles.
-
-    `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no more than
-    another. None is returned where no displacement has clearly the most contrast.
-    """
-    # Row and column (N, 2), axis and weight of the strongest steps.
-    rows = [np.argwhere(some > 0) for some in expected]
-    places, weights = np.concatenate(rows), np.concatenate([some[some > 0] for some in expected])
-    axis = np.repeat([0, 1], [len(some) for some in rows])
-    if len(places) > MAX_STEPS and np.ptp(weights) > 0:
-        kept = weights >= np.partition(weights, -MAX_STEPS)[-MAX_STEPS]
-        places, weights, axis = places[kept], weights[kept], axis[kept]
-    every = -(-len(places) // MAX_STEPS) or 1
-    places, weights, axis = places[::every], weights[::every], axis[::every]
-
-    def moved(chosen: Mask) -> tuple[float, float] | None:
-        some = places[chosen], axis[chosen], weights[chosen]
-        found = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
-        if found is None or max(map(abs, found)) <= 0.5:
-            return found
-        # A tile of dim outlines beside a strong one has more contrast at the strong one, however right the
-        # picture is. So what does not even register with itself, within half a pixel, measures nothing.
-        own = _peak(*some, expected)
-        return found if own is not None and max(map(abs, own)) <= 0.5 else None
-
-    whole = moved(np.ones(len(places), dtype=np.bool_))
-    if whole is None:
-        return None
-    found = [whole]
-    side = int(np.clip(np.sqrt(len(places) / STEPS_PER_TILE), 1, MAX_TILES_PER_SIDE))
-    tile = places * side // (len(expected[0]), expected[1].shape[1])
-    for number in range(side * side) if side > 1 else ():
-        of_tile = moved(tile[:, 0] * side + tile[:, 1] == number)
-        found += [] if of_tile is None else [of_tile]
-    return Spread.of(np.hypot(*np.array(found).T))
-
-
-def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tuple[float, float] | None:
-    """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
-    reach = MAX_DISPLACEMENT_PX
-    scores = counted = np.zeros((2 * reach + 1, 2 * reach + 1))
-    moves = np.indices(scores.shape)[:, None]
-    for number, grid in enumerate(shown):
-        mine, weight = places[axis == number], weights[axis == number]
-        row, column = mine.T[:, :, None, None] + moves
-        padded, inside = np.pad(grid, reach), np.pad(np.ones_like(grid), reach)
-        scores = scores + np.tensordot(weight, padded[row, column], 1)
-        counted = counted + np.tensordot(weight, inside[row, column], 1)
-    scores = scores / np.maximum(counted, counted.max() / 2)
-    best = float(scores.max())
-    if best <= 0 or best < MIN_PEAK_RATIO * float(np.median(scores)):
-        return None
-    alike = np.argwhere(scores >= EQUAL_PEAK_RATIO * best)
-    row, column = alike[np.argmin(np.square(alike - reach).sum(axis=1))].tolist()
-
-    def between(three: Floats) -> float:
-        """Return where a parabola through a peak and its two neighbors is highest, from -0.5 to 0.5."""
-        before, here, after = three.tolist() if len(three) == 3 else (0.0, 0.0, 0.0)
-        bend = before - 2 * here + after
-        return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0
-
-    down = row - reach + between(scores[max(row - 1, 0) : row + 2, column])
-    return down, column - reach + between(scores[row, max(column - 1, 0) : column + 2])
 
 
 def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, MeasuredBy]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from xfrustum.compare.judging.judged import COLOR_ONLY, Figures, steps_of
+from xfrustum.compare.judging.judged import COLOR_ONLY, Figures
+from xfrustum.compare.judging.outlines import steps_of
 from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.pictures import shows_something
 from xfrustum.scenes import NOTHING, Aperture, Scene

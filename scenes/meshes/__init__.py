@@ -6,5 +6,10 @@ textures     Pictures of base colors, decoded once each
 gltf         glTF files: nodes, instances, morph targets and skins at rest
 gltf_data    Document, buffers and accessors of a glTF file
 gltf_materials  Base colors and textures of glTF materials
-trimesh_reader  Formats that trimesh reads
+obj, obj_materials  Wavefront OBJ and its material libraries
+off, ply, stl  OFF, PLY and STL
+threemf, threedxml  3MF and 3DXML, packages of XML
+package      Zip packages of XML parts, and placing of their objects
+polygons     Polygons cut into triangles
+text_lines   Lines of a text as arrays of numbers, and errors that name the line
 """

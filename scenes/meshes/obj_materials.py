@@ -41,7 +41,7 @@ def read_libraries(
     unread: list[UnreadFeature] = []
     for statement in dict.fromkeys(statements):
         whole = file_beside(path, statement)
-        for name in [statement] if whole is not None else statement.split():
+        for name in [statement] if whole is not None else statement.partition("#")[0].split():
             library = file_beside(path, name)
             if library is None:
                 lost = "is missing; textures that it may name are not shown"
@@ -49,6 +49,13 @@ def read_libraries(
                 continue
             for material, look in _library(path, library, unread).items():
                 looks.setdefault(material, look)
+    for name in sorted(used - looks.keys() - {""}):
+        plain = name.partition("#")[0].strip()  # a comment, or part of a name
+        if plain in looks:
+            looks[name] = looks[plain]
+        elif looks:
+            lost = "is in no library; its surfaces are drawn without it"
+            unread.append(UnreadFeature(feature=f"material {name}", consequence=lost))
     others = dict.fromkeys(word for name in used if name in looks for word in looks[name].not_honoured)
     if others:
         told = "are not applied: colors and lights are those of the scene file"

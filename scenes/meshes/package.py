@@ -41,7 +41,7 @@ class Package:
             total = sum(info.file_size for info in self._archive.infolist())
         except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
             raise self.error(
-                f"cannot be unpacked ({error or type(error).__name__}); pack it again"
+                f"cannot be unpacked ({str(error) or type(error).__name__}); pack it again"
             ) from error
         input_files.check_declared(path, total * _MEMORY_PER_UNPACKED_BYTE, "unpacking")
         self._read: list[bytes] = []

@@ -46,7 +46,7 @@ def cut_polygons(
         local = np.repeat(_fan(count)[None], len(which), axis=0)
         if count > 3:
             polygons = points[corners[first[which, None] + np.arange(count)]]
-            _mend(polygons, local, lambda place, why, which=which: refuse(int(which[place]), why))
+            _mend(polygons, local, which, refuse)
         triangles[before[which, None] + np.arange(count - 2)] = first[which, None, None] + local
     return triangles
 
@@ -68,8 +68,10 @@ def _fan(count: int) -> Indices:
     return np.stack([np.zeros_like(second), second, second + 1], axis=1)
 
 
-def _mend(polygons: Floats, local: Indices, refuse: Callable[[int, str], InputError]) -> None:
-    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) whose fan is not right."""
+def _mend(
+    polygons: Floats, local: Indices, numbers: Indices, refuse: Callable[[int, str], InputError]
+) -> None:
+    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) of some numbers whose fan is not right."""
     count = polygons.shape[1]
     size = np.ptp(polygons, axis=1).max(axis=1)
     doubt = np.abs(polygons).max(axis=(1, 2))  # coordinates are rounded in proportion to themselves
@@ -97,13 +99,15 @@ def _mend(polygons: Floats, local: Indices, refuse: Callable[[int, str], InputEr
     for place in np.flatnonzero(wrong).tolist():
         if count > MAX_CONCAVE_CORNERS:
             limit = f"is concave and has {count:,} corners, more than {MAX_CONCAVE_CORNERS:,}"
-            raise refuse(place, f"{limit}; cut it into triangles")
+            raise refuse(int(numbers[place]), f"{limit}; cut it into triangles")
         ears = None
         if area[place] > doubt[place]:
-            flattened = shape[place] @ _plane(normals[place]).T
-            ears = _clip_ears(flattened, float(doubt[place]))
+            ears = _clip_ears(shape[place] @ _plane(normals[place]).T, float(doubt[place]))
         if ears is None:
-            raise refuse(place, "crosses or covers itself, so that its surface is undefined; mend the mesh")
+            raise refuse(
+                int(numbers[place]),
+                "crosses or covers itself, and has no surface; mend the mesh",
+            )
         local[place] = ears
 
 
@@ -139,15 +143,15 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
         return bool((corners[inside, None] == three).all(axis=2).any(axis=1).all())
 
     ears = np.array([is_ear(tip) for tip in range(count)])
-    found = []
+    found: list[tuple[int, int, int]] = []
     while len(found) < count - 3:
-        tips = np.flatnonzero(ears)
-        if not len(tips):
+        tips = np.flatnonzero(ears).tolist()
+        if not tips:
             alone = np.flatnonzero(~np.isnan(left_over[:, 0])).tolist()
             tips = [tip for tip in alone if is_ear(tip) or abs(_turn(*corners[list(triangle(tip))])) <= doubt]
             if not tips:
                 return None
-        tip = int(tips[0])
+        tip = tips[0]
         found.append(triangle(tip))
         left_over[tip], ears[tip] = np.nan, False
         left, right = before[tip], after[tip]

@@ -34,7 +34,7 @@ def join_continued(data: bytes) -> bytes:
     """Join lines of a plain text that end with a backslash to the next line, comments excepted."""
     if b"\\\n" not in data:
         return data
-    return re.sub(rb"^[ \t]*#[^\n]*|\\\n", _joined, data, flags=re.MULTILINE)
+    return re.sub(rb"#[^\n]*|\\\n", _joined, data)
 
 
 def _joined(found: re.Match[bytes]) -> bytes:
@@ -151,4 +151,4 @@ def word_starts(text: NDArray[np.uint8]) -> Indices:
 def _first_from(places: Indices, starts: Indices, ends: Indices) -> Indices:
     """Return the first of ordered places from each start on, or the end where none comes before it."""
     found = np.concatenate([places, [np.iinfo(np.int64).max]])[np.searchsorted(places, starts)]
-    return np.minimum(found, ends)
+    return np.asarray(np.minimum(found, ends))

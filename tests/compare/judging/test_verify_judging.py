@@ -19,7 +19,7 @@ import xfrustum
 from tests.support.long_tail import examples
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.judging.judged import outline_displacement, steps_of
+from xfrustum.compare.judging.outlines import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError, open_scene

@@ -311,3 +311,52 @@ def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_pat
         + part("square", 40.0, (0.0, 0.0, 1e-4))
     )
     assert not xfrustum.check(open_scene(str(tmp_path / "near.toml"))).warnings
+
+
+def test_features_that_are_not_read_are_listed_and_warned_about(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Triangles without area are such, and no aperture sees them."""
+    mesh, flat = tmp_path / "a.obj", tmp_path / "flat.obj"
+    square = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv 0 0 0\nl 1 2\n"
+    mesh.write_text(square + "f 1 2 3\nf 1 4 3\n")
+    flat.write_text("v 0 0 0\nv 1 0 0\nv 3 0 0\nf 1 2 3\nf 1 1 2\n")
+    objects = "".join(
+        f'\n[[object]]\nmesh = "{name}"\ntranslate = [0.0, 0.0, -20.0]\n' for name in ("a.obj", "flat.obj")
+    )
+    frame = film((20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+    (tmp_path / "scene.toml").write_text(named("lines", "mm") + frame + objects)
+    assert main(["check", str(tmp_path / "scene.toml"), "--json"]) == 0
+    printed = capfd.readouterr()
+    content = json.loads(printed.out)
+    no_area = "have no area and are not seen"
+    assert content["unread"] == [
+        {
+            "object": 0,
+            "file": str(mesh),
+            "feature": "lines (l)",
+            "consequence": "are not drawn: they have no surface",
+        },
+        {"object": 0, "file": str(mesh), "feature": "1 of 2 triangles", "consequence": no_area},
+        {"object": 1, "file": str(flat), "feature": "2 of 2 triangles", "consequence": no_area},
+    ]
+    assert content["objects"][0]["sight"]["apertures"] == 9
+    assert content["objects"][1]["sight"]["apertures"] == 0
+    assert f"warning: {mesh}: 1 of 2 triangles {no_area}\n" in printed.err
+    for command in (
+        ["trace", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "t.exr")],
+        ["new", str(mesh), "--out", str(tmp_path / "new.toml")],
+    ):
+        assert main(command) == 0
+        assert f"warning: {mesh}: lines (l) are not drawn" in capfd.readouterr().err
+
+
+def test_a_scene_of_triangles_without_area_is_seen_by_no_aperture(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 3 0 0\nf 1 2 3\n")
+    place = '\n[[object]]\nmesh = "flat.obj"\ntranslate = [0.0, 0.0, -20.0]\n'
+    frame = film((20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+    (tmp_path / "scene.toml").write_text(named("flat", "mm") + frame + place)
+    assert main(["check", str(tmp_path / "scene.toml"), "--json"]) == 1
+    assert "has triangles without area alone" in capfd.readouterr().err

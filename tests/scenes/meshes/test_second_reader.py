@@ -125,7 +125,7 @@ def test_twins_have_equal_traces(feature: str, plain: str) -> None:
     assert np.isfinite(truths[0]).any()
     # Twins stored in float32 and in integers differ by its rounding; lines this oblique enlarge it tenfold.
     bound = 10 * 2.0**-24 * size
-    np.testing.assert_allclose(*truths, rtol=0, atol=bound)
+    np.testing.assert_allclose(truths[0], truths[1], rtol=0, atol=bound)
 
 
 def twins_differ(feature: Reading, triangles: Floats) -> str | None:
