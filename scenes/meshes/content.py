@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.model.scene import UnreadFeature
 
 
@@ -33,11 +31,6 @@ class MeshContent:
 
     parts: tuple[MeshPart, ...]
     unread: tuple[UnreadFeature, ...] = ()
-
-
-def mesh_bytes(path: Path) -> bytes:
-    """Return the bytes of a mesh file, or of a file beside it; InputError where it cannot be read."""
-    return input_files.head_of(path, "mesh file", input_files.regular_size(path, "mesh file"))
 
 
 def unit_normals(normals: Floats) -> Floats:

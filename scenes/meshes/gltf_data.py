@@ -24,6 +24,7 @@ from pydantic.alias_generators import to_camel
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.meshes.textures import file_beside
 
 #: First word of a binary file, and types of its chunks.
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -369,8 +370,11 @@ class Gltf:
     def resource(self, uri: str, largest: int) -> bytes:
         """Return the bytes of a data URI, or at most so many of a file beside this one."""
         if not uri.startswith("data:"):
-            file, what = self.path.parent / unquote(uri), "file that a mesh refers to"
-            return input_files.head_of(file, what, min(largest, input_files.regular_size(file, what)))
+            file = file_beside(self.path, unquote(uri))
+            if file is None:
+                raise self.error(f"there is no file {uri[:100]} in its folder")
+            size = input_files.regular_size(file, "buffer of a mesh")
+            return input_files.head_of(file, "buffer of a mesh", min(largest, size))
         head, _, text = uri.partition(",")
         data = unquote_to_bytes(text) if "%" in text else text.encode()
         try:
@@ -381,10 +385,7 @@ class Gltf:
 
 def open_gltf(path: Path) -> Gltf:
     """Read the document of a .gltf or .glb file; InputError where it is no glTF 2."""
-    try:
-        data = memoryview(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    data = memoryview(input_files.read_input(path, "mesh file"))
     text, binary = data, None
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:
         text, binary = _chunks(path, data)

@@ -12,8 +12,8 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.gltf_data import Gltf, Sampler, Texture, TextureTransform
+from xfrustum.scenes.meshes.textures import open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _REPEAT = 10497  # wrap mode of samplers
@@ -112,14 +112,7 @@ def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
         data = gltf.resource(image.uri, 0)
     else:
         name = unquote(image.uri)
-        try:
-            if not (gltf.path.parent / name).exists():
-                return name, None
-        except (OSError, ValueError) as error:
-            raise gltf.error(f"texture {name} has no name of a file") from error
-        data = input_files.read_small(
-            gltf.path.parent / name, "texture of a mesh", input_files.allowed_memory(0)
-        )
+        return name, open_picture(gltf.path, name)
     picture = None
     with suppress(OSError, SyntaxError, ValueError):
         picture = Image.open(io.BytesIO(data))

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from trimesh.visual.texture import unmerge_faces
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, mesh_bytes, unit_normals
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
 from xfrustum.scenes.meshes.obj_materials import Look, read_libraries
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, join_continued, parse, plain_text, word_starts
@@ -61,7 +62,7 @@ class _Tables:
 
 def read_obj(path: Path) -> MeshContent:
     """Read an OBJ file; InputError with the line where it is damaged or has surfaces that are not read."""
-    lines = TextLines(path, join_continued(plain_text(mesh_bytes(path))))
+    lines = TextLines(path, join_continued(plain_text(read_input(path, "mesh file"))))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
     others = np.flatnonzero(~np.logical_or.reduce(list(kinds.values()))).tolist()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from xfrustum.scenes.meshes.content import mesh_bytes
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.meshes.text_lines import join_continued, plain_text
 from xfrustum.scenes.meshes.textures import file_beside, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
@@ -67,7 +67,7 @@ def read_libraries(
 def _library(path: Path, library: Path, unread: list[UnreadFeature]) -> dict[str, Look]:
     looks: dict[str, Look] = {}
     look = Look()
-    text = join_continued(plain_text(mesh_bytes(library))).decode("utf-8", "replace")
+    text = join_continued(plain_text(read_input(library, "material library"))).decode("utf-8", "replace")
     for line in text.split("\n"):
         words = line.split()
         key, values = (words[0].lower(), words[1:]) if words else ("", [])

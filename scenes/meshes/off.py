@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, mesh_bytes, unit_normals
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.meshes.textures import linear_colors
@@ -34,7 +35,7 @@ class _Layout:
 
 def read_off(path: Path) -> MeshContent:
     """Read an OFF file; InputError with the line where it is damaged, or its kind is not read."""
-    data = plain_text(mesh_bytes(path))
+    data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
     if header is not None and (header[5] or header[6]):
         kind = "binary OFF" if header[6] else "nOFF, of any number of dimensions,"

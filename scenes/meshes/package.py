@@ -13,8 +13,9 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshPart, mesh_bytes, unit_normals
+from xfrustum.scenes.meshes.content import MeshPart, unit_normals
 
 #: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays, copies.
 _MEMORY_PER_UNPACKED_BYTE = 16
@@ -37,7 +38,7 @@ class Package:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._archive = zipfile.ZipFile(io.BytesIO(mesh_bytes(path)))
+            self._archive = zipfile.ZipFile(io.BytesIO(read_input(path, "mesh file")))
             total = sum(info.file_size for info in self._archive.infolist())
         except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
             raise self.error(

@@ -15,8 +15,9 @@ from trimesh.grouping import unique_rows
 from trimesh.visual.texture import unmerge_faces
 
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, mesh_bytes, unit_normals
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.meshes.textures import linear_colors, open_picture
@@ -53,7 +54,7 @@ class _Header:
 
 def read_ply(path: Path) -> MeshContent:
     """Read a PLY file; InputError where it is damaged, cut off, or has no polygons."""
-    data = mesh_bytes(path).removeprefix(codecs.BOM_UTF8)
+    data = read_input(path, "mesh file").removeprefix(codecs.BOM_UTF8)
     header = _header(path, data)
     if header.order == "=":
         _read_text(path, data, header)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, mesh_bytes
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.model.scene import UnreadFeature
 
@@ -20,7 +21,7 @@ _COSINE = 0.5  # of stored normals and those of the winding: rounded ones differ
 
 def read_stl(path: Path) -> MeshContent:
     """Read an STL file; InputError where its length is not what it says, or its text is damaged."""
-    data = mesh_bytes(path)
+    data = read_input(path, "mesh file")
     count = int.from_bytes(data[80:_HEADER_BYTES], "little")
     whole = _HEADER_BYTES + count * _FACET.itemsize
     if len(data) >= _HEADER_BYTES and len(data) == whole:

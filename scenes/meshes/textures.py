@@ -15,7 +15,8 @@ from trimesh.visual.color import srgb_to_linear
 
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.content import MeshPart, mesh_bytes
+from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.meshes.content import MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
 
@@ -75,7 +76,7 @@ def open_picture(path: Path, name: str) -> Any:
     """Return the Pillow image, not yet decoded, of a mesh file's texture; None where it cannot be opened."""
     found = file_beside(path, name)
     with suppress(OSError, SyntaxError, ValueError):
-        return None if found is None else Image.open(io.BytesIO(mesh_bytes(found)))
+        return None if found is None else Image.open(io.BytesIO(read_input(found, "texture")))
     return None
 
 
