@@ -10,7 +10,14 @@ import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye import loss
-from xfrustum.compare.eye.noticeable import Display, Viewer, blur_arcmin, eyes_apart, replay_noise_arcsec
+from xfrustum.compare.eye.noticeable import (
+    MILLIMETERS,
+    Display,
+    Viewer,
+    blur_arcmin,
+    eyes_apart,
+    replay_noise_arcsec,
+)
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers
 from xfrustum.compare.planning.plan import plan as plan_apertures
 from xfrustum.compare.planning.search import DepthBuffer
@@ -19,8 +26,10 @@ from xfrustum.compare.planning.viewer import (
     STEREO,
     EyeRequirement,
     NearLimit,
+    ViewZone,
     binding,
     eye_requirement,
+    view_zone,
 )
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.chain import with_exact_depth
@@ -28,7 +37,7 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye.view import EyeReference, replay
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
 from xfrustum.reports.common.templates_environment import plain_text
@@ -36,6 +45,7 @@ from xfrustum.reports.view import Drawing, stereo_eyes
 from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.notebook import digits, percent
 from xfrustum.tolerances import MAX_WRONG
@@ -216,15 +226,38 @@ class Replayed:
     judged: int  #: Number of both eyes' judged pixels
 
 
+def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple[Eye, ...]:
+    """Return a viewer's left and right eye, their films with so many columns over the plate."""
+    width, height = scene.plate.size
+    film = (columns, max(1, round(columns * height / width)))
+    middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
+    return stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+
+
+def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
+    """Return the view zone at a viewer's distance; InputError where one of his eyes sees no hogel."""
+    zone, eyes = view_zone(scene, viewer.distance), two_eyes(scene, viewer)
+    shown = [replay(scene, eye).shown for eye in eyes]
+    if all(one.columns.size and one.rows.size for one in shown):
+        return zone
+    units, (x, y) = scene.units, zone.some
+    widest = zone.some_eyes_apart * (Display.of(scene).millimeters or 1.0)
+    advice = f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
+    if not widest:
+        advice = "no eyes straight before the plate's middle lie in it"
+    raise InputError(
+        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is {x[1] - x[0]:.3g} x "
+        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to {x[1]:.3g}, y from "
+        f"{y[0]:.3g} to {y[1]:.3g}): {advice}; or choose another --viewer, or a larger film"
+    )
+
+
 class ReplayWorkbench:
     """Two eyes straight before a scene's plate, what they truly see, and what they are shown."""
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
         self._scene = scene
         self._reference = EyeReference(scene)
-        width, height = scene.plate.size
-        film = (columns, max(1, round(columns * height / width)))
-        middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
         self._views = [
             loss.Views(
                 true=self._reference.true_view(eye, shaded=False),
@@ -232,7 +265,7 @@ class ReplayWorkbench:
                 drawn=None,
                 taken=self._reference.replay(eye),
             )
-            for eye in stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+            for eye in two_eyes(scene, viewer, columns)
         ]
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
@@ -311,6 +344,7 @@ class PlannedRecord:
     limits_with_cuts: tuple[NearLimit, ...] | None = None
     noise_arcsec: float | None = None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
     exceeded: tuple[str, ...] = ()  #: what the replay shows beyond what is required, in words
+    view_zone: ViewZone | None = None  #: at the viewer's distance
 
 
 def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
@@ -369,8 +403,9 @@ def make_viewer_plan(
     eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
     seen = replace(seen, device=requirement.device)
+    zone = seen_view_zone(scouted.scene, viewer)
     made = planned(scouted, seen, choices, sample, progress)
-    record = planned_record(scouted.scene, made, seen, progress=progress)
+    record = replace(planned_record(scouted.scene, made, seen, progress=progress), view_zone=zone)
     return ViewerPlan(plan=replayed_plan(made, record), requirement=seen, record=record)
 
 
@@ -422,6 +457,7 @@ def planned_table(record: PlannedRecord, units: str) -> str:
     ):
         kinds.append((words, limits, binding(limits)))
     values = {"record": record, "viewer": record.viewer, "units": units, "kinds": kinds, "found": found}
+    values["millimeters"] = MILLIMETERS.get(units, 1.0)
     if found is not None:
         # As if pixels were drawn at random.
         at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)
