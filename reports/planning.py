@@ -18,7 +18,7 @@ from xfrustum.compare.eye.noticeable import (
     eyes_apart,
     replay_noise_arcsec,
 )
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers
+from xfrustum.compare.planning.plan import Alternative, Plan, PlatePlanner, depth_buffers
 from xfrustum.compare.planning.plan import plan as plan_apertures
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import (
@@ -51,6 +51,13 @@ from xfrustum.scenes.notebook import digits, percent
 from xfrustum.tolerances import MAX_WRONG
 
 LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason
+MEASURE_WORDS = {
+    "displacement_p99_px": "displacement (99 %)",
+    "surface_fraction": "wrong surfaces",
+    "depth_wrong": "surfaces wrong by depth",
+}
+"""Errors of a hogel in words, by the names of their fields."""
+
 FILM_COLUMNS = 64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
 
 
@@ -151,7 +158,12 @@ def table(
     apart = f"sheets {separation:.3g} {scene.units} apart misordered"
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
-        ("wrong surface", "of the pixels", MAX_WRONG, "surface_fraction"),
+        (
+            "wrong surface",
+            "of the pixels",
+            math.inf if requirement.SEEN_BY_EYES else MAX_WRONG,
+            "surface_fraction",
+        ),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
         (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
@@ -164,11 +176,15 @@ def table(
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
     lines.append(f"rounding by the model of {made.device_model}")
     draw = plate_command(scene, settings) if made.plate else raster_command(scene, apertures[0], settings)
-    return "\n".join([*lines, _answer(made, apertures, requirement, exceeded), "", draw])
+    return "\n".join([*lines, _answer(made, scene, apertures, requirement, exceeded), "", draw])
 
 
 def _answer(
-    made: Plan, apertures: Sequence[Aperture], requirement: Requirement, exceeded: Sequence[str] | None
+    made: Plan,
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    requirement: Requirement,
+    exceeded: Sequence[str] | None,
 ) -> str:
     """Say whether a plan holds, and where that is known."""
     known = made.plate
@@ -176,7 +192,8 @@ def _answer(
     answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, {replayed}measured at "
     if known is None:
         count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
-        return f"{answer}{count}."
+        about = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
+        return filled(" ".join([f"{answer}{count}.", *beside_words(made, scene.units, about)]))
     worst, share = known.worst, known.share_beyond_at_most
     assert worst is not None and made.measured is not None
     if exceeded:
@@ -187,12 +204,11 @@ def _answer(
     p99 = worst.displacement_p99_px
     moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
     sentences = [
-        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
-        f"{worst.aperture.column},{worst.aperture.row}, displaced {moved}, "
-        f"{percent(worst.surface_fraction)} wrong surface."
+        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst by "
+        f"{MEASURE_WORDS[known.worst_by or 'surface_fraction']}: {worst.aperture.column},"
+        f"{worst.aperture.row}, displaced {moved}, {percent(worst.surface_fraction)} wrong surface."
     ]
-    pixels = "" if math.isinf(requirement.tolerance_px) else f"{requirement.tolerance_px:g} px or "
-    limits = f"{pixels}{percent(MAX_WRONG)} wrong surfaces"
+    limits = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
     empty = f", {known.empty} of which show nothing," if known.empty else ""
     if known.confidence == 1:
         sentences.append(f"{percent(share)} of all hogels are beyond {limits}.")
@@ -201,7 +217,31 @@ def _answer(
             f"{known.beyond} of {known.sampled} drawn at random{empty} are beyond {limits}: at most "
             f"{percent(share)} of all ({percent(known.confidence)})."
         )
-    return filled(" ".join(sentences))
+    if requirement.SEEN_BY_EYES:
+        sentences.append("Eyes judge this plan, and not the pixels of hogels.")
+    return filled(" ".join([*sentences, *beside_words(made, scene.units, limits)]))
+
+
+def beside_words(made: Plan, units: str, limits: str) -> list[str]:
+    """Say how many of the measured hogels are beyond with the largest near, and without cuts."""
+    said = []
+    if (one := made.largest) is not None and one.judged:
+        said.append(
+            f"Drawn with near {digits(one.near)} {units}, the largest, {_count(one)} beyond {limits}"
+            + ("." if not one.beyond else ": keep to a smaller one.")
+        )
+    if (one := made.without_cuts) is not None and one.judged:
+        said.append(
+            "Hypothetical sheets alone ask for cuts: without any, with near "
+            f"{digits(one.near)} {units} and {one.settings.depth_label}, {_count(one)} beyond {limits}."
+        )
+    return said
+
+
+def _count(found: Alternative) -> str:
+    """Return how many of the hogels that were drawn are, with the verb."""
+    count = f"{found.beyond} of" if found.beyond else "none of"
+    return f"{count} the {found.judged} hogels that were measured {'is' if found.beyond < 2 else 'are'}"
 
 
 def filled(text: str) -> str:

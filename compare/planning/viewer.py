@@ -186,9 +186,7 @@ def view_zone(scene: Scene, distance: float) -> ViewZone:
         some.append((min(first, other_first), max(last, other_last)))
         every.append((max(first, other_first), min(last, other_last)))
     seen = all(low < high for low, high in every)
-    return ViewZone(
-        distance=distance, some=(some[0], some[1]), every=(every[0], every[1]) if seen else None
-    )
+    return ViewZone(distance=distance, some=(some[0], some[1]), every=(every[0], every[1]) if seen else None)
 
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
