@@ -241,6 +241,10 @@ def beside_words(made: Plan, units: str, limits: str) -> list[str]:
 def _count(found: Alternative) -> str:
     """Return how many of the hogels that were drawn are, with the verb."""
     count = f"{found.beyond} of" if found.beyond else "none of"
+    if found.judged == 1:
+        return (
+            "the one hogel that was measured is" if found.beyond else "the one hogel that was measured is not"
+        )
     return f"{count} the {found.judged} hogels that were measured {'is' if found.beyond < 2 else 'are'}"
 
 

@@ -15,9 +15,9 @@ from xfrustum.compare.eye.noticeable import (
     replay_noise_arcsec,
     stereo_change_arcsec,
 )
-from xfrustum.compare.planning.plan import Plan
+from xfrustum.compare.planning.plan import Plan, plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding, view_zone
-from xfrustum.compare.planning.views import Quality, Requirement
+from xfrustum.compare.planning.views import Errors, Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.planning import (
     PlannedRecord,
@@ -270,6 +270,30 @@ def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
     zone = view_zone(projected, distance)
     assert zone.some_eyes_apart == pytest.approx(some) and zone.all_eyes_apart == pytest.approx(every)
     assert zone.every is not None and zone.every[0][1] == pytest.approx(every / 2)
+
+
+def test_sheets_that_alone_ask_for_cuts_are_said_to(projected: Scene) -> None:
+    """D16 orders sheets 0.05 mm apart only with a cut; what the scene shows needs none."""
+    asked, choices = Requirement(separation=0.05), [(DepthFormat.D16, DepthMapping.STANDARD)]
+    chosen = [projected.plate.middle]
+    made = plan(projected, chosen, asked, choices)
+    found = made.without_cuts
+    assert made.slabs and found is not None and not found.slabs and (found.judged, found.beyond) == (1, 0)
+    told = " ".join(table(made, projected, chosen, asked).split())
+    assert "Hypothetical sheets alone ask for cuts" in told
+    assert "the one hogel that was measured is not beyond" in told
+
+
+def test_beyond_means_the_same_in_a_plan_for_eyes(projected: Scene) -> None:
+    """A hogel that eyes do not mind is beyond the usual tolerance all the same."""
+    wanted, pixels = requirement(projected, Viewer(distance=600.0)), Requirement(tolerance_px=2.0)
+    moved = Errors(displacement_p99_px=1.1, surface_fraction=0.002, depth_wrong=0.0)
+    assert moved.beyond(wanted.beyond_px) and not wanted.missed_by(moved)
+    assert not moved.beyond(pixels.beyond_px)
+    assert pixels.worst_measure(moved) == "displacement_p99_px"
+    assert pixels.worst_measure(replace(moved, surface_fraction=0.02)) == "surface_fraction"
+    assert pixels.worst_measure(replace(moved, depth_wrong=0.02)) == "depth_wrong"
+    assert wanted.worst_measure(moved) == "surface_fraction"
 
 
 def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> None:
