@@ -35,6 +35,14 @@ LATTICE_APERTURES = 400
 MAX_APERTURES = 1000
 """Largest number of apertures that are looked through, those around the worst ones included."""
 
+NEAREST_APERTURES = 200
+"""Apertures that are looked through since vertices lie right behind or before them, the nearest ones: what is
+smaller than the distances of the lattice shows itself so."""
+
+OUTLINE_JUMP = 0.1
+"""Difference of the heights of neighboring lines, relative to the larger one, from which on an outline lies
+between them."""
+
 REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are looked through next
 
 
@@ -92,6 +100,25 @@ class Look:
         """Return the 99th percentile of displacement that settings cause, by closed form; see above."""
         return self._p99(np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0))
 
+    def wrong_share(self, settings: DoubleFrustum, scene: Scene) -> float:
+        """Return the estimated share of pixels with the wrong surface: what displacement opens at outlines.
+
+        At an outline the surfaces on both sides part by the difference of their displacements, radial
+        ones, of which the part across the outline counts. Structures finer than the film are missed.
+        """
+        moved = np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            radial = np.nan_to_num(moved / self.points.radius, nan=0.0)
+        share, seen = 0.0, np.isfinite(self.height)
+        for axis, across in ((1, 0), (0, 1)):
+            part = np.diff(radial * self.points.from_middle[..., across], axis=axis)
+            low, high = np.delete(self.height, -1, axis), np.delete(self.height, 0, axis)
+            jump = np.abs(high - low) > OUTLINE_JUMP * np.maximum(np.abs(low), np.abs(high))
+            jump |= np.delete(seen, -1, axis) != np.delete(seen, 0, axis)
+            lines = self.height.shape[1 - axis]
+            share += float(np.abs(part[jump]).sum()) / (lines * self.camera.resolution[across])
+        return share
+
     def _p99(self, moved: Floats) -> float:
         """Return the percentile of displacements (h, w) where a surface is seen; infinite in the aperture."""
         seen = np.isfinite(self.height)
@@ -117,6 +144,10 @@ class Scout:
         """Return (A,) the 99th percentile of displacement of each look, pixels, by closed form."""
         return np.array([look.displacement_p99_px(settings, self.scene) for look in self.looks])
 
+    def wrong_shares(self, settings: DoubleFrustum) -> Floats:
+        """Return (A,) the estimated share of pixels with the wrong surface of each look."""
+        return np.array([look.wrong_share(settings, self.scene) for look in self.looks])
+
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[Look]:
         """Return some looks with the largest displacement by settings (None: any small near), worst first."""
         of_small_near = [look.pixels_per_near for look in self.looks]
@@ -128,11 +159,32 @@ class Scout:
         return max(self.looks, key=lambda look: look.farthest(camera))
 
 
+def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
+    """Return the hogels whose cells have vertices nearest to the plate behind or before them, nearest first.
+
+    A triangle that does not cross the plate is nearest to it at a vertex. Vertices in the plate count last:
+    no near draws their hogels.
+    """
+    places = scene.triangles.reshape(-1, 3)
+    columns, rows = scene.plate.hogels
+    (width, height), (toward, back) = scene.plate.size, scene.frustum.reach
+    column = np.floor((places[:, 0] / width + 0.5) * columns)
+    row = np.floor((0.5 - places[:, 1] / height) * rows)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    inside &= (places[:, 2] <= toward) & (places[:, 2] >= -back)
+    z = np.abs(places[inside, 2])
+    cells = (row * columns + column)[inside][np.argsort(np.where(z > 0, z, np.inf), kind="stable")]
+    _, first = np.unique(cells, return_index=True)
+    chosen = cells[np.sort(first)[:count]].astype(int).tolist()
+    return [(cell % columns, cell // columns) for cell in chosen]
+
+
 def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> Scout:
     """Look through apertures all over the plate, and through more where the error is largest.
 
-    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Then the neighbors
-    of the worst are looked through, at half the distance each time, until the worst ones have no neighbor
+    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Apertures join it
+    that have vertices nearest to the plate behind or before them (`nearest_cells`). Then the neighbors of the
+    worst are looked through, at half the distance each time, until the worst ones have no neighbor
     left or `MAX_APERTURES` are reached. `done` is called after each look, with 1.
     """
     # The scene's resolution does not matter to the cost.
@@ -157,6 +209,7 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> S
     ends = zip(hogels, counts, strict=True)
     places = [sorted({round(place) for place in np.linspace(0, size - 1, count)}) for size, count in ends]
     look_through([scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])])
+    look_through(nearest_cells(scene, min(NEAREST_APERTURES, MAX_APERTURES // 5)))
     step = [max((b - a for a, b in itertools.pairwise(one)), default=1) for one in places]
     while len(found) < MAX_APERTURES:
         before, step = len(found), [max(1, one // 2) for one in step]

@@ -10,8 +10,15 @@ import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye import loss
-from xfrustum.compare.eye.noticeable import Display, Viewer, blur_arcmin, eyes_apart, replay_noise_arcsec
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers
+from xfrustum.compare.eye.noticeable import (
+    MILLIMETERS,
+    Display,
+    Viewer,
+    blur_arcmin,
+    eyes_apart,
+    replay_noise_arcsec,
+)
+from xfrustum.compare.planning.plan import Alternative, Plan, PlatePlanner, depth_buffers
 from xfrustum.compare.planning.plan import plan as plan_apertures
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import (
@@ -19,8 +26,10 @@ from xfrustum.compare.planning.viewer import (
     STEREO,
     EyeRequirement,
     NearLimit,
+    ViewZone,
     binding,
     eye_requirement,
+    view_zone,
 )
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.chain import with_exact_depth
@@ -28,7 +37,7 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye.view import EyeReference, replay
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
 from xfrustum.reports.common.templates_environment import plain_text
@@ -36,11 +45,19 @@ from xfrustum.reports.view import Drawing, stereo_eyes
 from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.notebook import digits, percent
 from xfrustum.tolerances import MAX_WRONG
 
 LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason
+MEASURE_WORDS = {
+    "displacement_p99_px": "displacement (99 %)",
+    "surface_fraction": "wrong surfaces",
+    "depth_wrong": "surfaces wrong by depth",
+}
+"""Errors of a hogel in words, by the names of their fields."""
+
 FILM_COLUMNS = 64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
 
 
@@ -141,7 +158,12 @@ def table(
     apart = f"sheets {separation:.3g} {scene.units} apart misordered"
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
-        ("wrong surface", "of the pixels", MAX_WRONG, "surface_fraction"),
+        (
+            "wrong surface",
+            "of the pixels",
+            math.inf if requirement.SEEN_BY_EYES else MAX_WRONG,
+            "surface_fraction",
+        ),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
         (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
@@ -154,11 +176,15 @@ def table(
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
     lines.append(f"rounding by the model of {made.device_model}")
     draw = plate_command(scene, settings) if made.plate else raster_command(scene, apertures[0], settings)
-    return "\n".join([*lines, _answer(made, apertures, requirement, exceeded), "", draw])
+    return "\n".join([*lines, _answer(made, scene, apertures, requirement, exceeded), "", draw])
 
 
 def _answer(
-    made: Plan, apertures: Sequence[Aperture], requirement: Requirement, exceeded: Sequence[str] | None
+    made: Plan,
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    requirement: Requirement,
+    exceeded: Sequence[str] | None,
 ) -> str:
     """Say whether a plan holds, and where that is known."""
     known = made.plate
@@ -166,7 +192,8 @@ def _answer(
     answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, {replayed}measured at "
     if known is None:
         count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
-        return f"{answer}{count}."
+        about = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
+        return filled(" ".join([f"{answer}{count}.", *beside_words(made, scene.units, about)]))
     worst, share = known.worst, known.share_beyond_at_most
     assert worst is not None and made.measured is not None
     if exceeded:
@@ -177,12 +204,11 @@ def _answer(
     p99 = worst.displacement_p99_px
     moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
     sentences = [
-        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
-        f"{worst.aperture.column},{worst.aperture.row}, displaced {moved}, "
-        f"{percent(worst.surface_fraction)} wrong surface."
+        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst by "
+        f"{MEASURE_WORDS[known.worst_by or 'surface_fraction']}: {worst.aperture.column},"
+        f"{worst.aperture.row}, displaced {moved}, {percent(worst.surface_fraction)} wrong surface."
     ]
-    pixels = "" if math.isinf(requirement.tolerance_px) else f"{requirement.tolerance_px:g} px or "
-    limits = f"{pixels}{percent(MAX_WRONG)} wrong surfaces"
+    limits = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
     empty = f", {known.empty} of which show nothing," if known.empty else ""
     if known.confidence == 1:
         sentences.append(f"{percent(share)} of all hogels are beyond {limits}.")
@@ -191,7 +217,35 @@ def _answer(
             f"{known.beyond} of {known.sampled} drawn at random{empty} are beyond {limits}: at most "
             f"{percent(share)} of all ({percent(known.confidence)})."
         )
-    return filled(" ".join(sentences))
+    if requirement.SEEN_BY_EYES:
+        sentences.append("Eyes judge this plan, and not the pixels of hogels.")
+    return filled(" ".join([*sentences, *beside_words(made, scene.units, limits)]))
+
+
+def beside_words(made: Plan, units: str, limits: str) -> list[str]:
+    """Say how many of the measured hogels are beyond with the largest near, and without cuts."""
+    said = []
+    if (one := made.largest) is not None and one.judged:
+        said.append(
+            f"Drawn with near {digits(one.near)} {units}, the largest, {_count(one)} beyond {limits}"
+            + ("." if not one.beyond else ": keep to a smaller one.")
+        )
+    if (one := made.without_cuts) is not None and one.judged:
+        said.append(
+            "Hypothetical sheets alone ask for cuts: without any, with near "
+            f"{digits(one.near)} {units} and {one.settings.depth_label}, {_count(one)} beyond {limits}."
+        )
+    return said
+
+
+def _count(found: Alternative) -> str:
+    """Return how many of the hogels that were drawn are, with the verb."""
+    count = f"{found.beyond} of" if found.beyond else "none of"
+    if found.judged == 1:
+        return (
+            "the one hogel that was measured is" if found.beyond else "the one hogel that was measured is not"
+        )
+    return f"{count} the {found.judged} hogels that were measured {'is' if found.beyond < 2 else 'are'}"
 
 
 def filled(text: str) -> str:
@@ -216,15 +270,38 @@ class Replayed:
     judged: int  #: Number of both eyes' judged pixels
 
 
+def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple[Eye, ...]:
+    """Return a viewer's left and right eye, their films with so many columns over the plate."""
+    width, height = scene.plate.size
+    film = (columns, max(1, round(columns * height / width)))
+    middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
+    return stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+
+
+def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
+    """Return the view zone at a viewer's distance; InputError where one of his eyes sees no hogel."""
+    zone, eyes = view_zone(scene, viewer.distance), two_eyes(scene, viewer)
+    shown = [replay(scene, eye).shown for eye in eyes]
+    if all(one.columns.size and one.rows.size for one in shown):
+        return zone
+    units, (x, y) = scene.units, zone.some
+    widest = zone.some_eyes_apart * (Display.of(scene).millimeters or 1.0)
+    advice = f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
+    if not widest:
+        advice = "no eyes straight before the plate's middle lie in it"
+    raise InputError(
+        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is {x[1] - x[0]:.3g} x "
+        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to {x[1]:.3g}, y from "
+        f"{y[0]:.3g} to {y[1]:.3g}): {advice}; or choose another --viewer, or a larger film"
+    )
+
+
 class ReplayWorkbench:
     """Two eyes straight before a scene's plate, what they truly see, and what they are shown."""
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
         self._scene = scene
         self._reference = EyeReference(scene)
-        width, height = scene.plate.size
-        film = (columns, max(1, round(columns * height / width)))
-        middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
         self._views = [
             loss.Views(
                 true=self._reference.true_view(eye, shaded=False),
@@ -232,7 +309,7 @@ class ReplayWorkbench:
                 drawn=None,
                 taken=self._reference.replay(eye),
             )
-            for eye in stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+            for eye in two_eyes(scene, viewer, columns)
         ]
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
@@ -311,6 +388,7 @@ class PlannedRecord:
     limits_with_cuts: tuple[NearLimit, ...] | None = None
     noise_arcsec: float | None = None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
     exceeded: tuple[str, ...] = ()  #: what the replay shows beyond what is required, in words
+    view_zone: ViewZone | None = None  #: at the viewer's distance
 
 
 def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
@@ -369,8 +447,9 @@ def make_viewer_plan(
     eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
     seen = replace(seen, device=requirement.device)
+    zone = seen_view_zone(scouted.scene, viewer)
     made = planned(scouted, seen, choices, sample, progress)
-    record = planned_record(scouted.scene, made, seen, progress=progress)
+    record = replace(planned_record(scouted.scene, made, seen, progress=progress), view_zone=zone)
     return ViewerPlan(plan=replayed_plan(made, record), requirement=seen, record=record)
 
 
@@ -422,6 +501,7 @@ def planned_table(record: PlannedRecord, units: str) -> str:
     ):
         kinds.append((words, limits, binding(limits)))
     values = {"record": record, "viewer": record.viewer, "units": units, "kinds": kinds, "found": found}
+    values["millimeters"] = MILLIMETERS.get(units, 1.0)
     if found is not None:
         # As if pixels were drawn at random.
         at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)

@@ -11,8 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from xfrustum.compare.eye.noticeable import Viewer, stereo_change_arcsec
-from xfrustum.compare.planning.limits import COMPARED_BUFFERS, BufferLimit, buffer_limits, hogel_limits
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, exceptions
+from xfrustum.compare.planning.limits import (
+    COMPARED_BUFFERS,
+    BufferLimit,
+    buffer_limits,
+    hogel_limits,
+    traced_limits,
+)
+from xfrustum.compare.planning.plan import Plan, PlatePlanner
+from xfrustum.compare.planning.reasons import exceptions
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import CRACK, STEREO, NearLimit, binding
 from xfrustum.compare.planning.views import Requirement
@@ -29,6 +36,7 @@ from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.notebook import aligned, digits, percent, sides
+from xfrustum.tolerances import MAX_WRONG
 
 FILES = PAGE, DATA = "index.html", "recommend.json"
 
@@ -87,9 +95,14 @@ class Recommendation:
 
     @property
     def pixel_limit(self) -> float | None:
-        """Largest near within the tolerance at all scouted apertures that some near can draw; else None."""
-        possible = self.hogel_limits[self.hogel_limits > 0]
-        return float(possible.min()) if possible.size else None
+        """Largest near within the tolerance at all scouted apertures that some near can draw; else None.
+
+        A plan without cuts has drawn hogels with its largest near, which counts where it is smaller.
+        """
+        possible = self.hogel_limits[self.hogel_limits > 0].tolist()
+        if possible and self.pixels.near is not None and not self.pixels.slabs:
+            possible.append(self.pixels.largest.near if self.pixels.largest else self.pixels.near)
+        return min(possible, default=None)
 
     @property
     def buffer(self) -> BufferLimit | None:
@@ -132,22 +145,27 @@ class Recommendation:
             return [first, f"This does not hold for the whole plate: {chosen.reason}"]
         if self.eyes is not None and chosen is self.eyes.plan:
             distance = self.eyes.requirement.viewer.distance
-            return [first, f"Replayed so to two eyes {distance:g} {units} before it, they notice no error."]
-        limits = f"{self.requirement.tolerance_px:g} px or 1 % wrong surfaces"
-        held = f"Drawn so, none of the {known.measured} hogels that were measured is beyond {limits}"
+            seen = f"Replayed so to two eyes {distance:g} {units} before it, they notice no error."
+            return [first, seen, *planning.beside_words(chosen, units, self._limits)]
+        held = f"Drawn so, none of the {known.measured} hogels that were measured is beyond {self._limits}"
         if known.confidence < 1:
             share, certain = percent(known.share_beyond_at_most), percent(known.confidence)
             held += f", so that at most {share} of all {known.hogels:,} are ({certain} confidence)"
         if known.empty:
             held += f"; {known.empty} of the {known.sampled} drawn at random show nothing"
-        return [first, f"{held}."]
+        return [first, f"{held}.", *planning.beside_words(chosen, units, self._limits)]
+
+    @property
+    def _limits(self) -> str:
+        """The limits from which on a hogel is beyond, in words."""
+        return f"{self.requirement.tolerance_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
 
     def _what_binds(self) -> list[str]:
         """Say what each judge allows, the one that binds first."""
         units, limit, said = self.scene.units, self.pixel_limit, {}
         if limit is not None:
             ordinary = float(np.nanmedian(self.hogel_limits))
-            said[PIXELS] = f"pixels ({self.requirement.tolerance_px:g} px) allow near up to {digits(limit)} "
+            said[PIXELS] = f"pixels ({self._limits}) allow near up to {digits(limit)} "
             said[PIXELS] += f"{units} at the worst hogel and up to {digits(ordinary)} at half of them"
             if self.eyes is not None and not self.pixels_count:
                 said[PIXELS] += ", which counts only with --tolerance-px"
@@ -310,7 +328,9 @@ def recommend(
         eyes=eyes,
         pixels_count=tolerance_px is not None,
         buffers=(),
-        hogel_limits=hogel_limits(scouted, requirement.tolerance_px),
+        hogel_limits=traced_limits(
+            reference, scouted, hogel_limits(scouted, requirement.tolerance_px), requirement.tolerance_px
+        ),
     )
     compared = [*(COMPARED_BUFFERS if choices is None or len(choices) > MAX_COMPARED else choices)]
     if (settings := found.chosen.settings) is not None and found.chosen.depth_buffer not in compared:

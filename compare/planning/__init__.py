@@ -6,5 +6,6 @@ search    The best plan with a given number of cuts: where to cut, how large nea
 measure   Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces
 viewer    What a viewer requires of a plan: nothing that eyes can see, whatever hogels' pixels show
 plan      The plan for some apertures, and for the plate: from its worst apertures, measured at a random
-          sample; and its reasons in words
+          sample
+reasons   The reasons of a plan in words
 """

@@ -1,17 +1,21 @@
 """The near that each judge allows by itself: a depth buffer from below, pixels of each hogel from above."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from xfrustum.compare.planning import search
-from xfrustum.compare.planning.views import Requirement, Views
+from xfrustum.compare.planning.plan import SUSPECTED_EXCESS
+from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
 from xfrustum.compare.scout import Look, Scout
+from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Frustum
 
 COMPARED_BUFFERS: tuple[search.DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
@@ -19,6 +23,9 @@ COMPARED_BUFFERS: tuple[search.DepthBuffer, ...] = (
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
 """The cheapest depth buffer, the usual one, and the finest of those that no fragment has to write."""
+
+
+MAX_TRACED = 16  #: apertures whose limits are taken from films in full
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,16 +92,39 @@ def hogel_limits(scouted: Scout, tolerance_px: float) -> Floats:
     close to it that no near does, and NaN where nothing is seen.
     """
     scene = scouted.scene
-    low, high = search.indices_of(scene.frustum)
 
     def largest(look: Look) -> float:
         if not math.isfinite(look.nearest):
             return math.nan
-
-        def kept(near: float) -> bool:
-            return look.displacement_p99_px(DoubleFrustum(near=near), scene) <= tolerance_px
-
-        index = search.largest_index(low, high, kept)
-        return 0.0 if index is None else search.round_number(index)
+        return _largest_near(
+            scene.frustum, tolerance_px, lambda settings: look.displacement_p99_px(settings, scene)
+        )
 
     return np.array([largest(look) for look in scouted.looks])
+
+
+def _largest_near(
+    frustum: Frustum, tolerance_px: float, displaced: Callable[[DoubleFrustum], float]
+) -> float:
+    """Return the largest near that displaces no more than a tolerance; 0 where none does."""
+    low, high = search.indices_of(frustum)
+    index = search.largest_index(low, high, lambda near: displaced(DoubleFrustum(near=near)) <= tolerance_px)
+    return 0.0 if index is None else search.round_number(index)
+
+
+def traced_limits(reference: Reference, scouted: Scout, limits: Floats, tolerance_px: float) -> Floats:
+    """Return the limits of `hogel_limits` with the smallest ones taken from films in full.
+
+    Six lines of a coarse film are one in a hundred, and tell a percentile to a factor of two: apertures up to
+    that factor above the smallest limit are traced, `MAX_TRACED` at most.
+    """
+    found, frustum, smallest = limits.copy(), scouted.scene.frustum, math.inf
+    possible = [number for number in np.argsort(limits, kind="stable") if limits[number] > 0]
+    for number in possible[:MAX_TRACED]:
+        if limits[number] * SUSPECTED_EXCESS > smallest:
+            break
+        truth = reference.trace(scouted.apertures[number])
+        moved = partial(displacement_bound, truth, frustum)
+        found[number] = _largest_near(frustum, tolerance_px, moved)
+        smallest = min(smallest, found[number] or math.inf)
+    return found

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import islice
 
 import numpy as np
 
 from xfrustum.compare.beyond import displacement_p99
+from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.planning.views import Done, Errors, Quality, Requirement, View, Views
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
@@ -45,6 +46,8 @@ class HogelResult(Errors):
 
     aperture: Aperture
     covered: int  #: pixels where the truth shows a surface
+    #: by settings beside the plan's, in their order; what depth alone gets wrong of them is not drawn: NaN
+    others: tuple[Errors, ...] = field(default=(), repr=False)
 
 
 def hogel_results(
@@ -52,16 +55,17 @@ def hogel_results(
     apertures: Iterable[Aperture],
     settings: DoubleFrustum,
     truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
+    others: Sequence[DoubleFrustum] = (),
 ) -> Iterator[HogelResult]:
     """Draw hogels, and yield how well the settings do at each, in order.
 
     Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with exact depth
-    besides. `truths` are true images that are there already.
+    besides. `truths` are true images that are there already, `others` settings that are judged besides.
     """
     exact = with_exact_depth(settings)
-    both = tuple(dict.fromkeys((settings, exact)))
-    with closing(judge.frames(apertures, both, Wanted(), lambda frame: frame, truths)) as frames:
-        while some := {one.settings: one for one in islice(frames, len(both))}:
+    drawn = tuple(dict.fromkeys((settings, exact, *others)))
+    with closing(judge.frames(apertures, drawn, Wanted(), lambda frame: frame, truths)) as frames:
+        while some := {one.settings: one for one in islice(frames, len(drawn))}:
             found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
             wrong, judged = found.errors.surface, max(found.judged, 1)
             assert wrong is not None and with_exact is not None, "the reference has the scene at hand"
@@ -71,7 +75,18 @@ def hogel_results(
                 displacement_p99_px=displacement_p99(found),
                 surface_fraction=float(wrong.sum() / judged),
                 depth_wrong=float((wrong & ~with_exact).sum() / judged),
+                others=tuple(_errors(some[one].comparison) for one in others),
             )
+
+
+def _errors(found: Comparison) -> Errors:
+    """Return the errors of a drawn hogel but those of depth, which take a second drawing."""
+    wrong = found.errors.surface
+    assert wrong is not None, "the reference has the scene at hand"
+    fraction = float(wrong.sum() / max(found.judged, 1))
+    return Errors(
+        displacement_p99_px=displacement_p99(found), surface_fraction=fraction, depth_wrong=math.nan
+    )
 
 
 def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
@@ -87,16 +102,17 @@ def measured(
     done: Done = lambda hogels: None,
     *,
     smallest: bool = True,
+    others: Sequence[DoubleFrustum] = (),
 ) -> tuple[list[HogelResult], Quality, str]:
     """Draw apertures and sheets; return each result, the worst, and the model of the device.
 
-    The smallest ordered separation is NaN unless `smallest`.
+    The smallest ordered separation is NaN unless `smallest`. `others` as in `hogel_results`.
     """
     separation = requirement.separation_in(views.scene.frustum)
     truths = {view.aperture: view.truth for view in views.views}
     with Judge(views.scene, reference=views.reference, model=requirement.device) as judge:
         device = judge.model.name
-        results = list(hogel_results(judge, truths, settings, truths))
+        results = list(hogel_results(judge, truths, settings, truths, others))
     wrong = []
     for view in views.views:
         wrong.append(misordered(views.scene, view, settings, separation))

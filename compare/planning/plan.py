@@ -8,26 +8,21 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from xfrustum.compare.beyond import MAX_UNDEFINED
 from xfrustum.compare.planning.measure import HogelResult, hogel_results, measured, worst_errors
+from xfrustum.compare.planning.reasons import disproved, exceptions, why, why_not
 from xfrustum.compare.planning.search import (
-    ENOUGH_MARGIN,
-    MAX_CUTS,
-    SEPARATION_MARGIN,
     SMALLEST_PER_REACH,
     Attempt,
     DepthBuffer,
-    Outcome,
     Search,
     index_below,
     round_number,
 )
 from xfrustum.compare.planning.views import Done, Quality, Requirement, View, Views, displacement_bound
-from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import (
     CONFIDENCE,
@@ -37,10 +32,12 @@ from xfrustum.compare.sampling import (
 )
 from xfrustum.compare.scout import AutoApertures, Look, Scout
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Shown, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import MAX_WRONG
 
 MAX_SAMPLES = 3
 """Samples that are drawn at most, each after its predecessor disproved a plan."""
@@ -60,13 +57,14 @@ MAX_HALVINGS = 5
 """Times that the number of apertures to be set aside is halved, each with a search for a plan: it is known to
 a 32nd of all."""
 
+MAX_LOWERED, MIN_LOWERED = 5, 1.02
+"""Times that the largest near is lowered where drawings show more than was predicted, and by which factor at
+least."""
+
 MAX_ROUNDS = 8  #: times that a plan is made anew with apertures that joined; each time the worst of them join
 
 MAX_LISTED_APERTURES = 100
 """Largest number of apertures that a result lists of each kind: some rows of a scout, and still readable."""
-
-MAX_SPELLED_HEIGHTS, MAX_NAMED_APERTURES = 4, 5
-"""Largest numbers of heights and of apertures that a sentence lists."""
 
 Found = TypeVar("Found")
 Index = tuple[int, int]
@@ -84,6 +82,7 @@ class PlateResult:
     empty: int = 0  #: of the last sample, not beyond, and show nothing
     #: Nearest to what is allowed, or farthest beyond, of equals with most wrong surfaces; None without a plan
     worst: HogelResult | None = None
+    worst_by: str | None = None  #: name of the error of `worst` that is so
     hopeless: int  #: looked through, and at which no near at all would keep to the tolerance
     set_aside: int  #: others for which the plan was not made, since there is none for them and all others
     share_beyond_at_most: float = 1.0
@@ -104,7 +103,32 @@ class PlateResult:
     def summary(self) -> dict[str, Any]:
         """Return what `plan --json` prints under `plate`."""
         worst = self.worst and {**asdict(self.worst), "aperture": self.worst.aperture.index}
+        if worst:
+            del worst["others"]
         return {**asdict(self), "share_within_at_least": self.share_within_at_least, "worst": worst}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative:
+    """Settings beside those of a plan, and how many of the plan's hogels are beyond with them, drawn."""
+
+    near: float  #: scene units
+    slabs: tuple[float, ...]
+    depth: DepthFormat
+    mapping: DepthMapping
+    judged: int = 0
+    beyond: int = 0
+
+    @classmethod
+    def of(cls, settings: DoubleFrustum) -> Self:
+        """Return settings that are not judged yet."""
+        chosen = {name: getattr(settings, name) for name in ("near", "slabs", "depth", "mapping")}
+        return cls(**chosen)
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """The settings to draw with."""
+        return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -127,6 +151,10 @@ class Plan(Shown):
     plate: PlateResult | None = None
     auto: AutoApertures | None = None
     device_model: str | None = None  #: name of the model of the device that measured it
+    #: Largest near predicted to hold; None where it is the plan's own, and where eyes judge near
+    largest: Alternative | None = None
+    #: Where sheets alone ask for cuts, the best settings without; else None
+    without_cuts: Alternative | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:
@@ -134,6 +162,12 @@ class Plan(Shown):
         if self.near is None or self.depth is None or self.mapping is None:
             return None
         return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
+
+    @property
+    def alternatives(self) -> dict[str, Alternative]:
+        """Settings that are judged beside the plan's, by the names of their fields."""
+        found = {"largest": self.largest, "without_cuts": self.without_cuts}
+        return {name: one for name, one in found.items() if one is not None}
 
     @property
     def depth_buffer(self) -> tuple[DepthFormat | None, DepthMapping | None]:
@@ -220,23 +254,69 @@ def plan(
     requirement = requirement or Requirement()
     views = Views.traced(Reference(scene), apertures, done, requirement.device)
     made = predicted_plan(views, requirement, choices or depth_buffers())
-    if made.settings is None:
+    if (settings := made.settings) is None:
         return made
-    _, result, device = measured(views, made.settings, requirement, done)
+    made = _with_uncut(made, views, requirement, choices or depth_buffers())
+    others = [one.settings for one in made.alternatives.values()]
+    drawn, result, device = measured(views, settings, requirement, done, others=others)
+    made = _with_judged(made, drawn, requirement.beyond_px)
     within = requirement.met_by(result)
-    reason = made.reason if within else f"{made.reason} {_disproved(result, requirement)}"
+    reason = made.reason if within else f"{made.reason} {disproved(result, requirement)}"
     return replace(made, measured=result, within=within, reason=reason, device_model=device)
 
 
-def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]) -> Plan:
-    """Plan how to draw what some apertures show, by prediction alone; see `plan`."""
+def predicted_plan(
+    views: Views,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer],
+    largest_near: float | None = None,
+) -> Plan:
+    """Plan how to draw what some apertures show, by prediction alone; see `plan`.
+
+    `largest_near` is that of drawings, where a larger one is predicted and was not confirmed.
+    """
     search = Search(views, requirement)
     found = search.among(choices)
     if not found.holding:
-        return _no_plan(choices, _why_not(found, views, requirement))
+        return _no_plan(choices, why_not(found, views, requirement))
     best = search.most_robust(found.holding)
-    chosen = {name: getattr(best.settings, name) for name in ("near", "slabs", "depth", "mapping")}
-    return Plan(**chosen, predicted=best.predicted, reason=_why(found, best, views, requirement))
+    settings = best.settings
+    largest = next(one for one in found.holding if _buffer(one) == _buffer(best)).settings
+    if largest_near is not None:
+        largest = replace(largest, near=largest_near)
+    beside = not requirement.SEEN_BY_EYES and largest.near != settings.near
+    return Plan(
+        near=settings.near,
+        slabs=settings.slabs,
+        depth=settings.depth,
+        mapping=settings.mapping,
+        predicted=best.predicted,
+        reason=why(found, best, largest, views, requirement),
+        largest=Alternative.of(largest) if beside else None,
+    )
+
+
+def _with_uncut(made: Plan, views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]) -> Plan:
+    """Return a plan with the best settings without cuts, where sheets alone ask for its cuts."""
+    uncut = Search(views, requirement).without_cuts(choices) if made.slabs else None
+    return made if uncut is None else replace(made, without_cuts=Alternative.of(uncut.settings))
+
+
+def _with_judged(made: Plan, results: Sequence[HogelResult], tolerance_px: float) -> Plan:
+    """Return a plan with the hogels that are beyond with each of its alternatives, counted."""
+    judged = {
+        name: replace(
+            one,
+            judged=len(results),
+            beyond=sum(result.others[number].beyond(tolerance_px) for result in results),
+        )
+        for number, (name, one) in enumerate(made.alternatives.items())
+    }
+    return replace(made, largest=judged.get("largest"), without_cuts=judged.get("without_cuts"))
+
+
+def _buffer(attempt: Attempt) -> DepthBuffer:
+    return attempt.settings.depth, attempt.settings.mapping
 
 
 def _no_plan(choices: Sequence[DepthBuffer], reason: str, plate: PlateResult | None = None) -> Plan:
@@ -269,8 +349,8 @@ class PlatePlanner:
             views, made = self._settled(views)
             if made.settings is None:
                 return self._partial(made, wanted)
-            sample = self._sampled(views, made.settings, wanted)
-            joining = [view for view in self._missed(sample) if not self._is_hopeless(view)]
+            sample = self._sampled(views, made, wanted)
+            joining = [view for view in self._disproving(made, sample) if not self._is_hopeless(view)]
             if not joining or last:
                 break
             views, wanted = replace(views, views=(*views.views, *joining)), wanted.next()
@@ -292,11 +372,12 @@ class PlatePlanner:
             )
         kept, (views, made) = found
         assert made.settings is not None
-        sample = self._sampled(views, made.settings, wanted)
+        sample = self._sampled(views, made, wanted)
         aside = _indices(self._possible) - _indices(kept)
-        if aside:
-            made = replace(made, reason=f"{made.reason} For all apertures together: {whole.reason}")
-        return self._measured(made, views, sample, aside)
+        result = self._measured(made, views, sample, aside)
+        if not aside:
+            return result
+        return replace(result, reason=f"{result.reason} For all apertures together: {whole.reason}")
 
     def _without_plan(self, reason: str) -> Plan:
         return _no_plan(self.choices, reason, self._plate_result(self._hopeless, _indices(self._possible)))
@@ -316,11 +397,11 @@ class PlatePlanner:
         self, made: Plan, views: Views, sample: Sequence[HogelResult], aside: frozenset[Index] = frozenset()
     ) -> Plan:
         assert made.settings is not None
-        chosen, sheets, device = measured(views, made.settings, self.requirement, self.done)
+        others = [one.settings for one in made.alternatives.values()]
+        chosen, sheets, device = measured(views, made.settings, self.requirement, self.done, others=others)
         drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
-        beyond, chosen_beyond = (
-            sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
-        )
+        limit = self.requirement.beyond_px
+        beyond, chosen_beyond = (sum(one.beyond(limit) for one in some) for some in (sample, chosen))
         hogels, known = math.prod(self.reference.scene.plate.hogels), len(chosen) + len(self._hopeless)
         everything = known + len(sample) == hogels
         # The sample speaks for the hogels that nothing was known of.
@@ -334,16 +415,40 @@ class PlatePlanner:
             measured=len(chosen) + len(sample),
             sampled=len(sample),
             beyond=beyond,
-            empty=sum(not (one.covered or one.beyond(self.requirement.tolerance_px)) for one in sample),
+            empty=sum(not (one.covered or one.beyond(limit)) for one in sample),
             worst=worst,
+            worst_by=self.requirement.worst_measure(worst),
             share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
             confidence=1.0 if everything else CONFIDENCE,
         )
+        made = self._confirmed(_with_judged(made, drawable, limit), views, drawable)
         holds, reason = self.requirement.met_by(quality), f"{exceptions(plate)} {made.reason}".lstrip()
         if not holds:
-            reason = f"{reason} {_disproved(quality, self.requirement)}"
+            reason = f"{reason} {disproved(quality, self.requirement)}"
         within = holds and plate.covers_the_plate
         return replace(made, measured=quality, within=within, reason=reason, plate=plate, device_model=device)
+
+    def _confirmed(self, made: Plan, views: Views, results: Sequence[HogelResult]) -> Plan:
+        """Return a plan whose largest near is lowered until none of its hogels is beyond, drawn."""
+        limit, largest, asked = self.requirement.beyond_px, made.largest, made
+        for _ in range(MAX_LOWERED):
+            if largest is None or not largest.beyond:
+                break
+            number = [*made.alternatives].index("largest") if made is asked else None
+            drawn = [one if number is None else one.others[number] for one in results]
+            excess = max(MIN_LOWERED, *(self.requirement.by_pixels(one) for one in drawn))
+            near = round_number(index_below(largest.near / excess))
+            if near <= (made.near or 0.0):
+                break
+            made = predicted_plan(views, self.requirement, self.choices, near)
+            largest = made.largest
+            assert largest is not None
+            with Judge(self.reference.scene, reference=self.reference) as judge:
+                apertures = [one.aperture for one in results]
+                results = list(hogel_results(judge, apertures, largest.settings))
+            beyond = sum(one.beyond(limit) for one in results)
+            largest = replace(largest, judged=len(results), beyond=beyond)
+        return asked if made is asked else replace(asked, reason=made.reason, largest=largest)
 
     @cached_property
     def _seeing(self) -> tuple[Look, ...]:
@@ -380,38 +485,83 @@ class PlatePlanner:
         return Views.traced(self.reference, drawable, self.done, self.requirement.device)
 
     def _settled(self, views: Views) -> tuple[Views, Plan]:
-        """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""
-        scene, tolerance = self.reference.scene, self.requirement.tolerance_px
+        """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures.
+
+        So they do of its largest near.
+        """
+        traced: dict[Index, View] = {}
         for _ in range(MAX_ROUNDS):
             made = predicted_plan(views, self.requirement, self.choices)
             if made.settings is None:
-                break
-            known = _indices(views.views) | self._hopeless
-            suspected = [
-                look.aperture
-                for look in self.scouted.worst(len(known) + MAX_SUSPECTED, made.settings)
-                if look.aperture.index not in known
-                and look.displacement_p99_px(made.settings, scene) > SUSPECTED_EXCESS * tolerance
-            ]
-            joining = [
-                view
-                for view in Views.traced(self.reference, suspected[:MAX_SUSPECTED], self.done).views
-                if displacement_bound(view.truth, scene.frustum, made.settings) > tolerance
-            ]
+                return views, made
+            joining = self._unkept(made, traced, _indices(views.views) | self._hopeless)
             if not joining:
                 break
             views = replace(views, views=(*views.views, *joining))
-        return views, made
+        return views, _with_uncut(made, views, self.requirement, self.choices)
 
-    def _sampled(self, views: Views, settings: DoubleFrustum, wanted: RandomSample) -> list[HogelResult]:
-        """Draw and judge hogels at random, out of those that nothing is known of."""
-        scene, results = self.reference.scene, []
-        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._hopeless]
+    def _unkept(self, made: Plan, traced: dict[Index, View], known: frozenset[Index]) -> list[View]:
+        """Trace the worst apertures by a plan's near and by its largest; return those that fail."""
+        unkept: dict[Index, View] = {}
+        for settings in (one.settings for one in (made, made.largest) if one is not None):
+            assert settings is not None
+            excess = self._scouted_excess(settings)
+            suspected = {
+                self.scouted.apertures[number].index: self.scouted.apertures[number]
+                for number in np.argsort(-excess, kind="stable")
+                if excess[number] > SUSPECTED_EXCESS
+            }
+            new = [one for index, one in suspected.items() if index not in known and index not in traced]
+            views = Views.traced(self.reference, new[:MAX_SUSPECTED], self.done).views
+            traced |= {view.aperture.index: view for view in views}
+            drawn = [traced[index] for index in suspected if index in traced and index not in known]
+            unkept |= {view.aperture.index: view for view in self._failing(drawn, settings)}
+        return list(unkept.values())
+
+    def _scouted_excess(self, settings: DoubleFrustum) -> Floats:
+        """Return (A,) errors over what is allowed, as the scout estimates them; 0 where eyes judge near."""
+        if self.requirement.SEEN_BY_EYES:
+            return np.zeros(len(self.scouted.looks))
+        moved = self.scouted.displacements(settings) / self.requirement.tolerance_px
+        return np.maximum(moved, self.scouted.wrong_shares(settings) / MAX_WRONG)
+
+    def _failing(self, views: Sequence[View], settings: DoubleFrustum) -> list[View]:
+        """Return apertures that are beyond, drawn, or that closed forms do not keep from it."""
+        scene, tolerance = self.reference.scene, self.requirement.tolerance_px
+        if not views:
+            return []
+        truths = {view.aperture: view.truth for view in views}
         with Judge(scene, reference=self.reference) as judge:
-            for one in hogel_results(judge, sample_hogels(scene.plate, wanted, known), settings):
+            results = list(hogel_results(judge, truths, settings, truths))
+        return [
+            view
+            for view, result in zip(views, results, strict=True)
+            if result.beyond(tolerance) or displacement_bound(view.truth, scene.frustum, settings) > tolerance
+        ]
+
+    def _sampled(self, views: Views, made: Plan, wanted: RandomSample) -> list[HogelResult]:
+        """Draw and judge hogels at random, out of those that nothing is known of."""
+        assert made.settings is not None
+        scene, results = self.reference.scene, []
+        others = [one.settings for one in made.alternatives.values()]
+        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._hopeless]
+        chosen = sample_hogels(scene.plate, wanted, known)
+        with Judge(scene, reference=self.reference) as judge:
+            for one in hogel_results(judge, chosen, made.settings, others=others):
                 results.append(one)
                 self.done(1)
         return results
+
+    def _disproving(self, made: Plan, sample: Sequence[HogelResult]) -> tuple[View, ...]:
+        """Trace hogels of a sample with too many errors: by a plan all, by its largest near the worst."""
+        missed = {one.aperture.index: one.aperture for one in sample if self.requirement.missed_by(one)}
+        if made.largest is not None:
+            number = [*made.alternatives].index("largest")
+            drawn = [(one.others[number], one.aperture) for one in sample]
+            beyond = [one for one in drawn if one[0].beyond(self.requirement.beyond_px)]
+            beyond.sort(key=lambda one: self.requirement.by_pixels(one[0]), reverse=True)
+            missed |= {aperture.index: aperture for _, aperture in beyond[:WORST_VIEWS]}
+        return Views.traced(self.reference, list(missed.values()), self.done).views
 
     def _missed(self, sample: Sequence[HogelResult]) -> tuple[View, ...]:
         """Trace those hogels of a sample that have more errors than are allowed."""
@@ -458,154 +608,3 @@ def largest_share(
             else:
                 best, aside = (ordered[middle:], tried), middle
     return best
-
-
-# Reasons in words ------------------------------------------------------------------------------------------
-
-
-def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -> str:
-    """Say why a plan is the best there is; `best` has its near moved to where the margin is largest."""
-    units, label, parts = views.scene.units, best.settings.depth_label, []
-    near = digits(best.settings.near)
-    buffer = best.settings.depth, best.settings.mapping
-    largest = next(one for one in found.holding if (one.settings.depth, one.settings.mapping) == buffer)
-    if cuts := len(best.settings.slabs):
-        fewer = ("Without cuts", "With one cut")[cuts - 1] if cuts <= 2 else f"With {cuts - 1} cuts"
-        parts.append(f"{fewer}, even {_shortfall(found, views, requirement)}.")
-    else:
-        parts.append("One pair of frusta is enough.")
-    parts.append(requirement.separation_reason(units))
-    limit = _limit(largest, views, requirement)
-    parts.append(f"Near may be up to {digits(largest.settings.near)} {units}{limit}.")
-    if best.settings.near != largest.settings.near:
-        margin = 1 / best.excess if best.excess else math.inf
-        times = f"{margin:.2g}" if margin < ENOUGH_MARGIN else f"at least {ENOUGH_MARGIN:g}"
-        # The errors of depth grow as near falls, so that the margin is not the ratio of both nears.
-        parts.append(
-            f"Near is {near} {units}, a margin for what was not looked at: displacement and "
-            f"errors of depth are predicted to be {times} times smaller than what is allowed."
-        )
-    choices, equal = len(found.choices), len(found.holding)
-    if choices == 1:
-        parts.append(f"{label} as asked for.")
-    elif equal == 1:
-        parts.append(f"Of {choices} depth buffers only {label} can do with this.")
-    else:
-        parts.append(
-            f"Of {choices} depth buffers {equal} can do with this: {label} is the cheapest, and of those as "
-            "cheap the most robust."
-        )
-    return " ".join(part for part in parts if part)
-
-
-def _limit(largest: Attempt, views: Views, requirement: Requirement) -> str:
-    settings, scene = largest.settings, views.scene
-    if settings.slabs and settings.near == settings.slabs[0]:
-        lowest, highest = scene.height_ranges
-        if np.any((highest >= -settings.near) & (lowest <= settings.near)):
-            return ", the height of the first cut, which is the most that makes sense"
-        return ", the height of the first cut: the first slab is empty, and no near displaces anything"
-    larger = round_number(index_below(settings.near) + 1)
-    if larger >= scene.frustum.longest_reach:
-        return ", which is as large as the reach allows"
-    return f": with a larger one {requirement.limit_of_near(replace(settings, near=larger), scene.units)}"
-
-
-def _why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
-    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
-    if found.finest * SEPARATION_MARGIN > separation:
-        return (
-            f"No plan: sheets {separation:.3g} {units} apart are not ordered at the farthest visible "
-            "surface, however it is cut, for want of digits; from "
-            f"{SEPARATION_MARGIN * found.finest:.2g} {units} on they could be."
-        )
-    if found.failed:
-        return f"No plan with up to {MAX_CUTS} cuts: even {_shortfall(found, views, requirement)}."
-    if requirement.SEEN_BY_EYES:
-        return "No plan: eyes see what the smallest near does to depth."
-    reason = f"No plan: displacement exceeds {requirement.tolerance_px:g} px at any near."
-    seen = [(view.truth.height[view.truth.covered], view.aperture) for view in views.views]
-    in_aperture = ((np.count_nonzero(height == 0) / max(height.size, 1), at) for height, at in seen)
-    share, aperture = max(in_aperture, key=lambda one: one[0])
-    if share > MAX_UNDEFINED:
-        return (
-            f"{reason} At {aperture.column},{aperture.row} a surface lies in the aperture itself and makes "
-            f"up {100 * share:.0f} % of what is seen: its displacement is undefined there, and no near is "
-            "small enough. Move it before or behind the plate."
-        )
-    smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
-    return f"{reason} What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {units}."
-
-
-def _shortfall(outcome: Outcome, views: Views, requirement: Requirement) -> str:
-    """Name the failed attempt that comes nearest to holding, and say what it would get wrong."""
-    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
-    nearest = min(outcome.failed, key=lambda attempt: attempt.excess)
-    settings, predicted = nearest.settings, nearest.predicted
-    heights = [f"{height:g}" for height in settings.slabs]
-    listed = f"{', '.join(heights)} {units}"
-    if len(heights) > MAX_SPELLED_HEIGHTS:
-        listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
-    cuts = f", cut at {listed}," if heights else ""
-    sheets = ""
-    if predicted.separation * SEPARATION_MARGIN > separation:
-        sheets = (
-            f"sheets out of order that are {separation / SEPARATION_MARGIN:.2g} {units} apart (from "
-            f"{predicted.separation:.2g} {units} on they are in order; asked for are {separation:.3g} "
-            f"{units}, and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
-        )
-    found = _amiss(predicted, requirement, sheets)
-    return f"{settings.depth_label} with near {digits(settings.near)} {units}{cuts} would leave {found}"
-
-
-def _disproved(measured: Quality, requirement: Requirement) -> str:
-    """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
-    sheets = ""
-    if measured.misordered > MAX_MISORDERED_FRACTION:
-        sheets = f"{measured.misordered:.2g} of the sheets' pixels out of order"
-    return f"But measured it does not hold: it leaves {_amiss(measured, requirement, sheets)}."
-
-
-def _amiss(found: Quality, requirement: Requirement, sheets: str) -> str:
-    """Name what is not as required, with words on the order of sheets, empty where that is."""
-    parts = []
-    if math.isinf(found.displacement_p99_px) and not requirement.SEEN_BY_EYES:
-        parts.append("one pixel in a hundred in the plate itself, where displacement is undefined")
-    elif found.displacement_p99_px > requirement.tolerance_px:
-        parts.append(f"one pixel in a hundred displaced by {found.displacement_p99_px:.2g} px")
-    if requirement.by_pixels(replace(found, displacement_p99_px=0.0)) > 1:
-        parts.append(f"{found.surface_fraction:.2g} of all pixels with the wrong surface")
-    if found.depth_wrong > requirement.max_wrong:
-        parts.append(f"{found.depth_wrong:.2g} of all pixels wrong by depth")
-    return " and ".join([*parts, sheets] if sheets else parts)
-
-
-def exceptions(plate: PlateResult) -> str:
-    """Begin a reason: the apertures that a plan was not made for, and the share that is left."""
-    if plate.covers_the_plate:
-        return ""
-    looked, parts = f"of the {plate.scouted:,} apertures that were looked through", []
-    if plate.hopeless:
-        named = _named(plate.hopeless_apertures, plate.hopeless)
-        parts.append(
-            f"at {plate.hopeless:,} {looked} ({named}) a surface lies in the aperture itself, or so close "
-            "to it that no near draws it"
-        )
-    if plate.set_aside:
-        counted = f"{plate.set_aside:,} {'others' if plate.hopeless else looked}"
-        named = _named(plate.set_aside_apertures, plate.set_aside)
-        verb = "is" if plate.set_aside == 1 else "are"
-        parts.append(f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest")
-    # Rounded down, for it is a lower bound.
-    share = f"{math.floor(100 * plate.share_within_at_least)} %"
-    certain = "" if plate.confidence == 1 else f" ({100 * plate.confidence:.0f} %)"
-    return (
-        f"No settings hold for the whole plate: {'; and '.join(parts)}. "
-        f"For the others, at least {share} of the plate{certain}:"
-    )
-
-
-def _named(apertures: tuple[Index, ...], count: int) -> str:
-    """Return the first of so many apertures, as options name them, and an ellipsis where there are more."""
-    words = [f"{column},{row}" for column, row in apertures[:MAX_NAMED_APERTURES]]
-    return "; ".join([*words, ".."] if count > len(words) else words)

@@ -238,6 +238,13 @@ class Search:
         balanced = cheap if self.requirement.SEEN_BY_EYES else [self._with_margin(one) for one in cheap]
         return min(balanced, key=lambda one: (one.missing, -one.settings.near))
 
+    def without_cuts(self, choices: Sequence[DepthBuffer]) -> Attempt | None:
+        """Return the best attempt without cuts if no sheets need to be ordered; None where none holds."""
+        lax = replace(self.requirement, separation=self._views.scene.frustum.longest_reach)
+        search = Search(self._views, lax)
+        holding = [one for one in (search.attempt(choice, 0) for choice in choices) if one.holds]
+        return search.most_robust(holding) if holding else None
+
     def _with_margin(self, largest: Attempt) -> Attempt:
         """Return an attempt with the largest near that does no more than a tenth of what is allowed.
 

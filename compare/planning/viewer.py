@@ -10,6 +10,8 @@ from xfrustum.compare.eye import noticeable
 from xfrustum.compare.planning.search import index_below, indices_of, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
 from xfrustum.compare.scout import Scout
+from xfrustum.reference.lines.lines import film_window
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG
 
@@ -137,6 +139,54 @@ class EyeRequirement(Requirement):
             _, allowed, hidden_by = self.noticed(replace(settings, near=at))[name]
             found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
         return tuple(found)
+
+
+Interval = tuple[float, float]  #: lower and upper end, scene units
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewZone:
+    """Places along x and y, at a distance before the plate, to which films of hogels send rays.
+
+    Rays leave from the centers of hogels: from the edges of their cells they come half a pitch farther.
+    """
+
+    distance: float  #: from the plate, scene units
+    some: tuple[Interval, Interval]  #: x and y of eyes that see at least one hogel
+    every: tuple[Interval, Interval] | None  #: x and y of eyes that see every hogel; None without any
+
+    @property
+    def some_eyes_apart(self) -> float:
+        """Upper limit of the distance of two eyes that see some hogels; 0 without any."""
+        return _eyes_within(self.some)
+
+    @property
+    def all_eyes_apart(self) -> float:
+        """Upper limit of the distance of two eyes that see every hogel; 0 without any."""
+        return 0.0 if self.every is None else _eyes_within(self.every)
+
+
+def _eyes_within(zone: tuple[Interval, Interval]) -> float:
+    """Return the largest distance of two eyes straight before the middle of the plate within a zone."""
+    (left, right), (low, high) = zone
+    return max(0.0, 2 * min(-left, right)) if low < 0 < high else 0.0
+
+
+def view_zone(scene: Scene, distance: float) -> ViewZone:
+    """Return the view zone of a plate at a distance; its ends are linear in the aperture's place."""
+    columns, rows = scene.plate.hogels
+    some, every = [], []
+    for axis in range(2):
+        ends = []
+        for aperture in (scene.plate.aperture(0, 0), scene.plate.aperture(columns - 1, rows - 1)):
+            shear, half_extent = film_window(scene.frustum, aperture)
+            middle = (aperture.x, aperture.y)[axis] - distance * shear[axis]
+            ends.append((middle - distance * half_extent[axis], middle + distance * half_extent[axis]))
+        (first, last), (other_first, other_last) = ends
+        some.append((min(first, other_first), max(last, other_last)))
+        every.append((max(first, other_first), min(last, other_last)))
+    seen = all(low < high for low, high in every)
+    return ViewZone(distance=distance, some=(some[0], some[1]), every=(every[0], every[1]) if seen else None)
 
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:

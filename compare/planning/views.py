@@ -102,6 +102,23 @@ class Requirement:
         """Return the separation in scene units."""
         return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
 
+    @property
+    def beyond_px(self) -> float:
+        """Displacement from which on a hogel is beyond: the tolerance, or the usual where eyes judge."""
+        return self.tolerance_px if math.isfinite(self.tolerance_px) else TOLERANCE_PX
+
+    def worst_measure(self, found: Errors) -> str:
+        """Return the name of the error that is nearest to what is allowed, or farthest beyond it."""
+        ratios = {
+            "displacement_p99_px": 0.0
+            if self.SEEN_BY_EYES
+            else found.displacement_p99_px / self.tolerance_px,
+            "surface_fraction": 0.0 if self.SEEN_BY_EYES else found.surface_fraction / MAX_WRONG,
+            "depth_wrong": found.depth_wrong / self.max_wrong,
+        }
+        # Where nothing is limited, wrong surfaces decide (`PlatePlanner`).
+        return max(ratios, key=ratios.__getitem__) if any(ratios.values()) else "surface_fraction"
+
     def by_pixels(self, found: Errors) -> float:
         """Return the ratio of what near does to pixels to what is allowed."""
         return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)

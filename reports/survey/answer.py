@@ -170,7 +170,7 @@ class Survey(Shown):
         if share.empty:
             said += f"; {share.empty:,} of the {share.judged:,} judged show nothing, and of the "
             said += f"{share.judged - share.empty:,} others {share.beyond:,} are beyond"
-        return f"{said}; worst: {share.worst_words}." if share.worst else f"{said}."
+        return f"{said}; worst by displacement: {share.worst_words}." if share.worst else f"{said}."
 
     def summary(self) -> dict[str, Any]:
         """Return what `survey --json` prints: counts of the best setting, then those of each in its order."""

@@ -9,7 +9,7 @@ import pytest
 from tests.support.lit import ball, lit
 from tests.support.views import view
 from xfrustum.compare import scout as scouting
-from xfrustum.compare.scout import FILM_PIXELS, AutoApertures, Look, Scout, scout
+from xfrustum.compare.scout import FILM_PIXELS, AutoApertures, Look, Scout, nearest_cells, scout
 from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Material
@@ -49,6 +49,23 @@ def test_corners_and_the_middle_are_always_looked_through(scouted: Scout, ball_b
     assert len(indices) == len(scouted.looks)
     small = replace(ball_behind_a_plate, plate=Plate(size=(40.0, 30.0), hogels=(8, 6)))
     assert len(scout(small).looks) == 48
+
+
+def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(ball_behind_a_plate: Scene) -> None:
+    """A ball smaller than a hogel, at each of nine places between those of a lattice."""
+    for column, row in ((column, row) for column in (30, 31, 32) for row in (21, 22, 23)):
+        plate = replace(ball_behind_a_plate.plate, hogels=(60, 45))
+        over = plate.aperture(column, row)
+        part = ball((over.x, over.y, -0.3), 0.2, "paint")
+        scene = replace(ball_behind_a_plate, plate=plate, objects=(part,))
+        assert nearest_cells(scene, 1) == [(column, row)]
+
+
+def test_vertices_in_the_plate_count_last_and_those_out_of_reach_not(ball_behind_a_plate: Scene) -> None:
+    triangle = np.array([[1.5, 0.5, 0.0], [3.5, 0.5, -4.0], [5.5, 0.5, 5.5]])
+    faces = np.array([[0, 1, 2]])
+    part = replace(ball_behind_a_plate.objects[0], vertices=triangle, faces=faces, vertex_normals=None)
+    assert nearest_cells(replace(ball_behind_a_plate, objects=(part,)), 3) == [(23, 14), (21, 14)]
 
 
 def test_the_coarse_film_shows_what_the_truth_shows(scouted: Scout) -> None:

@@ -185,6 +185,10 @@ def test_with_one_slab_less_it_does_not_hold(
     settings = planned(views, requirement, buffer)
     assert settings.slabs
     assert holds(views, settings, requirement)
+    # Where sheets alone ask for the cuts, and only there, other settings would do.
+    uncut = Search(views, requirement).without_cuts([buffer])
+    lax = replace(requirement, separation=views.scene.frustum.longest_reach)
+    assert (uncut is not None) == (not planned(views, lax, buffer).slabs)
     best = Search(views, requirement).attempt(buffer, len(settings.slabs) - 1)
     assert not best.holds
     slabs = settings.slabs
@@ -454,8 +458,8 @@ def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFix
     asked = ["plan", small_scene, "--json", "--quiet"]
     assert main([*asked, "--depth", "d16", "--mapping", "gl", "--sample", "2"]) == 0
     made = json.loads(capsys.readouterr().out)
-    names = "near slabs depth mapping predicted measured within reason plate device_model apertures"
-    assert list(made) == names.split()
+    names = "near slabs depth mapping predicted measured within reason plate device_model"
+    assert list(made) == [*names.split(), "largest", "without_cuts", "apertures"]
     assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
     assert list(made["predicted"]) == list(made["measured"]) == KEYS
     assert made["within"] is True and made["depth"] == "d16" and made["mapping"] == "gl"

@@ -15,9 +15,9 @@ from xfrustum.compare.eye.noticeable import (
     replay_noise_arcsec,
     stereo_change_arcsec,
 )
-from xfrustum.compare.planning.plan import Plan
-from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding
-from xfrustum.compare.planning.views import Quality, Requirement
+from xfrustum.compare.planning.plan import Plan, plan
+from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding, view_zone
+from xfrustum.compare.planning.views import Errors, Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.planning import (
     PlannedRecord,
@@ -27,9 +27,10 @@ from xfrustum.reports.planning import (
     planned_table,
     replayed_plan,
     scouted_plate,
+    seen_view_zone,
     table,
 )
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
 
 
 @pytest.fixture(scope="module")
@@ -227,3 +228,97 @@ def test_the_border_of_the_plate_counts_where_one_side_alone_is_seen(scene_file:
     change = stereo_change_arcsec(behind, viewer, Display.of(scene), settings)
     farther = 65 / (600 + 20) - 65 / (600 + 21)
     assert change == pytest.approx(farther * 206264.806, rel=1e-6)
+
+
+# The view zone -------------------------------------------------------------------------------------------
+
+PROJECTED = """
+name = "zone"
+units = "mm"
+[plate]
+size = [80.0, 60.0]
+hogels = [20, 15]
+[frustum]
+resolution = [64, 64]
+screen = { height = 600.0, center = [0.0, 0.0], size = [60.0, 60.0] }
+reach = [100.0, 100.0]
+"""
+"""A plate whose screen, 60 mm wide, stands in the view zone."""
+
+
+@pytest.fixture(scope="module")
+def projected(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    path = tmp_path_factory.mktemp("zone") / "zone.toml"
+    path.write_text(PROJECTED + part("sphere", 40.0, (0.0, 0.0, -40.0)))
+    return open_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("distance", "some", "every"),
+    [
+        # In the plane of the screen every film sends its rays through the screen.
+        (600.0, 60.0, 60.0),
+        # Nearer by a third: films of 40 mm, whose middles follow 76 mm of apertures by a third.
+        (400.0, 40.0 + 76.0 / 3, 40.0 - 76.0 / 3),
+        # Twice as far: films of 120 mm, whose middles go the other way, as far as the apertures.
+        (1200.0, 120.0 + 76.0, 120.0 - 76.0),
+    ],
+)
+def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
+    projected: Scene, distance: float, some: float, every: float
+) -> None:
+    zone = view_zone(projected, distance)
+    assert zone.some_eyes_apart == pytest.approx(some) and zone.all_eyes_apart == pytest.approx(every)
+    assert zone.every is not None and zone.every[0][1] == pytest.approx(every / 2)
+
+
+def test_sheets_that_alone_ask_for_cuts_are_said_to(projected: Scene) -> None:
+    """D16 orders sheets 0.05 mm apart only with a cut; what the scene shows needs none."""
+    asked, choices = Requirement(separation=0.05), [(DepthFormat.D16, DepthMapping.STANDARD)]
+    chosen = [projected.plate.middle]
+    made = plan(projected, chosen, asked, choices)
+    found = made.without_cuts
+    assert made.slabs and found is not None and not found.slabs and (found.judged, found.beyond) == (1, 0)
+    told = " ".join(table(made, projected, chosen, asked).split())
+    assert "Hypothetical sheets alone ask for cuts" in told
+    assert "the one hogel that was measured is not beyond" in told
+
+
+def test_beyond_means_the_same_in_a_plan_for_eyes(projected: Scene) -> None:
+    """A hogel that eyes do not mind is beyond the usual tolerance all the same."""
+    wanted, pixels = requirement(projected, Viewer(distance=600.0)), Requirement(tolerance_px=2.0)
+    moved = Errors(displacement_p99_px=1.1, surface_fraction=0.002, depth_wrong=0.0)
+    assert moved.beyond(wanted.beyond_px) and not wanted.missed_by(moved)
+    assert not moved.beyond(pixels.beyond_px)
+    assert pixels.worst_measure(moved) == "displacement_p99_px"
+    assert pixels.worst_measure(replace(moved, surface_fraction=0.02)) == "surface_fraction"
+    assert pixels.worst_measure(replace(moved, depth_wrong=0.02)) == "depth_wrong"
+    assert wanted.worst_measure(moved) == "surface_fraction"
+
+
+def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> None:
+    """Eyes 59 mm apart see hogels; beyond half a pitch more none, and neither does one eye of two."""
+    assert seen_view_zone(projected, Viewer(distance=600.0, eyes_apart_mm=59.0)).every is not None
+    for scene in (projected, aside(projected, (5.0, 0.0))):
+        with pytest.raises(InputError, match=r"view zone is 60 x 60 mm at 600 mm .*eyes may be up to"):
+            seen_view_zone(scene, Viewer(distance=600.0, eyes_apart_mm=65.0))
+    with pytest.raises(InputError, match="no eyes straight before the plate's middle"):
+        seen_view_zone(aside(projected, (0.0, 33.0)), Viewer(distance=600.0))
+
+
+def aside(scene: Scene, center: tuple[float, float]) -> Scene:
+    """Return a scene with its screen elsewhere."""
+    assert scene.frustum.screen is not None
+    screen = replace(scene.frustum.screen, center=center)
+    return replace(scene, frustum=replace(scene.frustum, screen=screen))
+
+
+def test_plan_and_recommend_exit_with_2_outside_the_view_zone(
+    projected: Scene, tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "zone.toml"
+    path.write_text(PROJECTED + part("sphere", 40.0, (0.0, 0.0, -40.0)))
+    for verb in ("plan", "recommend"):
+        assert main([verb, str(path), "--viewer=600mm", "--quiet"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "view zone is 60 x 60 mm at 600 mm" in line and "up to 60 mm apart, and these are 65" in line
