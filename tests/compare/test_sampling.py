@@ -248,6 +248,7 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
             invalid=0,
             displacement_px=spread(p99),
             displacement_by=MeasuredBy.POINTS,
+            outlines=None,
         )
         figures: Any = SimpleNamespace(numbers=found, claimed=JUDGED)
         assert all(check.held for check in Limits().checks(figures)) != beyond
