@@ -7,6 +7,7 @@ its hogels at x = 0. A plate's description decides all its arrays and their labe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def layout_described(place: Path, group: zarr.Group, said: Mapping[str, Any]) ->
         measures = tuple((name, str(group[name].attrs.get("units", ""))) for name in named)
     except (*DAMAGE, ValidationError, InputError) as error:
         raise InputError(f"{place}: the description of the plate is damaged; draw it again") from error
-    return Layout(**{**vars(layout), "measures": measures if content.get("judged") else ()})
+    return replace(layout, measures=measures if content.get("judged") else ())
 
 
 def checked_group(place: Path) -> zarr.Group:

@@ -141,18 +141,23 @@ class Limits:
             told = None if numbers.blind else True
         elif (outlines := numbers.outlines) is not None and outlines.shown:
             share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
-            # What most outlines do not say, the others do not say for them.
+            # A minority of outlines does not stand for the majority that the picture cannot show.
             doubtful = 2 * outlines.unknown > outlines.shown
             doubtful |= outlines.untold > self.wrong * numbers.shown
             kept = False if share > most else None if doubtful else True
             found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=kept))
         return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=told))
 
-    def mends(self, corrected: Figures, model: DrawnModel) -> bool:
-        """Return whether an image is right once it is corrected, wrong pixels by rounding excused."""
-        # Nobody knows where surface points belong on an uneven film.
+    def mends(self, as_found: Figures, corrected: Figures, model: DrawnModel) -> bool:
+        """Return whether an image is right once it is corrected, wrong pixels by rounding excused.
+
+        An image that fails must pass. One that could not be judged as found refutes nothing unless it fails.
+        """
+        # The true places of surface points on an uneven film are unknown.
         limits = self if model.film == EVEN else replace(self, displacement_px=None)
-        return all(check.held for check in limits.checks(corrected, corrected.rounded))
+        before = [check.held for check in self.checks(as_found)]
+        after = [check.held for check in limits.checks(corrected, corrected.rounded)]
+        return all(after) or (False not in before + after and None in before)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -415,7 +420,7 @@ def with_correction_tested(found: Verification) -> Verification:
     named = ", ".join(f"{one.aperture.column},{one.aperture.row}" for one in wrong[:MAX_NAMED])
     told = f"would explain only {100 * share:.0f} % of what is wrong"
     told += f"; corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
-    told += f", and {len(wrong)} of {len(judged)} hogels exceed a limit: {named}"
+    told += f", and {len(wrong)} of {len(judged)} hogels do not pass: {named}"
     told += ", .." if len(wrong) > MAX_NAMED else ""
     refuted = (
         replace(fault, explains=share, words=f"{fault.words}: {told}") for fault in found.diagnosis.faults

@@ -270,7 +270,7 @@ class Run:
             corrected=corrected.numbers,
             places=places_of(as_found),
             left=wrong_in(corrected.numbers) - corrected.rounded,
-            mended=self.limits.mends(corrected, model),
+            mended=self.limits.mends(as_found, corrected, model),
             storage=image.storage,
         )
         return judged, (as_found, corrected)

@@ -38,6 +38,8 @@ MAX_KEY_PARTS = 16
 """
 
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+#: A comment on a line without quotes; of any other the dots count, but for those within quotes.
+_COMMENT = re.compile(r"""^([^"'#\n]*+)#[^\n]*""", re.MULTILINE)
 _LONG_KEY = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}""")
 
 
@@ -184,8 +186,8 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     try:
         content = input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE)
         text = content.decode("utf-8-sig")  # editors of some systems begin a file with a byte-order mark
-        if long := _LONG_KEY.search(text):
-            line = 1 + text.count("\n", 0, long.start())
+        if long := _LONG_KEY.search(_COMMENT.sub(r"\1", text)):
+            line = 1 + long.string.count("\n", 0, long.start())
             raise InputError(
                 f"{path}: line {line}: the key {long[0][:40]}.. has more than {MAX_KEY_PARTS} parts; "
                 "keys of scene files have at most three"
@@ -320,7 +322,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
         part = shapes.flipped(part) if entry.flip_winding else part
         part = shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
-    # Whoever flips the winding knows it.
+    # An object whose winding the file flips is meant to be mirrored.
     if np.linalg.slogdet(matrix[:3, :3])[0] > 0 or entry.flip_winding:
         return part
     mirrored = (

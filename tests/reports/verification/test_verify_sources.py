@@ -252,7 +252,7 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
         (guess,) = tested.diagnosis.does_not_explain
         assert guess.explains == pytest.approx(1 - sum(left) / 200)
         assert f"{sum(left)} pixels of all judged hogels are wrong instead of 200" in guess.words
-        assert "1 of 2 hogels exceed a limit: 1,0" in guess.words
+        assert "1 of 2 hogels do not pass: 1,0" in guess.words
 
 
 def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> None:
