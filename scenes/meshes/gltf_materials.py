@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from PIL import Image
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.meshes.gltf_data import Gltf, Sampler, Texture, TextureTransform
-from xfrustum.scenes.meshes.textures import open_picture
+from xfrustum.scenes.meshes.textures import open_picture, opened
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _REPEAT = 10497  # wrap mode of samplers
@@ -113,7 +110,4 @@ def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
     else:
         name = unquote(image.uri)
         return name, open_picture(gltf.path, name)
-    picture = None
-    with suppress(OSError, SyntaxError, ValueError):
-        picture = Image.open(io.BytesIO(data))
-    return name, picture
+    return name, opened(data)
