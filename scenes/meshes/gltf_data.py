@@ -144,11 +144,17 @@ class Material(_Model):
     emissive_texture: Any = None
 
 
-class Texture(_Model):
-    """Texture: an image; extensions may name another."""
+class TextureSource(_Model):
+    """EXT_texture_webp."""
 
     source: Natural | None = None
+
+
+class Texture(TextureSource):
+    """Texture: an image; an extension may name another."""
+
     sampler: Natural | None = None
+    webp: Annotated[TextureSource | None, _extension("EXT_texture_webp")] = None
 
 
 class Sampler(_Model):

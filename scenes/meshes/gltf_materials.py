@@ -94,9 +94,8 @@ def look_of(gltf: Gltf, index: int) -> Look:
 def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
     """Return name and image of a texture; no image where it is missing or cannot be opened."""
     source = texture.source
-    for extension in texture.extensions.values():
-        with suppress(AttributeError, TypeError, ValueError):
-            source = max(0, int(extension["source"]))
+    if texture.webp is not None and texture.webp.source is not None:
+        source = texture.webp.source
     if source is None:
         return f"number {index} without an image", None
     image = gltf.entry(gltf.tree.images, source, "image")

@@ -368,6 +368,41 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
     assert read(writer, tmp_path).uv[0].tolist() == pytest.approx([4.5, 4.5])
 
 
+@pytest.mark.parametrize(
+    ("extension", "content", "chosen"),
+    [
+        ("EXT_texture_webp", {"source": 1}, 1),
+        ("EXT_texture_webp", {}, 0),
+        ("KHR_texture_basisu", {"source": 1}, 0),
+        ("EXT_foo", {}, 0),
+    ],
+)
+def test_a_texture_is_the_image_of_an_extension_that_is_honoured(
+    extension: str, content: dict[str, int], chosen: int, tmp_path: Path
+) -> None:
+    writer = painted((0,), tmp_path)
+    writer.add("images", uri="1.png")
+    Image.new("RGB", (4, 4), (1, 1, 1)).save(tmp_path / "1.png")
+    writer.extend("textures", 0, extension, content)
+    [texture] = read(writer, tmp_path).textures
+    assert texture[0, 0, 0] == chosen
+
+
+def painted(materials: tuple[int, ...], folder: Path) -> Writer:
+    """Return tents, primitives of one mesh, of materials that share a texture."""
+    Image.new("RGB", (4, 4)).save(folder / "0.png")
+    writer = Writer()
+    writer.add("images", uri="0.png")
+    writer.add("textures", source=0)
+    for _ in set(materials):
+        writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    mesh = writer.tent(attributes={"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))})
+    [primitive] = writer.tree["meshes"][mesh]["primitives"]
+    writer.tree["meshes"][mesh]["primitives"] = [{**primitive, "material": one} for one in materials]
+    writer.node(mesh=mesh)
+    return writer
+
+
 # Unread and refused.
 
 
@@ -463,6 +498,8 @@ REFUSED: dict[str, Callable[[Writer], None]] = {
     "nodes.0.mesh": changed("nodes", 0, "mesh", to="0"),
     "is glTF 1.0": changed("asset", to={"version": "1.0"}),
     "nodes.0.scale": changed("nodes", 0, "scale", to=[1, 1, 1e999]),
+    "textures.0.extensions.EXT_texture_webp": changed("textures", to=[
+        {"extensions": {"EXT_texture_webp": {"source": 1e999}}}]),
     "vertices are NaN or infinite": changed("nodes", 0, "scale", to=[1e308] * 3),
 }  # fmt: skip
 
