@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
-from xfrustum.scenes.meshes.gltf_materials import Look, look_of, unread_extension
+from xfrustum.scenes.meshes.gltf_materials import Look, look_of, picture_of, unread_extension
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _TRIANGLES, _STRIP = 4, 5
@@ -65,7 +65,8 @@ def read_gltf(path: Path) -> MeshContent:
     """Read a .gltf or .glb file; InputError where it breaks the format or needs what is not read."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
-    tree, look, parts = gltf.tree, cache(partial(look_of, gltf)), []
+    look = cache(partial(look_of, gltf, cache(partial(picture_of, gltf))))
+    tree, parts = gltf.tree, []
 
     @cache
     def primitives(mesh: int, weights: tuple[float, ...]) -> list[_Local | None]:

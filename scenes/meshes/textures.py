@@ -38,9 +38,10 @@ def decode_textures(
     """
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
-    index_of_name: dict[str, int] = {}
-    for part in parts:
-        if part.name in index_of_name:
+    keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
+    numbers: dict[tuple[int, str | None, bool], int] = {}
+    for part, key in zip(parts, keys, strict=True):
+        if key in numbers:
             continue
         pixels, name = None, part.texture
         if part.picture is not None and part.uv is not None:
@@ -51,7 +52,7 @@ def decode_textures(
                     pixels = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
                 elif part.picture.mode not in ("I", "F"):  # 32 bits a pixel, of any scale
                     pixels = np.array(part.picture.convert("RGBA"), dtype=np.uint8)
-        index_of_name[part.name] = -1 if pixels is None else len(pictures)
+        numbers[key] = -1 if pixels is None else len(pictures)
         if pixels is not None:
             pictures.append(pixels)
         elif name is not None:
@@ -60,7 +61,9 @@ def decode_textures(
             if part.picture is not None and part.uv is None:
                 lost = "is not shown: there are no coordinates"
             unread.append(UnreadFeature(feature=f"texture {name}", consequence=lost))
-    indices = [np.full(len(part.faces), index_of_name[part.name], np.int32) for part in parts]
+    indices = [
+        np.full(len(part.faces), numbers[key], np.int32) for part, key in zip(parts, keys, strict=True)
+    ]
     return tuple(pictures), np.concatenate(indices) if pictures else None, unread
 
 

@@ -388,6 +388,12 @@ def test_a_texture_is_the_image_of_an_extension_that_is_honoured(
     assert texture[0, 0, 0] == chosen
 
 
+def test_a_texture_of_many_primitives_and_materials_is_one_picture(tmp_path: Path) -> None:
+    mesh = read(painted((0, 0, 1), tmp_path), tmp_path)
+    assert len(mesh.textures) == 1
+    assert mesh.texture_of_triangle is not None and not mesh.texture_of_triangle.any()
+
+
 def painted(materials: tuple[int, ...], folder: Path) -> Writer:
     """Return tents, primitives of one mesh, of materials that share a texture."""
     Image.new("RGB", (4, 4)).save(folder / "0.png")
