@@ -304,7 +304,8 @@ class Gltf:
         shape, sparse = (accessor.count, width), accessor.sparse
         if accessor.buffer_view is not None:
             values = self._elements(accessor.buffer_view, accessor.byte_offset, kind, shape)
-        elif sparse is not None:
+        elif sparse is not None:  # the file has no bytes of most elements
+            input_files.check_declared(self.path, 24 * accessor.count * width, f"accessor {index}")
             values = np.zeros(shape, kind)
         else:
             raise self.error(f"accessor {index} has no data")
@@ -332,9 +333,9 @@ class Gltf:
     def check_bounds(self, index: int) -> None:
         """Raise InputError where `min` and `max` of a vector are not those of its data."""
         accessor = self.accessor(index)
+        stored = self.stored(index, 3)
         if index in self.decoded:  # bounds are mostly those from before the compression
             return
-        stored = self.stored(index, 3)
         for name, declared in (("min", accessor.min), ("max", accessor.max)):
             if declared is None or not len(stored):
                 continue
