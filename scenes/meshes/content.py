@@ -13,7 +13,7 @@ from xfrustum.scenes.model.scene import UnreadFeature
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshPart:
-    """Placed triangles of one mesh of a file; parts of one name share a texture."""
+    """Placed triangles of one mesh of a file; parts of one picture share a texture."""
 
     name: str
     vertices: Floats  #: (V, 3) double precision

@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
-from xfrustum.scenes.meshes.gltf_materials import Look, look_of, unread_extension
+from xfrustum.scenes.meshes.gltf_materials import Look, look_of, picture_of, unread_extension
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _TRIANGLES, _STRIP = 4, 5
@@ -65,11 +65,12 @@ def read_gltf(path: Path) -> MeshContent:
     """Read a .gltf or .glb file; InputError where it breaks the format or needs what is not read."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
-    tree, look, parts = gltf.tree, cache(partial(look_of, gltf)), []
+    look = cache(partial(look_of, gltf, cache(partial(picture_of, gltf))))
+    tree, parts = gltf.tree, []
 
     @cache
-    def primitives(mesh: int, weights: tuple[float, ...]) -> list[_Local | None]:
-        return [_local(gltf, each, weights, look) for each in tree.meshes[mesh].primitives]
+    def primitives(mesh: int, weights: tuple[float, ...], skinned: bool) -> list[_Local | None]:
+        return [_local(gltf, each, weights, look, skinned) for each in tree.meshes[mesh].primitives]
 
     with np.errstate(all="ignore"):  # coordinates that overflow are refused with all vertices
         worlds = _world_matrices(gltf)
@@ -79,7 +80,7 @@ def read_gltf(path: Path) -> MeshContent:
             node = tree.nodes[number]
             place = _placing(gltf, node, worlds, number)
             weights = tree.meshes[mesh].weights if node.weights is None else node.weights
-            for index, local in enumerate(primitives(mesh, weights)):
+            for index, local in enumerate(primitives(mesh, weights, node.skin is not None)):
                 if local is None:
                     unread.append(_NO_TRIANGLES)
                 elif len((part := place(local)).faces):
@@ -200,7 +201,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
         corners = vertices if indices is None else gltf.accessor(indices).count
         faces = corners // 3 if primitive.mode == _TRIANGLES else corners
         arrays = len(names) + len(primitive.targets) + (8 if "JOINTS_0" in names else 0)
-        return 24 * (vertices * arrays + faces) * _COPIES
+        return 24 * (min(vertices, corners) * arrays + faces) * _COPIES
 
     sizes = [sum(map(size, mesh.primitives)) for mesh in gltf.tree.meshes]
     counts = [_instances(gltf, gltf.tree.nodes[number]) for number, _ in placed]
@@ -232,9 +233,13 @@ def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
 
 
 def _local(
-    gltf: Gltf, primitive: Primitive, weights: Sequence[float], look_of: Callable[[int], Look]
+    gltf: Gltf,
+    primitive: Primitive,
+    weights: Sequence[float],
+    look_of: Callable[[int], Look],
+    skinned: bool,
 ) -> _Local | None:
-    """Return the triangles of a primitive; None where its topology has none."""
+    """Return the triangles of a primitive and the vertices they use; None where its topology has none."""
     names = primitive.attributes
     if primitive.mode < _TRIANGLES or "POSITION" not in names:
         return None
@@ -245,10 +250,9 @@ def _local(
     count = gltf.accessor(names["POSITION"]).count
 
     def read(index: int, *widths: int, shares: bool = False) -> Floats:
-        values = gltf.values(index, *widths, shares=shares)
-        if len(values) != count:
-            raise gltf.error(f"accessor {index} has {len(values)} elements for {count} vertices")
-        return values
+        if (there := gltf.accessor(index).count) != count:
+            raise gltf.error(f"accessor {index} has {there} elements for {count} vertices")
+        return gltf.values(index, *widths, shares=shares)[used]
 
     def attribute(name: str, *widths: int, shares: bool = False) -> Floats | None:
         if name not in names:
@@ -259,21 +263,25 @@ def _local(
                 values = values + weight * read(target[name], *widths)
         return values
 
+    gltf.check_bounds(names["POSITION"])
+    faces, used = _faces(gltf, primitive, count), np.ones(count, np.bool_)
+    if primitive.indices is not None:  # primitives may share one large array
+        used[:] = False
+        used[faces] = True
+        faces = (np.cumsum(used) - 1)[faces]
     look = Look() if primitive.material is None else look_of(primitive.material)
     uv = None if primitive.material is None else attribute(look.coordinates, 2)
     joints: list[tuple[Indices, Floats]] = []
-    while (name := f"JOINTS_{len(joints)}") in names:
+    while skinned and (name := f"JOINTS_{len(joints)}") in names:
         shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
-        numbers = gltf.stored(names[name], 4).astype(np.int64)
-        if shares is None or numbers.shape != shares.shape:
+        if shares is None or gltf.accessor(names[name]).count != count:
             raise gltf.error("joints of a skin have no weights")
-        joints.append((numbers, shares))
-    gltf.check_bounds(names["POSITION"])
+        joints.append((gltf.stored(names[name], 4)[used].astype(np.int64), shares))
     points = attribute("POSITION", 3)
     assert points is not None  # the name is there
     return _Local(
         points=points,
-        faces=_faces(gltf, primitive, count),
+        faces=faces,
         normals=attribute("NORMAL", 3),
         uv=None if uv is None else look.placed(uv),
         color=look.colors(attribute("COLOR_0", 3, 4, shares=True)),
@@ -315,9 +323,10 @@ def _placing(gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int) -> C
         skin = gltf.entry(gltf.tree.skins, node.skin, "skin")
         joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(-1, 4, 4)
         if skin.inverse_bind_matrices is not None:
+            there = gltf.accessor(skin.inverse_bind_matrices).count
+            if there < len(joints):
+                raise gltf.error(f"{there} inverse bind matrices for {len(joints)} joints")
             inverse = gltf.values(skin.inverse_bind_matrices, 16)
-            if len(inverse) < len(joints):
-                raise gltf.error(f"{len(inverse)} inverse bind matrices for {len(joints)} joints")
             joints = joints @ inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
         return partial(_skinned, gltf, joints)
     matrices = worlds[number][None]

@@ -144,11 +144,17 @@ class Material(_Model):
     emissive_texture: Any = None
 
 
-class Texture(_Model):
-    """Texture: an image; extensions may name another."""
+class TextureSource(_Model):
+    """EXT_texture_webp."""
 
     source: Natural | None = None
+
+
+class Texture(TextureSource):
+    """Texture: an image; an extension may name another."""
+
     sampler: Natural | None = None
+    webp: Annotated[TextureSource | None, _extension("EXT_texture_webp")] = None
 
 
 class Sampler(_Model):
@@ -298,7 +304,8 @@ class Gltf:
         shape, sparse = (accessor.count, width), accessor.sparse
         if accessor.buffer_view is not None:
             values = self._elements(accessor.buffer_view, accessor.byte_offset, kind, shape)
-        elif sparse is not None:
+        elif sparse is not None:  # the file has no bytes of most elements
+            input_files.check_declared(self.path, 24 * accessor.count * width, f"accessor {index}")
             values = np.zeros(shape, kind)
         else:
             raise self.error(f"accessor {index} has no data")
@@ -326,9 +333,9 @@ class Gltf:
     def check_bounds(self, index: int) -> None:
         """Raise InputError where `min` and `max` of a vector are not those of its data."""
         accessor = self.accessor(index)
+        stored = self.stored(index, 3)
         if index in self.decoded:  # bounds are mostly those from before the compression
             return
-        stored = self.stored(index, 3)
         for name, declared in (("min", accessor.min), ("max", accessor.max)):
             if declared is None or not len(stored):
                 continue

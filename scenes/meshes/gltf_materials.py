@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import io
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from PIL import Image
 
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.meshes.gltf_data import Gltf, Sampler, Texture, TextureTransform
-from xfrustum.scenes.meshes.textures import open_picture
+from xfrustum.scenes.meshes.gltf_data import Gltf, Sampler, TextureTransform
+from xfrustum.scenes.meshes.textures import open_picture, opened
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _REPEAT = 10497  # wrap mode of samplers
@@ -57,8 +55,8 @@ def unread_extension(name: str) -> UnreadFeature:
     return UnreadFeature(feature=name, consequence=consequence)
 
 
-def look_of(gltf: Gltf, index: int) -> Look:
-    """Return the look of a material of a file."""
+def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> Look:
+    """Return the look of a material of a file, its textures as of `picture_of`."""
     material = gltf.entry(gltf.tree.materials, index, "material")
     rough = material.pbr_metallic_roughness
     factor, info = rough.base_color_factor[:3], rough.base_color_texture
@@ -83,7 +81,7 @@ def look_of(gltf: Gltf, index: int) -> Look:
     if (sampler.wrap_s, sampler.wrap_t) != (_REPEAT, _REPEAT):
         repeated = "is not applied: textures repeat"
         unread.append(UnreadFeature(feature="wrap mode of a sampler", consequence=repeated))
-    name, picture = _picture(gltf, info.index, texture)
+    name, picture = picture_of(info.index)
     return Look(
         base_color=base,
         texture=name,
@@ -94,12 +92,12 @@ def look_of(gltf: Gltf, index: int) -> Look:
     )
 
 
-def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
+def picture_of(gltf: Gltf, index: int) -> tuple[str, Any]:
     """Return name and image of a texture; no image where it is missing or cannot be opened."""
+    texture = gltf.tree.textures[index]
     source = texture.source
-    for extension in texture.extensions.values():
-        with suppress(AttributeError, TypeError, ValueError):
-            source = max(0, int(extension["source"]))
+    if texture.webp is not None and texture.webp.source is not None:
+        source = texture.webp.source
     if source is None:
         return f"number {index} without an image", None
     image = gltf.entry(gltf.tree.images, source, "image")
@@ -113,7 +111,4 @@ def _picture(gltf: Gltf, index: int, texture: Texture) -> tuple[str, Any]:
     else:
         name = unquote(image.uri)
         return name, open_picture(gltf.path, name)
-    picture = None
-    with suppress(OSError, SyntaxError, ValueError):
-        picture = Image.open(io.BytesIO(data))
-    return name, picture
+    return name, opened(data)

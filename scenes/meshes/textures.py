@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +20,12 @@ from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.meshes.content import MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
+#: What Pillow raises at damage and at variants that it does not implement; the plugins of formats differ.
+_DAMAGED = (
+    ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
+    struct.error,
+)  # fmt: skip
+
 
 def decode_textures(
     path: Path, parts: Sequence[MeshPart]
@@ -31,20 +38,21 @@ def decode_textures(
     """
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
-    index_of_name: dict[str, int] = {}
-    for part in parts:
-        if part.name in index_of_name:
+    keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
+    numbers: dict[tuple[int, str | None, bool], int] = {}
+    for part, key in zip(parts, keys, strict=True):
+        if key in numbers:
             continue
         pixels, name = None, part.texture
         if part.picture is not None and part.uv is not None:
             input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
-            with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
+            with suppress(*_DAMAGED):  # Pillow decodes, and finds damage, only here
                 if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
                     gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(np.uint8)
                     pixels = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
                 elif part.picture.mode not in ("I", "F"):  # 32 bits a pixel, of any scale
                     pixels = np.array(part.picture.convert("RGBA"), dtype=np.uint8)
-        index_of_name[part.name] = -1 if pixels is None else len(pictures)
+        numbers[key] = -1 if pixels is None else len(pictures)
         if pixels is not None:
             pictures.append(pixels)
         elif name is not None:
@@ -53,21 +61,19 @@ def decode_textures(
             if part.picture is not None and part.uv is None:
                 lost = "is not shown: there are no coordinates"
             unread.append(UnreadFeature(feature=f"texture {name}", consequence=lost))
-    indices = [np.full(len(part.faces), index_of_name[part.name], np.int32) for part in parts]
+    indices = [
+        np.full(len(part.faces), numbers[key], np.int32) for part, key in zip(parts, keys, strict=True)
+    ]
     return tuple(pictures), np.concatenate(indices) if pictures else None, unread
 
 
 def file_beside(path: Path, name: str) -> Path | None:
-    """Return the regular file of a name in a mesh file's folder or below it; None where there is none.
-
-    Raises InputError where it is there and no regular file.
-    """
+    """Return what has a name in a mesh file's folder or below it; None where there is nothing."""
     name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
     for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
         with suppress(ValueError, OSError):  # no name of a file
             found = (folder / candidate).resolve()
             if candidate and found.is_relative_to(folder) and found.exists():
-                input_files.regular_size(found, "file that a mesh refers to")
                 return found
     return None
 
@@ -75,8 +81,15 @@ def file_beside(path: Path, name: str) -> Path | None:
 def open_picture(path: Path, name: str) -> Any:
     """Return the Pillow image, not yet decoded, of a mesh file's texture; None where it cannot be opened."""
     found = file_beside(path, name)
-    with suppress(OSError, SyntaxError, ValueError):
-        return None if found is None else Image.open(io.BytesIO(read_input(found, "texture")))
+    if found is None or not found.is_file() or not found.stat().st_size:
+        return None
+    return opened(read_input(found, "texture"))
+
+
+def opened(data: bytes) -> Any:
+    """Return the Pillow image, not yet decoded, of a file's bytes; None where it cannot be opened."""
+    with suppress(*_DAMAGED):
+        return Image.open(io.BytesIO(data))
     return None
 
 

@@ -3,6 +3,7 @@
 import base64
 import json
 import sys
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -302,7 +303,7 @@ def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
     chance = np.random.default_rng(51)
     for number in range(12):
         writer = Writer()
-        meshes = [writer.tent(), writer.mesh(TENT * np.float32(0.3), TENT_FACES[:6]), writer.tent()]
+        meshes = [writer.tent(), writer.mesh(TENT * np.float32(0.3), TENT_FACES[:9]), writer.tent()]
         writer.tree["meshes"][2]["primitives"] *= 2
         for index in range(9):
             placed = {"translation": chance.normal(size=3).tolist(), "scale": chance.normal(size=3).tolist()}
@@ -366,6 +367,47 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
     np.testing.assert_allclose(turned.uv, expected * (1, -1) + (0, 1), atol=1e-15)
     transform["texCoord"] = 0
     assert read(writer, tmp_path).uv[0].tolist() == pytest.approx([4.5, 4.5])
+
+
+@pytest.mark.parametrize(
+    ("extension", "content", "chosen"),
+    [
+        ("EXT_texture_webp", {"source": 1}, 1),
+        ("EXT_texture_webp", {}, 0),
+        ("KHR_texture_basisu", {"source": 1}, 0),
+        ("EXT_foo", {}, 0),
+    ],
+)
+def test_a_texture_is_the_image_of_an_extension_that_is_honoured(
+    extension: str, content: dict[str, int], chosen: int, tmp_path: Path
+) -> None:
+    writer = painted((0,), tmp_path)
+    writer.add("images", uri="1.png")
+    Image.new("RGB", (4, 4), (1, 1, 1)).save(tmp_path / "1.png")
+    writer.extend("textures", 0, extension, content)
+    [texture] = read(writer, tmp_path).textures
+    assert texture[0, 0, 0] == chosen
+
+
+def test_a_texture_of_many_primitives_and_materials_is_one_picture(tmp_path: Path) -> None:
+    mesh = read(painted((0, 0, 1), tmp_path), tmp_path)
+    assert len(mesh.textures) == 1
+    assert mesh.texture_of_triangle is not None and not mesh.texture_of_triangle.any()
+
+
+def painted(materials: tuple[int, ...], folder: Path) -> Writer:
+    """Return tents, primitives of one mesh, of materials that share a texture."""
+    Image.new("RGB", (4, 4)).save(folder / "0.png")
+    writer = Writer()
+    writer.add("images", uri="0.png")
+    writer.add("textures", source=0)
+    for _ in set(materials):
+        writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    mesh = writer.tent(attributes={"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))})
+    [primitive] = writer.tree["meshes"][mesh]["primitives"]
+    writer.tree["meshes"][mesh]["primitives"] = [{**primitive, "material": one} for one in materials]
+    writer.node(mesh=mesh)
+    return writer
 
 
 # Unread and refused.
@@ -463,6 +505,8 @@ REFUSED: dict[str, Callable[[Writer], None]] = {
     "nodes.0.mesh": changed("nodes", 0, "mesh", to="0"),
     "is glTF 1.0": changed("asset", to={"version": "1.0"}),
     "nodes.0.scale": changed("nodes", 0, "scale", to=[1, 1, 1e999]),
+    "textures.0.extensions.EXT_texture_webp": changed("textures", to=[
+        {"extensions": {"EXT_texture_webp": {"source": 1e999}}}]),
     "vertices are NaN or infinite": changed("nodes", 0, "scale", to=[1e308] * 3),
 }  # fmt: skip
 
@@ -552,6 +596,52 @@ def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
     assert path.stat().st_size < 100_000
     with input_memory(1 << 26), pytest.raises(InputError, match="400 nodes with 400,000 instances"):
         load_mesh(path)
+
+
+def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> None:
+    """A hundred primitives share 20,000 vertices."""
+    writer, count = Writer(), 20_000
+    points = np.random.default_rng(4).normal(size=(count, 3)).astype("<f4")
+    mesh = writer.mesh(points, attributes={"NORMAL": writer.array(points)})
+    [primitive] = writer.tree["meshes"][mesh].pop("primitives")
+    faces = np.arange(count - count % 3, dtype="<u4").reshape(-1, 3)[:, ::-1]
+    shares = [{**primitive, "indices": writer.array(own.ravel())} for own in np.array_split(faces, 100)]
+    writer.tree["meshes"][mesh]["primitives"] = shares
+    writer.node(mesh=mesh)
+    with input_memory(1 << 26):
+        whole = read(writer, tmp_path)
+    assert len(whole.vertices) == faces.size
+    np.testing.assert_array_equal(corners(whole), points[faces])
+    assert whole.vertex_normals is not None
+    lengths = np.linalg.norm(points[faces], axis=-1, keepdims=True)
+    np.testing.assert_allclose(whole.vertex_normals[whole.faces], points[faces] / lengths, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])
+def test_sparse_arrays_are_measured_before_they_are_made(name: str, tmp_path: Path) -> None:
+    writer = skinned()
+    [primitive] = writer.tree["meshes"][0]["primitives"]
+    number = primitive["attributes"].setdefault(name, writer.tree["skins"][0]["inverseBindMatrices"])
+    if name == "NORMAL":
+        number = primitive["attributes"][name] = writer.array(TENT)
+    if name == "inverse":
+        del primitive["attributes"][name]
+    accessor = writer.tree["accessors"][number]
+    at = {"bufferView": accessor.pop("bufferView")}
+    accessor |= {"count": 20_000_000, "sparse": {"count": 0, "indices": at, "values": at}}
+    tracemalloc.start()
+    with input_memory(1 << 26), pytest.raises(InputError):
+        read(writer, tmp_path)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 23
+    tracemalloc.stop()
+
+
+def test_joints_count_only_where_there_is_a_skin(tmp_path: Path) -> None:
+    writer = skinned()
+    del writer.tree["skins"], writer.tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]
+    writer.tree["nodes"] = [{"mesh": 0}] * len(writer.tree["nodes"])
+    writer.tree["scenes"] = [{"nodes": [0]}]
+    np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
 
 
 def test_draco_gives_the_triangles_that_were_compressed(tmp_path: Path) -> None:

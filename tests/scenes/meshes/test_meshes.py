@@ -506,6 +506,13 @@ def named_in_vain(folder: Path) -> list[tuple[str, str]]:
     (folder / "m.mtl").write_text("newmtl wood\nmap_Kd lost.png\n")
     (folder / "bad.png").write_bytes(b"no picture")
     (folder / "b.mtl").write_text("newmtl wood\nmap_Kd bad.png\n")
+    (folder / "empty.png").touch()
+    (folder / "e.mtl").write_text("newmtl wood\nmap_Kd empty.png\n")
+    dds = np.zeros(32, "<u4")
+    dds[[0, 1, 3, 4, 19, 20, 21]] = [0x20534444, 124, 4, 4, 32, 4, 0x3F3F3F3F]
+    (folder / "strange.dds").write_bytes(dds.tobytes())  # of compression "????"
+    (folder / "s.mtl").write_text("newmtl wood\nmap_Kd strange.dds\n")
+    inside = "data:image/vnd-ms.dds;base64," + base64.b64encode(dds.tobytes()).decode()
     texture = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     uses: dict[str, Any] = {"coordinates": True, "material": "wood"}
     head, glossy = "comment TextureFile lost.png", "KHR_materials_pbrSpecularGlossiness"
@@ -516,6 +523,11 @@ def named_in_vain(folder: Path) -> list[tuple[str, str]]:
         (write_ply(folder / "d.ply", (), (), coordinates=True, head=head), "texture lost.png is missing"),
         (write_gltf(folder / "e.gltf", material=texture, image="lost.png"), "texture lost.png is missing"),
         (write_gltf(folder / "f.gltf", material={"extensions": {glossy: {}}}), glossy),
+        (write_obj(folder / "g.obj", head="mtllib e.mtl", **uses), "texture empty.png cannot be read"),
+        (write_obj(folder / "h.obj", head="mtllib s.mtl", **uses), "texture strange.dds cannot be read"),
+        (write_gltf(folder / "i.gltf", material=texture, image="."), "texture . cannot be read"),
+        (write_gltf(folder / "j.gltf", material=texture, image="empty.png"), "empty.png cannot be read"),
+        (write_gltf(folder / "k.gltf", material=texture, image=inside), "in image 0 of the file itself"),
     ]
 
 
