@@ -68,7 +68,7 @@ def read_obj(path: Path) -> MeshContent:
     others = np.flatnonzero(~np.logical_or.reduce(list(kinds.values()))).tolist()
     named: dict[str, list[int]] = {}  # lines of each other statement
     for line in others:
-        named.setdefault(lines.text(line).split()[0].lower(), []).append(line)
+        named.setdefault(lines.text(line).split(" ")[0].lower(), []).append(line)
     unread = _other_statements(lines, named)
     tables, white = _tables(lines, kinds)
     polygons = _polygons(lines, kinds)
@@ -109,7 +109,7 @@ def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[Unr
         if word in _REFUSED:
             raise lines.error(first, f"'{word}' is {_REFUSED[word]}")
         if word not in (*_CURVES, *_NAMES, "l", "p"):
-            reason = f"'{word[:20]}' is no statement of OBJ; delete the line, or begin it with #"
+            reason = f"{word[:20]!r} is no statement of OBJ; delete the line, or begin it with #"
             raise lines.error(first, reason)
     found = []
     for words, feature in ((("l",), "lines (l)"), (("p",), "points (p)"), (_CURVES, "free-form curves")):

@@ -31,6 +31,8 @@ _TYPES: Final = {
 }
 _ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _CORNERS: Final = ("vertex_indices", "vertex_index")
+_POINT: Final = ("x", "y", "z")
+_NORMAL: Final = ("nx", "ny", "nz")
 _COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
@@ -212,10 +214,13 @@ def _number(path: Path, data: bytes, place: int, kind: str | np.dtype[Any]) -> i
 def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
     """Raise InputError at files of other things than polygons, naming them."""
     vertex, face = elements.get("vertex"), elements.get("face")
-    if vertex is None or not {"x", "y", "z"} <= vertex.types.keys():
+    if vertex is None or not vertex.types.keys() >= {*_POINT}:
         raise InputError(
             f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
         )
+    for name in (*_POINT, *_NORMAL, *(name for names in (*_COORDINATES, *_COLORS) for name in names)):
+        if vertex.types.get(name, (None,))[0] is not None:
+            raise InputError(f"{path}: {name} of vertices is a list, and must be one number; export it again")
     if (strips := elements.get("tristrips")) is not None and strips.count:
         raise InputError(f"{path}: triangle strips (element tristrips) are not read; export triangles")
     if face is None or not face.count:
@@ -232,7 +237,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
 
 def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]) -> MeshContent:
     vertex, face = elements["vertex"], elements["face"]
-    points = _columns(vertex, ("x", "y", "z")).astype(np.float64)
+    points = _columns(vertex, _POINT).astype(np.float64)
     name = next(name for name in _CORNERS if name in face.lengths)
     counts = face.lengths[name]
     corners = _corners(path, face.values[name], counts, len(points))
@@ -240,7 +245,6 @@ def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, 
         points, corners, counts, lambda number, why: InputError(f"{path}: face {number} {why}")
     )[sizes_together(counts)]
     faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
-    normals = ("nx", "ny", "nz")
     colors = next((names for names in _COLORS if all(one in vertex.values for one in names)), None)
     single = len(textures) == 1
     part = MeshPart(
@@ -249,8 +253,8 @@ def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, 
         faces=faces,
         uv=uv,
         color=None if colors is None else linear_colors(_columns(vertex, colors))[chosen],
-        normals=unit_normals(_columns(vertex, normals).astype(np.float64))[chosen]
-        if all(one in vertex.values for one in normals)
+        normals=unit_normals(_columns(vertex, _NORMAL).astype(np.float64))[chosen]
+        if all(one in vertex.values for one in _NORMAL)
         else None,
         picture=open_picture(path, textures[0]) if single else None,
         texture=textures[0] if single else None,

@@ -92,6 +92,8 @@ REFUSED = [
     ("surf 0 1 0 1 1 2 3 4\nf 1 2 3", "line 5: 'surf' is a free-form surface"),
     ("call other.obj\nf 1 2 3", "line 5: 'call' is another file or a command"),
     ("made by hand\nf 1 2 3", "line 5: 'made' is no statement of OBJ"),
+    ("\u00a0", "line 5: '\\xa0' is no statement of OBJ"),
+    ("\u2028", "line 5: '\\u2028' is no statement of OBJ"),
     ("f 1 3 2 4", "line 5: the face crosses or covers itself"),
 ]
 
