@@ -75,26 +75,36 @@ def read_obj(path: Path) -> MeshContent:
     if "s" in named and (polygons.corners[:, _NORMAL] == _ABSENT).any():
         unread += _smoothing(lines, named["s"])
     changes = named.get("usemtl", [])
-    names = ["", *(_value(lines, line) for line in changes)]
+    in_use = ["", *(_value(lines, line) for line in changes)]  # from each change on
+    names = list(dict.fromkeys(in_use))
+    numbers = {name: number for number, name in enumerate(names)}
     used = np.searchsorted(changes, polygons.lines, side="right")
-    material_of_polygon = np.array([names.index(name) for name in names])[used]
+    material_of_polygon = np.array([numbers[name] for name in in_use])[used]
     libraries = [_value(lines, line) for line in named.get("mtllib", [])]
-    looks, not_read = read_libraries(path, libraries, {names[number] for number in np.unique(used).tolist()})
+    looks, not_read = read_libraries(
+        path, libraries, {names[number] for number in np.unique(material_of_polygon).tolist()}
+    )
     triangles = cut_polygons(
         tables.vertices,
         polygons.corners[:, _POINT],
         polygons.counts,
         lambda polygon, reason: lines.error(int(polygons.lines[polygon]), f"the face {reason}"),
     )
-    material_of_triangle = np.repeat(material_of_polygon, polygons.counts - 2)
+    triangles_of = _places(np.repeat(material_of_polygon, polygons.counts - 2))
     parts = []
-    for number in dict.fromkeys(material_of_polygon.tolist()):
-        mine = triangles[material_of_triangle == number]
-        counts = polygons.counts[material_of_polygon == number]
+    for number, places in _places(material_of_polygon).items():
+        mine, counts = triangles[triangles_of[number]], polygons.counts[places]
         if (counts == counts[0]).all():
             mine = mine[sizes_together(counts)]
         parts.append(_part(names[number], polygons.corners[mine], tables, looks.get(names[number])))
     return MeshContent(parts=tuple(reversed(parts)), unread=(*unread, *white, *not_read))
+
+
+def _places(numbers: Indices) -> dict[int, Indices]:
+    """Return the places of each number, in order; numbers in the order in which they first appear."""
+    found, first, counts = np.unique(numbers, return_index=True, return_counts=True)
+    groups = np.split(np.argsort(numbers, kind="stable"), np.cumsum(counts)[:-1])
+    return {int(found[group]): groups[group] for group in np.argsort(first).tolist()}
 
 
 def _value(lines: TextLines, line: int) -> str:
@@ -239,10 +249,8 @@ def _part(name: str, corners: Indices, tables: _Tables, look: Look | None) -> Me
         faces, points, *rest = unmerge_faces(corners[..., _POINT], *(corners[..., column] for column in used))
         chosen = dict(zip(used, rest, strict=True))
     else:
-        present = np.zeros(len(tables.vertices), np.bool_)
-        present[corners[..., _POINT]] = True
-        points, chosen = np.flatnonzero(present), {}
-        faces = (np.cumsum(present) - 1)[corners[..., _POINT]]
+        points, places = np.unique(corners[..., _POINT], return_inverse=True)
+        faces, chosen = places.reshape(-1, 3), {}
     return MeshPart(
         name=name,
         vertices=tables.vertices[points],

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.text_lines import join_continued, plain_text
 from xfrustum.scenes.meshes.textures import file_beside, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
@@ -40,14 +42,14 @@ def read_libraries(
     looks: dict[str, Look] = {}
     unread: list[UnreadFeature] = []
     for statement in dict.fromkeys(statements):
-        whole = file_beside(path, statement)
+        whole = _content(path, statement)
         for name in [statement] if whole is not None else statement.partition("#")[0].split():
-            library = file_beside(path, name)
+            library = _content(path, name)
             if library is None:
-                lost = "is missing; textures that it may name are not shown"
+                lost = "is missing or cannot be read; textures that it may name are not shown"
                 unread.append(UnreadFeature(feature=f"material library {name}", consequence=lost))
                 continue
-            for material, look in _library(path, library, unread).items():
+            for material, look in _library(path, library).items():
                 looks.setdefault(material, look)
     for name in sorted(used - looks.keys() - {""}):
         plain = name.partition("#")[0].strip()  # a comment, or part of a name
@@ -64,10 +66,18 @@ def read_libraries(
     return {name: look for name, look in looks.items() if name in used}, unread
 
 
-def _library(path: Path, library: Path, unread: list[UnreadFeature]) -> dict[str, Look]:
+def _content(path: Path, name: str) -> bytes | None:
+    """Return the content of a library beside an OBJ file; None where it is missing, empty or no file."""
+    with suppress(InputError):
+        library = file_beside(path, name)
+        return None if library is None else read_input(library, "material library")
+    return None
+
+
+def _library(path: Path, library: bytes) -> dict[str, Look]:
     looks: dict[str, Look] = {}
     look = Look()
-    text = join_continued(plain_text(read_input(library, "material library"))).decode("utf-8", "replace")
+    text = join_continued(plain_text(library)).decode("utf-8", "replace")
     for line in text.split("\n"):
         words = line.split()
         key, values = (words[0].lower(), words[1:]) if words else ("", [])

@@ -155,6 +155,20 @@ def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> 
     assert [one.feature for one in mesh.unread] == ["material c", "statements d of materials"]
 
 
+def test_an_empty_library_is_listed(tmp_path: Path) -> None:
+    written(tmp_path, "m.mtl", "")
+    mesh = load_mesh(written(tmp_path, "a.obj", "mtllib m.mtl\n" + PLAIN))
+    assert [one.feature for one in mesh.unread] == ["material library m.mtl"]
+
+
+def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path: Path) -> None:
+    faces = "usemtl b\nf 1 2 3\nusemtl a\nf 1 3 4\nusemtl b\nf 2 3 4\nusemtl c\nf 1 2 4\n"
+    plain = SQUARE + "f 1 2 4\nf 1 3 4\nf 1 2 3\nf 2 3 4\n"
+    np.testing.assert_array_equal(
+        soup(written(tmp_path, "a.obj", SQUARE + faces)), soup(written(tmp_path, "b.obj", plain))
+    )
+
+
 def test_a_library_or_texture_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
     inner = tmp_path / "inner"
     inner.mkdir()
