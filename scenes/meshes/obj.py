@@ -23,12 +23,17 @@ from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, join_continued, parse, plain_text, word_starts
 from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 #: Statements of surfaces that are no polygons, and of files and commands.
 _REFUSED: Final = {
     **dict.fromkeys(("surf", "bzp", "bsp", "cdp"), "a free-form surface; export polygons"),
     **dict.fromkeys(("call", "csh"), "another file or a command; write its content into this file"),
     "fo": "a face of an old version of OBJ; write f instead",
+}
+_NO_OBJ: Final = {
+    plain_text(b"PK\3\4"): "an archive, and no OBJ; unpack it first",
+    b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, not its web page",
 }
 _CURVES: Final = (
     *("curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end"),
@@ -62,7 +67,11 @@ class _Tables:
 
 def read_obj(path: Path) -> MeshContent:
     """Read an OBJ file; InputError with the line where it is damaged or has surfaces that are not read."""
-    lines = TextLines(path, join_continued(plain_text(read_input(path, "mesh file"))))
+    text = plain_text(read_input(path, "mesh file"))
+    for start, told in _NO_OBJ.items():
+        if text.lstrip().startswith(start):
+            raise InputError(f"{path}: is {told}")
+    lines = TextLines(path, join_continued(text))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
     others = np.flatnonzero(~np.logical_or.reduce(list(kinds.values()))).tolist()
@@ -144,7 +153,8 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
     first = np.cumsum(counts) - counts
     weighted = np.flatnonzero(counts == 4)
     for place in weighted[values[first[weighted] + 3] != 1][:1].tolist():
-        told = "the fourth coordinate is a weight of rational surfaces, and is not 1; polygons have none"
+        weight = values[first[place] + 3]
+        told = f"the fourth coordinate is a weight of rational surfaces, and is {weight:g}; export polygons"
         raise lines.error(int(np.flatnonzero(kinds["v"])[place]), told)
     colored, colors, white = counts == 6, None, []
     if colored.any():
@@ -186,7 +196,10 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         return lines.error(int(statements[face_of_corner[corner]]), reason)
 
     for place in np.flatnonzero(counts < 3)[:1].tolist():
-        raise lines.error(int(statements[place]), f"a face has {counts[place]} corners, and needs three")
+        raise lines.error(
+            int(statements[place]),
+            f"a face has {counted(int(counts[place]), 'corner')}, and needs three; repair the mesh",
+        )
     table = _corner_indices(text, begins, error)
     firsts = np.cumsum(counts) - counts
     for column, (kind, things) in enumerate(_INDEXED.items()):
@@ -196,12 +209,14 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         some = np.add.reduceat(given, firsts, dtype=np.int64)
         for place in np.flatnonzero((some > 0) & (some < counts))[:1].tolist():
             raise lines.error(int(statements[place]), f"some corners of a face have {things}, some have none")
+        stated = table[:, column].copy()
         back = np.flatnonzero(table[:, column] < 0)
         if len(back):  # counted from the face's own line
             table[back, column] += 1 + np.cumsum(kinds[kind])[statements[face_of_corner[back]]]
         outside = given & ((table[:, column] < 1) | (table[:, column] > total))
         for place in np.flatnonzero(outside)[:1].tolist():
-            raise error(place, f"faces point past the {things}, of which the file has {total:,}")
+            told = f"faces point past the {things}, of which the file has {total:,}: index {stated[place]}"
+            raise error(place, f"{told}; export the mesh again")
     table -= 1
     return _Polygons(corners=table, counts=counts, lines=statements)
 
@@ -229,7 +244,9 @@ def _corner_indices(
     values = parse(text, np.int64, len(runs), lambda run: error(int(corner[run]), no_number))
     for run in np.flatnonzero((field > _NORMAL) | (values == 0))[:1].tolist():
         reason = (
-            "has an index of 0, and indices begin at 1" if values[run] == 0 else "has more than three indices"
+            "has an index of 0, and indices begin at 1; export the mesh again"
+            if values[run] == 0
+            else "has more than three indices"
         )
         raise error(int(corner[run]), f"a corner {reason}")
     table = np.zeros((len(begins), 3), np.int64)

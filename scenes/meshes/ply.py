@@ -22,6 +22,7 @@ from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.meshes.textures import linear_colors, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 _TYPES: Final = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -229,7 +230,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
             what = "Gaussian splats"
         other = [name for name in elements if name not in ("vertex", "face")]
         beside = f", beside {', '.join(other)}" if other else ""
-        what += f": {vertex.count:,} vertices, no faces{beside}"
+        what += f": {counted(vertex.count, 'point')}, no faces{beside}"
         raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
     if not any(name in face.lengths for name in _CORNERS):
         raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
@@ -270,7 +271,8 @@ def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
 def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -> Indices:
     """Return the corners of faces as indices; InputError where they are none, or faces too small."""
     for face in np.flatnonzero(counts < 3)[:1].tolist():
-        raise InputError(f"{path}: face {face} has {counts[face]} corners, and needs three; repair the mesh")
+        few = counted(int(counts[face]), "corner")
+        raise InputError(f"{path}: face {face} has {few}, and needs three; repair the mesh")
     corners = values.astype(np.int64)
     if (corners != values).any():
         raise InputError(f"{path}: faces have corners that are no whole numbers; export the mesh again")

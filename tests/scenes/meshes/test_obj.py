@@ -72,8 +72,9 @@ def test_concave_faces_have_the_area_of_their_twin_of_triangles() -> None:
 
 REFUSED = [
     ("f 0 1 2", "line 5: a corner has an index of 0"),
-    ("f 1 2 5", "line 5: faces point past the vertices, of which the file has 4"),
-    ("f 1 2 -5", "line 5: faces point past the vertices"),
+    ("f 1 2 5", "line 5: faces point past the vertices, of which the file has 4: index 5; export"),
+    ("f 1 2 -5", "line 5: faces point past the vertices, of which the file has 4: index -5"),
+    ("f 1", "line 5: a face has 1 corner, and needs three"),
     ("f 1 2", "line 5: a face has 2 corners, and needs three"),
     ("f 1/1 2/1 3/1", "line 5: faces point past the texture coordinates, of which the file has 0"),
     ("vt 0 0\nf 1/1 2/1 3", "line 6: some corners of a face have texture coordinates, some have none"),
@@ -84,7 +85,10 @@ REFUSED = [
     ("f /1 /2 /3", "line 5: a corner has no vertex"),
     ("f \\\n1 2 \\\n3\nf 1 2 9", "line 8: faces point past the vertices"),
     ("v 1 2\nf 1 2 3", "line 5: a vertex needs three coordinates"),
-    ("v 1 2 3 2\nf 1 2 3", "line 5: the fourth coordinate is a weight of rational surfaces"),
+    (
+        "v 1 2 3 2\nf 1 2 3",
+        "line 5: the fourth coordinate is a weight of rational surfaces, and is 2; export polygons",
+    ),
     ("v 1 2 3.1+e2\nf 1 2 3", "line 5: 'v 1 2 3.1+e2' has a word that is no number"),
     ("v 1 2 1d5\nf 1 2 3", "line 5: 'v 1 2 1d5' has a word that is no number"),
     ("v 1,5 2 3\nf 1 2 3", "line 5: 'v 1,5 2 3' has a word that is no number"),
@@ -153,6 +157,12 @@ def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> 
     mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements + "f 1 3 4\n"))
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [-1, 0, -1]
     assert [one.feature for one in mesh.unread] == ["material c", "statements d of materials"]
+
+
+@pytest.mark.parametrize(("content", "told"), [(b"PK\3\4 ..", "an archive"), (b"\n<?xml?>", "XML or HTML")])
+def test_what_is_no_obj_is_named(content: bytes, told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"a\.obj: is {told}, and no OBJ"):
+        load_mesh(written(tmp_path, "a.obj", content))
 
 
 def test_an_empty_library_is_listed(tmp_path: Path) -> None:
