@@ -16,7 +16,7 @@ from xfrustum.scenes.model.scene import UnreadFeature
 
 #: Statements that show a surface in another color, or not at all, and the value that changes nothing.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
-_MAPS: Final = ("map_d", "map_bump", "bump", "disp", "decal", "refl", "map_disp", "norm")
+_MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
 
 
 @dataclass(kw_only=True)
@@ -88,7 +88,11 @@ def _library(path: Path, library: bytes) -> dict[str, Look]:
             look.texture = line.split(None, 1 + skipped)[-1].strip()
             look.picture = open_picture(path, look.texture)
             look.not_honoured += [f"map_Kd {option}" for option in options]
-        elif key in _MAPS or (key in _NEUTRAL and not all(_is(value, _NEUTRAL[key]) for value in values)):
+        elif (
+            key.startswith("map_")
+            or key in _MAPS
+            or (key in _NEUTRAL and not all(_is(value, _NEUTRAL[key]) for value in values))
+        ):
             look.not_honoured.append(words[0])
     return looks
 

@@ -138,13 +138,13 @@ def test_vertices_without_a_color_beside_vertices_with_one_are_white(tmp_path: P
 
 def test_a_texture_shows_on_the_faces_that_have_coordinates_alone(tmp_path: Path) -> None:
     Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a b.png")
-    library = "newmtl wood\nKd 1 1 1\nmap_Kd -s 2 2 1 -clamp on a b.png\n"
+    library = "newmtl wood\nKd 1 1 1\nmap_Ks a.png\nmap_Kd -s 2 2 1 -clamp on a b.png\n"
     written(tmp_path, "m.mtl", library)
     faces = "vt 0 0\nvt 1 0\nvt 1 1\nusemtl wood # oak\nf 1/1 2/2 3/3\nf 1 3 4\n"
     mesh = load_mesh(written(tmp_path, "a.obj", "#mtllib x.mtl\nmtllib m.mtl # here\n" + SQUARE + faces))
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [0, -1]
     [options] = mesh.unread
-    assert options.feature == "statements map_Kd -clamp, map_Kd -s of materials"
+    assert options.feature == "statements map_Kd -clamp, map_Kd -s, map_Ks of materials"
 
 
 def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> None:
