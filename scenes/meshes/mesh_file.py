@@ -24,6 +24,7 @@ from xfrustum.scenes.meshes.textures import decode_textures
 from xfrustum.scenes.meshes.threedxml import read_3dxml
 from xfrustum.scenes.meshes.threemf import read_3mf
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 #: Readers by suffix.
 _READERS: dict[str, Callable[[Path], MeshContent]] = {
@@ -63,8 +64,6 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     holds geometry that the reader does not honour.
     """
     input_files.check_mesh_file(path)
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     with input_files.bounded_memory(path):
         content = _reader(path)(path)
         parts = content.parts
@@ -94,8 +93,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
 
 def _without_area(triangles: Floats) -> list[UnreadFeature]:
     flat = np.count_nonzero(~has_area(triangles))
-    counted = f"{flat:,} of {len(triangles):,} triangles"
-    return [UnreadFeature(feature=counted, consequence="have no area and are not seen")] if flat else []
+    share = f"{flat:,} of {counted(len(triangles), 'triangle')}"
+    return [UnreadFeature(feature=share, consequence="have no area and are not seen")] if flat else []
 
 
 def _reader(path: Path) -> Callable[[Path], MeshContent]:

@@ -23,12 +23,17 @@ from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, join_continued, parse, plain_text, word_starts
 from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 #: Statements of surfaces that are no polygons, and of files and commands.
 _REFUSED: Final = {
     **dict.fromkeys(("surf", "bzp", "bsp", "cdp"), "a free-form surface; export polygons"),
     **dict.fromkeys(("call", "csh"), "another file or a command; write its content into this file"),
     "fo": "a face of an old version of OBJ; write f instead",
+}
+_NO_OBJ: Final = {
+    plain_text(b"PK\3\4"): "an archive, and no OBJ; unpack it first",
+    b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, not its web page",
 }
 _CURVES: Final = (
     *("curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end"),
@@ -62,39 +67,53 @@ class _Tables:
 
 def read_obj(path: Path) -> MeshContent:
     """Read an OBJ file; InputError with the line where it is damaged or has surfaces that are not read."""
-    lines = TextLines(path, join_continued(plain_text(read_input(path, "mesh file"))))
+    text = plain_text(read_input(path, "mesh file"))
+    for start, told in _NO_OBJ.items():
+        if text.lstrip().startswith(start):
+            raise InputError(f"{path}: is {told}")
+    lines = TextLines(path, join_continued(text))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
     others = np.flatnonzero(~np.logical_or.reduce(list(kinds.values()))).tolist()
     named: dict[str, list[int]] = {}  # lines of each other statement
     for line in others:
-        named.setdefault(lines.text(line).split()[0].lower(), []).append(line)
+        named.setdefault(lines.text(line).split(" ")[0].lower(), []).append(line)
     unread = _other_statements(lines, named)
     tables, white = _tables(lines, kinds)
     polygons = _polygons(lines, kinds)
     if "s" in named and (polygons.corners[:, _NORMAL] == _ABSENT).any():
         unread += _smoothing(lines, named["s"])
     changes = named.get("usemtl", [])
-    names = ["", *(_value(lines, line) for line in changes)]
+    in_use = ["", *(_value(lines, line) for line in changes)]  # from each change on
+    names = list(dict.fromkeys(in_use))
+    numbers = {name: number for number, name in enumerate(names)}
     used = np.searchsorted(changes, polygons.lines, side="right")
-    material_of_polygon = np.array([names.index(name) for name in names])[used]
+    material_of_polygon = np.array([numbers[name] for name in in_use])[used]
     libraries = [_value(lines, line) for line in named.get("mtllib", [])]
-    looks, not_read = read_libraries(path, libraries, {names[number] for number in np.unique(used).tolist()})
+    looks, not_read = read_libraries(
+        path, libraries, {names[number] for number in np.unique(material_of_polygon).tolist()}
+    )
     triangles = cut_polygons(
         tables.vertices,
         polygons.corners[:, _POINT],
         polygons.counts,
         lambda polygon, reason: lines.error(int(polygons.lines[polygon]), f"the face {reason}"),
     )
-    material_of_triangle = np.repeat(material_of_polygon, polygons.counts - 2)
+    triangles_of = _places(np.repeat(material_of_polygon, polygons.counts - 2))
     parts = []
-    for number in dict.fromkeys(material_of_polygon.tolist()):
-        mine = triangles[material_of_triangle == number]
-        counts = polygons.counts[material_of_polygon == number]
+    for number, places in _places(material_of_polygon).items():
+        mine, counts = triangles[triangles_of[number]], polygons.counts[places]
         if (counts == counts[0]).all():
             mine = mine[sizes_together(counts)]
         parts.append(_part(names[number], polygons.corners[mine], tables, looks.get(names[number])))
     return MeshContent(parts=tuple(reversed(parts)), unread=(*unread, *white, *not_read))
+
+
+def _places(numbers: Indices) -> dict[int, Indices]:
+    """Return the places of each number, in order; numbers in the order in which they first appear."""
+    found, first, counts = np.unique(numbers, return_index=True, return_counts=True)
+    groups = np.split(np.argsort(numbers, kind="stable"), np.cumsum(counts)[:-1])
+    return {int(found[group]): groups[group] for group in np.argsort(first).tolist()}
 
 
 def _value(lines: TextLines, line: int) -> str:
@@ -109,7 +128,7 @@ def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[Unr
         if word in _REFUSED:
             raise lines.error(first, f"'{word}' is {_REFUSED[word]}")
         if word not in (*_CURVES, *_NAMES, "l", "p"):
-            reason = f"'{word[:20]}' is no statement of OBJ; delete the line, or begin it with #"
+            reason = f"{word[:20]!r} is no statement of OBJ; delete the line, or begin it with #"
             raise lines.error(first, reason)
     found = []
     for words, feature in ((("l",), "lines (l)"), (("p",), "points (p)"), (_CURVES, "free-form curves")):
@@ -134,7 +153,8 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
     first = np.cumsum(counts) - counts
     weighted = np.flatnonzero(counts == 4)
     for place in weighted[values[first[weighted] + 3] != 1][:1].tolist():
-        told = "the fourth coordinate is a weight of rational surfaces, and is not 1; polygons have none"
+        weight = values[first[place] + 3]
+        told = f"the fourth coordinate is a weight of rational surfaces, and is {weight:g}; export polygons"
         raise lines.error(int(np.flatnonzero(kinds["v"])[place]), told)
     colored, colors, white = counts == 6, None, []
     if colored.any():
@@ -176,7 +196,10 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         return lines.error(int(statements[face_of_corner[corner]]), reason)
 
     for place in np.flatnonzero(counts < 3)[:1].tolist():
-        raise lines.error(int(statements[place]), f"a face has {counts[place]} corners, and needs three")
+        raise lines.error(
+            int(statements[place]),
+            f"a face has {counted(int(counts[place]), 'corner')}, and needs three; repair the mesh",
+        )
     table = _corner_indices(text, begins, error)
     firsts = np.cumsum(counts) - counts
     for column, (kind, things) in enumerate(_INDEXED.items()):
@@ -186,12 +209,14 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         some = np.add.reduceat(given, firsts, dtype=np.int64)
         for place in np.flatnonzero((some > 0) & (some < counts))[:1].tolist():
             raise lines.error(int(statements[place]), f"some corners of a face have {things}, some have none")
+        stated = table[:, column].copy()
         back = np.flatnonzero(table[:, column] < 0)
         if len(back):  # counted from the face's own line
             table[back, column] += 1 + np.cumsum(kinds[kind])[statements[face_of_corner[back]]]
         outside = given & ((table[:, column] < 1) | (table[:, column] > total))
         for place in np.flatnonzero(outside)[:1].tolist():
-            raise error(place, f"faces point past the {things}, of which the file has {total:,}")
+            told = f"faces point past the {things}, of which the file has {total:,}: index {stated[place]}"
+            raise error(place, f"{told}; export the mesh again")
     table -= 1
     return _Polygons(corners=table, counts=counts, lines=statements)
 
@@ -219,7 +244,9 @@ def _corner_indices(
     values = parse(text, np.int64, len(runs), lambda run: error(int(corner[run]), no_number))
     for run in np.flatnonzero((field > _NORMAL) | (values == 0))[:1].tolist():
         reason = (
-            "has an index of 0, and indices begin at 1" if values[run] == 0 else "has more than three indices"
+            "has an index of 0, and indices begin at 1; export the mesh again"
+            if values[run] == 0
+            else "has more than three indices"
         )
         raise error(int(corner[run]), f"a corner {reason}")
     table = np.zeros((len(begins), 3), np.int64)
@@ -239,10 +266,8 @@ def _part(name: str, corners: Indices, tables: _Tables, look: Look | None) -> Me
         faces, points, *rest = unmerge_faces(corners[..., _POINT], *(corners[..., column] for column in used))
         chosen = dict(zip(used, rest, strict=True))
     else:
-        present = np.zeros(len(tables.vertices), np.bool_)
-        present[corners[..., _POINT]] = True
-        points, chosen = np.flatnonzero(present), {}
-        faces = (np.cumsum(present) - 1)[corners[..., _POINT]]
+        points, places = np.unique(corners[..., _POINT], return_inverse=True)
+        faces, chosen = places.reshape(-1, 3), {}
     return MeshPart(
         name=name,
         vertices=tables.vertices[points],

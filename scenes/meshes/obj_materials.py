@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.text_lines import join_continued, plain_text
 from xfrustum.scenes.meshes.textures import file_beside, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
 
 #: Statements that show a surface in another color, or not at all, and the value that changes nothing.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
-_MAPS: Final = ("map_d", "map_bump", "bump", "disp", "decal", "refl", "map_disp", "norm")
+_MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
 
 
 @dataclass(kw_only=True)
@@ -40,14 +42,14 @@ def read_libraries(
     looks: dict[str, Look] = {}
     unread: list[UnreadFeature] = []
     for statement in dict.fromkeys(statements):
-        whole = file_beside(path, statement)
+        whole = _content(path, statement)
         for name in [statement] if whole is not None else statement.partition("#")[0].split():
-            library = file_beside(path, name)
+            library = _content(path, name)
             if library is None:
-                lost = "is missing; textures that it may name are not shown"
+                lost = "is missing or cannot be read; textures that it may name are not shown"
                 unread.append(UnreadFeature(feature=f"material library {name}", consequence=lost))
                 continue
-            for material, look in _library(path, library, unread).items():
+            for material, look in _library(path, library).items():
                 looks.setdefault(material, look)
     for name in sorted(used - looks.keys() - {""}):
         plain = name.partition("#")[0].strip()  # a comment, or part of a name
@@ -64,10 +66,18 @@ def read_libraries(
     return {name: look for name, look in looks.items() if name in used}, unread
 
 
-def _library(path: Path, library: Path, unread: list[UnreadFeature]) -> dict[str, Look]:
+def _content(path: Path, name: str) -> bytes | None:
+    """Return the content of a library beside an OBJ file; None where it is missing, empty or no file."""
+    with suppress(InputError):
+        library = file_beside(path, name)
+        return None if library is None else read_input(library, "material library")
+    return None
+
+
+def _library(path: Path, library: bytes) -> dict[str, Look]:
     looks: dict[str, Look] = {}
     look = Look()
-    text = join_continued(plain_text(read_input(library, "material library"))).decode("utf-8", "replace")
+    text = join_continued(plain_text(library)).decode("utf-8", "replace")
     for line in text.split("\n"):
         words = line.split()
         key, values = (words[0].lower(), words[1:]) if words else ("", [])
@@ -78,7 +88,11 @@ def _library(path: Path, library: Path, unread: list[UnreadFeature]) -> dict[str
             look.texture = line.split(None, 1 + skipped)[-1].strip()
             look.picture = open_picture(path, look.texture)
             look.not_honoured += [f"map_Kd {option}" for option in options]
-        elif key in _MAPS or (key in _NEUTRAL and not all(_is(value, _NEUTRAL[key]) for value in values)):
+        elif (
+            key.startswith("map_")
+            or key in _MAPS
+            or (key in _NEUTRAL and not all(_is(value, _NEUTRAL[key]) for value in values))
+        ):
             look.not_honoured.append(words[0])
     return looks
 

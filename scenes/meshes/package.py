@@ -13,7 +13,8 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.disk.archives import read_member
+from xfrustum.scenes.disk.input_files import damage_refused, read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshPart, unit_normals
 
@@ -37,13 +38,9 @@ class Package:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
+        with damage_refused(path, "package", "pack it again"):
             self._archive = zipfile.ZipFile(io.BytesIO(read_input(path, "mesh file")))
             total = sum(info.file_size for info in self._archive.infolist())
-        except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
-            raise self.error(
-                f"cannot be unpacked ({str(error) or type(error).__name__}); pack it again"
-            ) from error
         input_files.check_declared(path, total * _MEMORY_PER_UNPACKED_BYTE, "unpacking")
         self._read: list[bytes] = []
         self._names = {name.lower().lstrip("/"): name for name in self._archive.namelist()}
@@ -59,23 +56,14 @@ class Package:
             raise self.error(f"has no part {name}; export the mesh again")
         namespaces: dict[str, str] = {}
         root = None
-        try:
-            data = self._archive.read(stored)
+        with damage_refused(self.path, f"package with a part {name}", "export the mesh again"):
+            data = read_member(self._archive, stored, self.path)
             self._read.append(data)
             for event, value in ElementTree.iterparse(io.BytesIO(data), ("start-ns", "start")):
                 if event == "start-ns" and root is None:
                     namespaces[value[0]] = value[1]
                 elif root is None:
                     root = value
-        except (
-            ElementTree.ParseError,
-            OSError,
-            EOFError,
-            ValueError,
-            RuntimeError,
-            zipfile.BadZipFile,
-        ) as error:
-            raise self.error(f"part {name} cannot be read ({error}); export the mesh again") from error
         assert root is not None
         return root, namespaces
 

@@ -22,6 +22,7 @@ from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.meshes.textures import linear_colors, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 _TYPES: Final = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -31,6 +32,8 @@ _TYPES: Final = {
 }
 _ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _CORNERS: Final = ("vertex_indices", "vertex_index")
+_POINT: Final = ("x", "y", "z")
+_NORMAL: Final = ("nx", "ny", "nz")
 _COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
@@ -212,10 +215,13 @@ def _number(path: Path, data: bytes, place: int, kind: str | np.dtype[Any]) -> i
 def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
     """Raise InputError at files of other things than polygons, naming them."""
     vertex, face = elements.get("vertex"), elements.get("face")
-    if vertex is None or not {"x", "y", "z"} <= vertex.types.keys():
+    if vertex is None or not vertex.types.keys() >= {*_POINT}:
         raise InputError(
             f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
         )
+    for name in (*_POINT, *_NORMAL, *(name for names in (*_COORDINATES, *_COLORS) for name in names)):
+        if vertex.types.get(name, (None,))[0] is not None:
+            raise InputError(f"{path}: {name} of vertices is a list, and must be one number; export it again")
     if (strips := elements.get("tristrips")) is not None and strips.count:
         raise InputError(f"{path}: triangle strips (element tristrips) are not read; export triangles")
     if face is None or not face.count:
@@ -224,7 +230,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
             what = "Gaussian splats"
         other = [name for name in elements if name not in ("vertex", "face")]
         beside = f", beside {', '.join(other)}" if other else ""
-        what += f": {vertex.count:,} vertices, no faces{beside}"
+        what += f": {counted(vertex.count, 'point')}, no faces{beside}"
         raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
     if not any(name in face.lengths for name in _CORNERS):
         raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
@@ -232,7 +238,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
 
 def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]) -> MeshContent:
     vertex, face = elements["vertex"], elements["face"]
-    points = _columns(vertex, ("x", "y", "z")).astype(np.float64)
+    points = _columns(vertex, _POINT).astype(np.float64)
     name = next(name for name in _CORNERS if name in face.lengths)
     counts = face.lengths[name]
     corners = _corners(path, face.values[name], counts, len(points))
@@ -240,7 +246,6 @@ def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, 
         points, corners, counts, lambda number, why: InputError(f"{path}: face {number} {why}")
     )[sizes_together(counts)]
     faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
-    normals = ("nx", "ny", "nz")
     colors = next((names for names in _COLORS if all(one in vertex.values for one in names)), None)
     single = len(textures) == 1
     part = MeshPart(
@@ -249,8 +254,8 @@ def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, 
         faces=faces,
         uv=uv,
         color=None if colors is None else linear_colors(_columns(vertex, colors))[chosen],
-        normals=unit_normals(_columns(vertex, normals).astype(np.float64))[chosen]
-        if all(one in vertex.values for one in normals)
+        normals=unit_normals(_columns(vertex, _NORMAL).astype(np.float64))[chosen]
+        if all(one in vertex.values for one in _NORMAL)
         else None,
         picture=open_picture(path, textures[0]) if single else None,
         texture=textures[0] if single else None,
@@ -266,7 +271,8 @@ def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
 def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -> Indices:
     """Return the corners of faces as indices; InputError where they are none, or faces too small."""
     for face in np.flatnonzero(counts < 3)[:1].tolist():
-        raise InputError(f"{path}: face {face} has {counts[face]} corners, and needs three; repair the mesh")
+        few = counted(int(counts[face]), "corner")
+        raise InputError(f"{path}: face {face} has {few}, and needs three; repair the mesh")
     corners = values.astype(np.int64)
     if (corners != values).any():
         raise InputError(f"{path}: faces have corners that are no whole numbers; export the mesh again")

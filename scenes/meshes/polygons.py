@@ -3,8 +3,10 @@
 Libraries for it (mapbox_earcut) drop corners on straight edges, and neighbors would meet in cracks: here a
 polygon of n corners always gives n - 2 triangles.
 
-However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a cut is
-right where no triangle faces against Newell's normal: nothing is covered twice or left out.
+However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a cut of
+an outline that does not cross itself is right where no triangle faces against Newell's normal: nothing is
+covered twice or left out. A fan is right, too, where the outline turns by 360 degrees alone. Ears cut off an
+outline that crosses itself are not always found out: its ends may overlap, as those of a ring cut open.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from xfrustum.scenes.errors import InputError
 MAX_CONCAVE_CORNERS = 4_000
 #: Rounding errors of a cross product of coordinates of at most one, in units of the coordinates' own.
 _ROUNDINGS = 16
+_SPIKE = 1e-6  # radians: an outline that goes back on itself may turn either way, by rounding
 
 
 def cut_polygons(
@@ -96,12 +99,15 @@ def _mend(
         other = wrong & (area > doubt) & _all_face(halves, normals, doubt)
         local[other] = [[1, 2, 3], [3, 0, 1]]
         wrong &= ~other
-    for place in np.flatnonzero(wrong).tolist():
-        if count > MAX_CONCAVE_CORNERS:
+    twice = np.zeros(len(local), np.bool_)
+    if count > 4:  # quadrilaterals cannot
+        twice = np.isfinite(doubt) & (area > doubt) & (_turning(shape, normals, doubt) > 3 * np.pi)
+    for place in np.flatnonzero(wrong | twice).tolist():
+        if count > MAX_CONCAVE_CORNERS and not twice[place]:
             limit = f"is concave and has {count:,} corners, more than {MAX_CONCAVE_CORNERS:,}"
             raise refuse(int(numbers[place]), f"{limit}; cut it into triangles")
         ears = None
-        if area[place] > doubt[place]:
+        if area[place] > doubt[place] and not twice[place]:
             ears = _clip_ears(shape[place] @ _plane(normals[place]).T, float(doubt[place]))
         if ears is None:
             raise refuse(
@@ -115,6 +121,23 @@ def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
     """Return (P,) whether all triangles, by their cross products (P, T, 3), face the normals."""
     facing = np.einsum("ptx,px->pt", crosses, normals)
     return np.asarray((facing >= -doubt[:, None]).all(axis=1))
+
+
+def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
+    """Return (P,) the angles by which outlines turn in all, seen along the normals; spikes turn back.
+
+    An outline that meets itself nowhere turns by 360 degrees, one that goes around twice by 720.
+    """
+    count = shape.shape[1]
+    edges = np.roll(shape, -1, axis=1) - shape
+    edges -= np.einsum("ptx,px->pt", edges, normals)[..., None] * normals[:, None]
+    edges = np.concatenate([edges, edges], axis=1)
+    long = np.linalg.norm(edges, axis=2) > doubt[:, None]
+    last = np.maximum.accumulate(np.where(long, np.arange(2 * count), 0), axis=1)  # corners that coincide
+    edges = np.take_along_axis(edges, last[..., None], axis=1)[:, count - 1 :]
+    sines = np.einsum("ptx,px->pt", np.cross(edges[:, :-1], edges[:, 1:]), normals)
+    turns = np.arctan2(sines, np.einsum("ptx,ptx->pt", edges[:, :-1], edges[:, 1:]))
+    return np.asarray(np.where(np.abs(turns) > np.pi - _SPIKE, -np.pi, turns).sum(axis=1))
 
 
 def _plane(normal: Floats) -> Floats:

@@ -12,6 +12,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.notebook import counted
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 84  # 80 of any content, and the number of triangles
@@ -32,7 +33,7 @@ def read_stl(path: Path) -> MeshContent:
         )
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         return _read_text(path, data)
-    told = f"header says {count:,} triangles = {whole:,} bytes, file has {len(data):,}"
+    told = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
     if len(data) < _HEADER_BYTES:
         told = f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
     raise InputError(f"{path}: {told}; export the mesh again")

@@ -51,7 +51,7 @@ class TextLines:
         self._data = data if data.endswith(b"\n") else data + b"\n"
         self._bytes = np.frombuffer(self._data, np.uint8)
         ends = start + np.flatnonzero(self._bytes[start:] == ord("\n"))
-        starts = np.concatenate([[start], ends[:-1] + 1])
+        starts = np.concatenate([[start], ends + 1])[:-1]
         if b"#" in data:
             ends = _first_from(np.flatnonzero(self._bytes == ord("#")), starts, ends)
         if (self._bytes[starts] <= _SPACE)[starts < ends].any():  # indented
@@ -80,7 +80,7 @@ class TextLines:
         """Return a line from its keyword on; with what seems to be a comment, where names may hold `#`."""
         start, end = int(self._starts[line]), int(self._ends[line])
         end = self._data.index(b"\n", start) if comment else end
-        return self._data[start:end].decode("utf-8", "replace").strip()
+        return self._data[start:end].decode("utf-8", "replace").strip(" ")
 
     def error(self, line: int, reason: str) -> InputError:
         """Return the error of a line, to be raised."""

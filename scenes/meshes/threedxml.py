@@ -105,7 +105,9 @@ def _finest(package: Package, rep: Element) -> Indices:
     own = rep.findall("{*}Faces")
     levels = rep.findall("{*}PolygonalLOD")
     if not own and levels:
-        accuracies = [package.numbers(level.get("accuracy", "inf"), 1)[0, 0] for level in levels]
+        accuracies = package.numbers(" ".join(level.get("accuracy", "inf") for level in levels), 1)
+        if len(accuracies) != len(levels):
+            raise package.error("has a PolygonalLOD whose accuracy is no number; export the mesh again")
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
     found = [np.zeros((0, 3), np.int64)]
     for face in (face for faces in own for face in faces.iterfind(".//{*}Face")):

@@ -116,11 +116,18 @@ class _Model:
             vertices = mesh.findall(f"{{{_CORE}}}vertices/{{{_CORE}}}vertex")
             triangles = mesh.findall(f"{{{_CORE}}}triangles/{{{_CORE}}}triangle")
             self.colored |= any("pid" in one.attrib for one in triangles)
-            corners = self._table(triangles, ("v1", "v2", "v3")).astype(np.int64)
+            corners = self._table(triangles, ("v1", "v2", "v3"))
+            if (corners != np.floor(corners)).any():
+                told = (
+                    f"object {element.get('id')} of {part} has corners of triangles that are no whole numbers"
+                )
+                raise self.package.error(f"{told}; export the mesh again")
             if len(corners):
                 points = self._table(vertices, ("x", "y", "z"))
                 node.parts.append(
-                    MeshPart(name=f"{part} {element.get('id')}", vertices=points, faces=corners)
+                    MeshPart(
+                        name=f"{part} {element.get('id')}", vertices=points, faces=corners.astype(np.int64)
+                    )
                 )
         components = element.findall(f"{{{_CORE}}}components/{{{_CORE}}}component")
         if components:

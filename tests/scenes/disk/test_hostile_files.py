@@ -135,7 +135,7 @@ DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.gltf", gltf_of_gigabytes(), "--max-input-memory"),
     ("mesh.zip", archive_of_megabytes, "is packed; unpack it first"),
     ("mesh.3mf", archive_of_megabytes, "unpacking"),
-    ("mesh.3mf", b"PK\x03\x04 and then nothing", "cannot be unpacked"),
+    ("mesh.3mf", b"PK\x03\x04 and then nothing", "is no package that can be read"),
     ("mesh.bpt", "", "the patch file is empty"),
     ("mesh.bpt", "no\n", "the number of patches must be a whole number of at least 1, not 'no'"),
     ("mesh.bpt", "9" * 4400 + "\n", "number of patches must be at most"),

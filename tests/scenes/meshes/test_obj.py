@@ -72,8 +72,9 @@ def test_concave_faces_have_the_area_of_their_twin_of_triangles() -> None:
 
 REFUSED = [
     ("f 0 1 2", "line 5: a corner has an index of 0"),
-    ("f 1 2 5", "line 5: faces point past the vertices, of which the file has 4"),
-    ("f 1 2 -5", "line 5: faces point past the vertices"),
+    ("f 1 2 5", "line 5: faces point past the vertices, of which the file has 4: index 5; export"),
+    ("f 1 2 -5", "line 5: faces point past the vertices, of which the file has 4: index -5"),
+    ("f 1", "line 5: a face has 1 corner, and needs three"),
     ("f 1 2", "line 5: a face has 2 corners, and needs three"),
     ("f 1/1 2/1 3/1", "line 5: faces point past the texture coordinates, of which the file has 0"),
     ("vt 0 0\nf 1/1 2/1 3", "line 6: some corners of a face have texture coordinates, some have none"),
@@ -84,7 +85,10 @@ REFUSED = [
     ("f /1 /2 /3", "line 5: a corner has no vertex"),
     ("f \\\n1 2 \\\n3\nf 1 2 9", "line 8: faces point past the vertices"),
     ("v 1 2\nf 1 2 3", "line 5: a vertex needs three coordinates"),
-    ("v 1 2 3 2\nf 1 2 3", "line 5: the fourth coordinate is a weight of rational surfaces"),
+    (
+        "v 1 2 3 2\nf 1 2 3",
+        "line 5: the fourth coordinate is a weight of rational surfaces, and is 2; export polygons",
+    ),
     ("v 1 2 3.1+e2\nf 1 2 3", "line 5: 'v 1 2 3.1+e2' has a word that is no number"),
     ("v 1 2 1d5\nf 1 2 3", "line 5: 'v 1 2 1d5' has a word that is no number"),
     ("v 1,5 2 3\nf 1 2 3", "line 5: 'v 1,5 2 3' has a word that is no number"),
@@ -92,6 +96,8 @@ REFUSED = [
     ("surf 0 1 0 1 1 2 3 4\nf 1 2 3", "line 5: 'surf' is a free-form surface"),
     ("call other.obj\nf 1 2 3", "line 5: 'call' is another file or a command"),
     ("made by hand\nf 1 2 3", "line 5: 'made' is no statement of OBJ"),
+    ("\u00a0", "line 5: '\\xa0' is no statement of OBJ"),
+    ("\u2028", "line 5: '\\u2028' is no statement of OBJ"),
     ("f 1 3 2 4", "line 5: the face crosses or covers itself"),
 ]
 
@@ -132,13 +138,13 @@ def test_vertices_without_a_color_beside_vertices_with_one_are_white(tmp_path: P
 
 def test_a_texture_shows_on_the_faces_that_have_coordinates_alone(tmp_path: Path) -> None:
     Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a b.png")
-    library = "newmtl wood\nKd 1 1 1\nmap_Kd -s 2 2 1 -clamp on a b.png\n"
+    library = "newmtl wood\nKd 1 1 1\nmap_Ks a.png\nmap_Kd -s 2 2 1 -clamp on a b.png\n"
     written(tmp_path, "m.mtl", library)
     faces = "vt 0 0\nvt 1 0\nvt 1 1\nusemtl wood # oak\nf 1/1 2/2 3/3\nf 1 3 4\n"
     mesh = load_mesh(written(tmp_path, "a.obj", "#mtllib x.mtl\nmtllib m.mtl # here\n" + SQUARE + faces))
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [0, -1]
     [options] = mesh.unread
-    assert options.feature == "statements map_Kd -clamp, map_Kd -s of materials"
+    assert options.feature == "statements map_Kd -clamp, map_Kd -s, map_Ks of materials"
 
 
 def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> None:
@@ -151,6 +157,26 @@ def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> 
     mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements + "f 1 3 4\n"))
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [-1, 0, -1]
     assert [one.feature for one in mesh.unread] == ["material c", "statements d of materials"]
+
+
+@pytest.mark.parametrize(("content", "told"), [(b"PK\3\4 ..", "an archive"), (b"\n<?xml?>", "XML or HTML")])
+def test_what_is_no_obj_is_named(content: bytes, told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"a\.obj: is {told}, and no OBJ"):
+        load_mesh(written(tmp_path, "a.obj", content))
+
+
+def test_an_empty_library_is_listed(tmp_path: Path) -> None:
+    written(tmp_path, "m.mtl", "")
+    mesh = load_mesh(written(tmp_path, "a.obj", "mtllib m.mtl\n" + PLAIN))
+    assert [one.feature for one in mesh.unread] == ["material library m.mtl"]
+
+
+def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path: Path) -> None:
+    faces = "usemtl b\nf 1 2 3\nusemtl a\nf 1 3 4\nusemtl b\nf 2 3 4\nusemtl c\nf 1 2 4\n"
+    plain = SQUARE + "f 1 2 4\nf 1 3 4\nf 1 2 3\nf 2 3 4\n"
+    np.testing.assert_array_equal(
+        soup(written(tmp_path, "a.obj", SQUARE + faces)), soup(written(tmp_path, "b.obj", plain))
+    )
 
 
 def test_a_library_or_texture_outside_the_folder_is_not_opened(tmp_path: Path) -> None:

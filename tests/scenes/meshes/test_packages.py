@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from tests.scenes.meshes.soups import INPUTS, soup, written
-from tests.support.packages import mesh_xml, threedxml, threemf
+from tests.support.packages import mesh_xml, threedxml, threemf, zipped
 from xfrustum.scenes import InputError
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
@@ -51,6 +51,13 @@ CHAIN = "".join(
     for n in range(2, 12)
 )
 
+
+def damaged(package: bytes) -> bytes:
+    """Return a package whose last part begins with a block that deflate does not have."""
+    start = package.rindex(b"3D/3dmodel.model", 0, package.index(b"PK\1\2")) + len("3D/3dmodel.model")
+    return package[:start] + b"\xff" * 8 + package[start + 8 :]
+
+
 REFUSED = {
     "unknown extension": (
         threemf(OBJECT + ITEM, attributes='requiredextensions="q" xmlns:q="http://x/y"'),
@@ -84,6 +91,10 @@ REFUSED = {
     ),
     "a broken number": (threemf(OBJECT.replace('x="1"', 'x="one"') + ITEM), "numbers that are damaged"),
     "a missing coordinate": (threemf(OBJECT.replace('x="1"', "") + ITEM), "numbers that are damaged"),
+    "a corner that is no whole number": (
+        threemf(OBJECT.replace('v3="2"', 'v3="1.7"') + ITEM),
+        "has corners of triangles that are no whole numbers",
+    ),
     "a broken transform": (
         threemf(OBJECT + '<build><item objectid="1" transform="1 2 3"/></build>'),
         "12 numbers",
@@ -92,7 +103,12 @@ REFUSED = {
         threemf(OBJECT.replace('v1="0"', 'v1="9"') + ITEM),
         "faces point past the vertices",
     ),
-    "broken XML": (threemf("<resources>"), "part 3D/3dmodel.model cannot be read"),
+    "broken XML": (threemf("<resources>"), "is no package with a part 3D/3dmodel.model that can be read"),
+    "a damaged stream": (damaged(threemf(OBJECT + ITEM)), "is no package with a part .* that can be read"),
+    "an unknown encoding": (
+        zipped({"_rels/.rels": '<?xml version="1.0" encoding="foo-8"?><a/>'}),
+        "is no package with a part _rels/.rels that can be read .*foo-8",
+    ),
     "nothing built": (threemf(OBJECT), "no triangles"),
 }
 
@@ -139,6 +155,7 @@ def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(tmp_path: Pa
         (threedxml(f"<Faces>{FACE}</Faces>", more='<GeneralAttributes visible="false"/>'), "hides some"),
         (threedxml('<Faces><Face triangles="0 1 5"/></Faces>'), "faces point past the vertices"),
         (threedxml('<Faces><Face triangles="0 1"/></Faces>'), "numbers that are damaged"),
+        (threedxml('<PolygonalLOD accuracy=""/>'), "PolygonalLOD whose accuracy is no number"),
         (threedxml(f"<Faces>{FACE}</Faces>", ("1 0 0",)), "RelativeMatrix needs 12 numbers"),
         (threedxml(f"<Faces>{FACE}</Faces>").replace(b"a.3dxml", b"c.3dxml", 1), "3dxml"),
     ],

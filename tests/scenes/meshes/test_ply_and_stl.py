@@ -104,10 +104,15 @@ PLY_REFUSED = {
         text().replace("list uchar int", "list uchar long"),
         "line 8: 'property list uchar long",
     ),
+    "nothing behind the header": (head("ascii"), "declares 7 lines of elements, and the file has 0"),
+    "a list of x": (
+        CLOUD.format(XYZ.replace("float x", "list uchar float x"), ""),
+        "x of vertices is a list, and must be one number",
+    ),
     "no header": ("ply\nformat ascii 1.0\n", "begins with 'ply' and has an 'end_header'"),
     "version": (text().replace("ascii 1.0", "ascii 2.0"), "line 2: 'format ascii 2.0'"),
-    "a point cloud": (CLOUD.format(XYZ, ""), "no triangles: a point cloud: 1 vertices, no faces"),
-    "splats": (CLOUD.format(XYZ + SPLAT, " 0 0 0 0"), "no triangles: Gaussian splats: 1 vertices, no faces"),
+    "a point cloud": (CLOUD.format(XYZ, ""), "no triangles: a point cloud: 1 point, no faces"),
+    "splats": (CLOUD.format(XYZ + SPLAT, " 0 0 0 0"), "no triangles: Gaussian splats: 1 point, no faces"),
 }
 
 

@@ -1,5 +1,7 @@
 """Polygons cut into triangles: exactly their surface, whatever their shape and plane."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -105,6 +107,13 @@ def test_a_bridge_to_a_hole_is_cut_along() -> None:
     assert (crosses >= 0).all() and crosses.sum() / 2 == 100 - 9
 
 
+def test_corners_that_coincide_keep_a_fan_that_is_right() -> None:
+    for ring in ([0, 0, 1, 2, 3], [0, 1, 2, 2, 3], [0, 1, 2, 3, 0], [0, 1, 2, 0, 3, 4]):
+        corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (-1, 1, 0), (-1, 0, 0)], np.float64)
+        fan = [[ring[0], ring[a], ring[b]] for a, b in pairwise(range(1, len(ring)))]
+        assert cut(corners, ring).tolist() == fan
+
+
 def test_corners_on_one_line_stay_a_fan_without_area() -> None:
     line = np.array([[k, 2.0 * k, 0] for k in (0, 3, 1, 2)])
     assert cut(line, [0, 1, 2, 3]).tolist() == [[0, 1, 2], [2, 3, 0]]
@@ -117,6 +126,11 @@ def test_corners_on_one_line_stay_a_fan_without_area() -> None:
         pytest.param([(0, 0), (1, 1), (1, 0), (0, 1)], id="bow tie"),
         pytest.param([(0, 0), (4, 4), (4, 0), (0, 4), (-3, 2)], id="crossed pentagon"),
         pytest.param([(0, 0), (1, 0), (1, 1), (1, 0)], id="there and back"),
+        pytest.param([(0, 0), (1, 0), (0, 1)] * 2, id="twice around"),
+        pytest.param([(0, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)], id="spiral"),
+        pytest.param(
+            [(0, 0), (9, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)], id="double corner"
+        ),
     ],
 )
 def test_a_polygon_that_crosses_itself_is_refused(ring: list[tuple[int, int]]) -> None:
