@@ -3,7 +3,7 @@
 appearance/  The look of surfaces: materials, lights, and the sampling of color
 conformance/ The conformance suite: frozen questions to renderers of hogels
 disk/        Files on the disk: read within bounds, written whole or not at all
-files/       Scenes from files: tables, meshes, maps and images
+files/       Scenes from files: tables, maps and images
 geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals
 library/     The built-in scenes, made by code
 meshes/      Mesh files as objects: read right, listed as unread, or refused

@@ -1,7 +1,7 @@
-"""Mesh files as scene objects: what a file says is read right, listed as unread, or refused.
+"""Mesh files as scene objects: each feature is read right, listed as unread, or refused.
 
 mesh_file    One mesh file as one object: the reader of its format, the checks that all formats share
-content      What a reader returns: parts with their attributes, and the features that it does not honour
+content      Result of a reader: parts with their attributes, and features that are not honoured
 textures     Pictures of base colors, decoded once each
 gltf         glTF files: nodes, instances, morph targets and skins at rest
 gltf_data    Document, buffers and accessors of a glTF file

@@ -98,7 +98,7 @@ def test_keys_of_many_parts_are_refused_at_once(line: str, tmp_path: Path) -> No
 
 def test_comments_with_many_dots_are_no_keys(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(f"# see {'a.' * 40}b\n{SCENE}")
-    open_scene(tmp_path / "scene.toml")
+    assert open_scene(tmp_path / "scene.toml").plate.hogels
 
 
 def test_texts_with_dots_quotes_and_a_byte_order_mark_are_no_long_keys(tmp_path: Path) -> None:
