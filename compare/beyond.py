@@ -1,7 +1,8 @@
 """When a hogel is beyond a tolerance: the one definition, which every command that judges hogels shares.
 
-A hogel is beyond where the 99th percentile of its displacements exceeds the tolerance or is undefined, or
-where more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`, "Beyond").
+A hogel is beyond where the 99th percentile of its displacements exceeds the tolerance or is
+undefined, or where more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`,
+"Beyond").
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ defined: the same pixels that the percentile leaves out."""
 def displacement_p99(numbers: ComparisonNumbers) -> float:
     """Return the 99th percentile of a hogel's displacements, pixels; 0 where the drawing shows no surface.
 
-    Infinite where the percentile is undefined: where all surfaces lie in the plate itself, or where those
-    that do fill more than `MAX_UNDEFINED` of the judged pixels.
+    Infinite where the percentile is undefined: where all surfaces lie in the plate itself, or where
+    those that do fill more than `MAX_UNDEFINED` of the judged pixels.
     """
     spread = numbers.displacement_px
     if numbers.at_plate > MAX_UNDEFINED * numbers.judged or (numbers.at_plate and spread is None):

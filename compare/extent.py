@@ -50,11 +50,13 @@ FACING_RESOLUTION = (64, 64)
 
 MIN_SIZE_FRACTION = 0.01
 """Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
-is more likely in other units than made for the plate: a pixel of a hogel is a hundredth or more of that
+is more likely in other units than made for the plate: a pixel of a hogel is a hundredth or more of
+that
 side."""
 
 
-# Objects -------------------------------------------------------------------------------------------------
+# Objects
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +102,12 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
             columns=(min(columns), max(columns)) if columns else None,
             rows=(min(rows), max(rows)) if rows else None,
             middle=bool(flags[row, column]),
-            corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
+            corners=(
+                bool(flags[0, 0]),
+                bool(flags[0, -1]),
+                bool(flags[-1, 0]),
+                bool(flags[-1, -1]),
+            ),
         )
         (low, high), share = box(part), share_in_reach(part, scene.frustum)
         extent = ObjectExtent(
@@ -116,7 +123,9 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     return tuple(found)
 
 
-def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4) -> Iterator[Floats]:
+def triangles_in_chunks(
+    part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4
+) -> Iterator[Floats]:
     """Yield (F, 3, 3) corners of the triangles that have an area, some at a time: cutting takes memory."""
     for start in range(0, len(part.faces), at_once):
         triangles = part.vertices[part.faces[start : start + at_once]]
@@ -137,7 +146,9 @@ def in_plate(part: SceneObject) -> int:
     flat = part.faces[(np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)]
     # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
     corners = part.vertices[flat] * (PLATE_ROUNDING / allowed if allowed else 1.0)
-    return int(np.count_nonzero(_areas(corners) > PLATE_ROUNDING * np.ptp(corners, axis=1).max(axis=1)))
+    return int(
+        np.count_nonzero(_areas(corners) > PLATE_ROUNDING * np.ptp(corners, axis=1).max(axis=1))
+    )
 
 
 def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
@@ -169,8 +180,9 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
         return np.divide(part, whole, out=np.ones(z.shape[1]), where=usable)
 
     def below(height: float) -> Floats:
-        # The length of a triangle's section grows linearly from its lowest corner to its middle one, and
-        # shrinks linearly from there: the area below is quadratic in the height on either side.
+        # The length of a triangle's section grows linearly from its lowest corner to its middle
+        # one, and shrinks linearly from there: the area below is quadratic in the height on either
+        # side.
         rise, fall = height - lowest, highest - height
         rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
         falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
@@ -181,13 +193,15 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
     return np.where(lowest == highest, inside, np.clip(below(high) - below(low), 0.0, 1.0))
 
 
-# In view -------------------------------------------------------------------------------------------------
+# In view
+# -------------------------------------------------------------------------------------------------
 
 
 Layer = tuple[Floats, Mask, bool]
 """The parts of F triangles between two heights on one side of the plate: (F, 9, 3) corners of each part in no
-order, (F, 9) whether each exists, and whether the layer lies behind the plate, z <= 0. Within it the film
-coordinate of a point, and the range of apertures that see it, are functions of the point's height without a
+order, (F, 9) whether each exists, and whether the layer lies behind the plate, z <= 0. Within it
+the film coordinate of a point, and the range of apertures that see it, are functions of the point's
+height without a
 pole: over a convex part they are extreme at its corners."""
 
 
@@ -214,8 +228,8 @@ def _layers(triangles: Floats, frustum: Frustum) -> Iterator[Layer]:
 def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tuple[Indices, Indices]:
     """Return the (F,) first and last of `count` cells of [-1, 1] whose centers lie between extremes.
 
-    Cell k has its center at (2 k + 1)/n - 1. The extremes are those of values (F, 9) at the valid corners of
-    a layer; NaN stands for any number.
+    Cell k has its center at (2 k + 1)/n - 1. The extremes are those of values (F, 9) at the valid
+    corners of a layer; NaN stands for any number.
     """
     least = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
     most = np.where(valid, np.where(np.isnan(high), np.inf, high), -np.inf).max(axis=1)
@@ -240,8 +254,8 @@ def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: A
     s, (shear, half) = -corners[..., 2], film_window(frustum, aperture)
     for axis, pixels in enumerate(frustum.resolution):
         across = corners[..., axis] - (aperture.x, aperture.y)[axis] - shear[axis] * s
-        # The sign is that of the layer: in the plate s is zero, or minus zero, on either side of it. A point
-        # in the aperture itself lies on every line, and has no film coordinate.
+        # The sign is that of the layer: in the plate s is zero, or minus zero, on either side of
+        # it. A point in the aperture itself lies on every line, and has no film coordinate.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             u = (across if behind else -across) / (half[axis] * np.abs(s))
         first, last = _centers_between(u, u, valid, pixels)
@@ -251,23 +265,27 @@ def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: A
     return shown
 
 
-def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aperture: Aperture) -> Mask:
+def _film_beyond_an_edge(
+    triangles: Floats, behind: bool, frustum: Frustum, aperture: Aperture
+) -> Mask:
     """Return (F,) whether all corners of the film lie beyond one and the same edge of a triangle.
 
-    A line of direction d through the aperture meets a triangle P0 P1 P2 in P = a + s d only if the three
-    determinants det(d, Pi - a, Pj - a), i and j the ends of an edge, have the sign of s times that of
-    det(P0 - a, P1 - a, P2 - a). They are linear in d, so four corners speak for the film.
+    A line of direction d through the aperture meets a triangle P0 P1 P2 in P = a + s d only if the
+    three determinants det(d, Pi - a, Pj - a), i and j the ends of an edge, have the sign of s times
+    that of det(P0 - a, P1 - a, P2 - a). They are linear in d, so four corners speak for the film.
     """
     (kx, ky), (tx, ty) = film_window(frustum, aperture)
     corner = np.array([(kx + u * tx, ky + v * ty, -1.0) for u in (-1, 1) for v in (-1, 1)])
     from_aperture = triangles - (aperture.x, aperture.y, 0.0)
-    # Coordinates are scaled to at most one, so that products of three neither underflow nor overflow.
+    # Coordinates are scaled to at most one, so that products of three neither underflow nor
+    # overflow.
     size = np.abs(from_aperture).max(axis=(1, 2), keepdims=True)
     from_aperture = from_aperture / np.where(size > 0, size, 1.0)
     edge_normals = np.cross(from_aperture, np.roll(from_aperture, -1, axis=1))
     whole = (edge_normals[:, 0] * from_aperture[:, 2]).sum(axis=1)
     side = np.sign(whole) * (1.0 if behind else -1.0)
-    # A determinant is a sum of products of numbers of at most one and the slope, a dozen roundings each.
+    # A determinant is a sum of products of numbers of at most one and the slope, a dozen roundings
+    # each.
     doubt = 64 * np.finfo(np.float64).eps * np.abs(corner).max()
     beyond = side[:, None, None] * (edge_normals @ corner.T) < -doubt
     return np.asarray((np.abs(whole) > doubt) & beyond.all(axis=2).any(axis=1))
@@ -277,9 +295,12 @@ def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
     """Return (rows, columns) whether a hogel can show anything, in truth or drawn; False is certain."""
     plate, frustum = scene.plate, scene.frustum
     flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, one) for one in settings))
-    # As `Region` has it: lines of a camera that steps back are farther aside by its half film and its shear.
+    # As `Region` has it: lines of a camera that steps back are farther aside by its half film and
+    # its shear.
     step, widened = max(one.near for one in settings), []
-    for half, size, axis in zip(film_window(frustum, plate.middle)[1], plate.size, (0, 1), strict=True):
+    for half, size, axis in zip(
+        film_window(frustum, plate.middle)[1], plate.size, (0, 1), strict=True
+    ):
         slope = 0.0
         if frustum.screen is not None:
             slope = (abs(frustum.screen.center[axis]) + size / 2) / abs(frustum.screen.height)
@@ -302,8 +323,8 @@ def apertures_in_view(
     The frusta are wider by a length on all sides, scene units.
     """
     columns, rows = plate.hogels
-    # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative sums along
-    # both are the numbers of rectangles over each aperture.
+    # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative
+    # sums along both are the numbers of rectangles over each aperture.
     steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     for triangles in triangles_in_chunks(part):
         split, total = triangles, len(part.faces)
@@ -319,7 +340,12 @@ def apertures_in_view(
             # Rows are numbered downward, heights upward.
             top, end = rows - 1 - high, rows - low
             some = layer[1].any(axis=1) & (left <= right) & (top < end)
-            for r, c, sign in ((top, left, 1), (top, right + 1, -1), (end, left, -1), (end, right + 1, 1)):
+            for r, c, sign in (
+                (top, left, 1),
+                (top, right + 1, -1),
+                (end, left, -1),
+                (end, right + 1, 1),
+            ):
                 np.add.at(steps, (r[some], c[some]), sign)
     return np.asarray(steps.cumsum(axis=0).cumsum(axis=1)[:rows, :columns] > 0)
 
@@ -329,9 +355,9 @@ def _aperture_range(
 ) -> tuple[Indices, Indices]:
     """Return the (F,) first and last column, or row counted upward, whose lines may meet each part.
 
-    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) + widened. The
-    screen is at s = S and has its middle at m; without a screen 1/S is zero. In a layer 1 - s/S keeps its
-    sign.
+    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) +
+    widened. The screen is at s = S and has its middle at m; without a screen 1/S is zero. In a
+    layer 1 - s/S keeps its sign.
     """
     corners, valid, _ = layer
     s = -corners[..., 2]
@@ -362,7 +388,8 @@ def aside_of_frusta(frustum: Frustum, apertures: Sequence[Aperture], axis: int, 
     return float(min(places)), float(max(places))
 
 
-# By depth ------------------------------------------------------------------------------------------------
+# By depth
+# ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -422,7 +449,8 @@ def _held(triangles: Floats, region: Region, behind: bool, heights: Ends) -> tup
     return np.abs(np.stack((low[held, 2], high[held, 2]), axis=1)), area
 
 
-# In words ------------------------------------------------------------------------------------------------
+# In words
+# ------------------------------------------------------------------------------------------------
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
@@ -448,12 +476,16 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     for part in scene.objects:
         # The count over the whole plate first leaves out apertures that see nothing.
         flags = apertures_in_view(part, scene.frustum, scene.plate)
-        if any(flags[one.row, one.column] and in_view(part, scene.frustum, one) for one in apertures):
+        if any(
+            flags[one.row, one.column] and in_view(part, scene.frustum, one) for one in apertures
+        ):
             return None
     if not scene.objects:
         return None
     few = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
-    named = [f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in few]
+    named = [
+        f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in few
+    ]
     if more := len(scene.objects) - len(named):
         named.append(f"and {more} more objects are not in view")
     who = f"none of the {len(apertures)} apertures asked for sees anything"
@@ -467,7 +499,9 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object that the reach cuts, and for each object that is tiny."""
     (toward, back), units, side = scene.frustum.reach, scene.units, max(scene.plate.size)
-    reach = f"and the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
+    reach = (
+        f"and the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
+    )
     cut, tiny = [], []
     for number, part in enumerate(scene.objects):
         name, (low, high) = _called(number, part), box(part)
@@ -491,14 +525,17 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
     found = []
     for number, part in enumerate(scene.objects):
         if count := in_plate(part):
-            found.append(f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}")
+            found.append(
+                f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}"
+            )
     return _first(found)
 
 
 def facing_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object most of which is seen from behind, where `--cull back` leaves it out.
 
-    The middle aperture and the plate's corners are looked through, by a tracer alone: nothing is certified.
+    The middle aperture and the plate's corners are looked through, by a tracer alone: nothing is
+    certified.
     """
     from xfrustum.compare.metrics.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
     from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
@@ -509,13 +546,13 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
     for aperture in dict.fromkeys((scene.plate.middle, *scene.plate.corners)):
         image = reference.propose(aperture, colored=False)
         chosen = (image.covered, image.covered & turned_away(image))
-        seen += [np.bincount(image.object[pixels], minlength=len(scene.objects)) for pixels in chosen]
+        seen += [
+            np.bincount(image.object[pixels], minlength=len(scene.objects)) for pixels in chosen
+        ]
     for number, (part, whole, away) in enumerate(zip(scene.objects, *seen.tolist(), strict=True)):
         if 2 * away > whole:
             told = f"{_percent(away / whole)} of what is seen of {_called(number, part)} faces away from the "
-            told += (
-                "viewer, and `--cull back` leaves it out; flip_winding = true in its table turns the winding "
-            )
+            told += "viewer, and `--cull back` leaves it out; flip_winding = true in its table turns the winding "
             found.append(f"{told}of its faces")
     return _first(found)
 
@@ -527,7 +564,9 @@ def _called(number: int, part: SceneObject) -> str:
 def _first(found: list[str]) -> tuple[str, ...]:
     """Return the first few sentences; the last one ends with the number of sentences that are left out."""
     named, more = found[:MAX_NAMED_OBJECTS], len(found) - MAX_NAMED_OBJECTS
-    return tuple(named) if more <= 0 else (*named[:-1], f"{named[-1]}; and so for {more} more objects")
+    return (
+        tuple(named) if more <= 0 else (*named[:-1], f"{named[-1]}; and so for {more} more objects")
+    )
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
@@ -541,7 +580,8 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
     if share_in_reach(part, scene.frustum) == 0.0:
         reaches = f"{length(back)} {units} behind the plate and {length(toward)} before it"
         return f"lies beyond the reach of {reaches}"
-    # How far aside of the lines the box lies: the gap between them, and their ends from the plate's middle.
+    # How far aside of the lines the box lies: the gap between them, and their ends from the plate's
+    # middle.
     ends, gaps = (max(low[2], -back), min(high[2], toward)), list[tuple[float, str]]()
     for axis, words in enumerate((("to the left of", "to the right of"), ("below", "above"))):
         left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
@@ -550,7 +590,9 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
             (low[axis] - right, low[axis], high[axis], right, words[1]),
         ):
             told = f"lies {_range(first, last)} {units} {word} the plate's middle"
-            gaps.append((gap, f"{told}; at its height the lines end {length(limit)} {units} from there"))
+            gaps.append(
+                (gap, f"{told}; at its height the lines end {length(limit)} {units} from there")
+            )
     widest, aside = max(gaps, key=lambda one: one[0])
     if widest > 0:
         return aside

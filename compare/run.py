@@ -1,9 +1,9 @@
 """Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates.
 
-Frames are drawn in the one thread that owns the OpenGL context, truths are traced in another, and as many
-threads as there are processors judge. Results come in order, and a bounded number of frames is ahead of the
-caller. Depth buffers of one pair of cameras share the traced links of the chain (T1 to T4), the frame with
-linear depth (R0), and the predictions.
+Frames are drawn in the one thread that owns the OpenGL context, truths are traced in another, and
+as many threads as there are processors judge. Results come in order, and a bounded number of frames
+is ahead of the caller. Depth buffers of one pair of cameras share the traced links of the chain (T1
+to T4), the frame with linear depth (R0), and the predictions.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.notebook import Figure, Shown
+from xfrustum.scenes.notebook import Figure, NotebookRepr
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -72,7 +72,7 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class FrameRequest:
     """What is wanted of each frame beside its geometry."""
 
     color: bool = False  #: whether frames have color
@@ -86,7 +86,8 @@ class Wanted:
 class StageTimes:
     """Wall seconds of the stages of one frame; stages of other frames run at the same time."""
 
-    trace: float  #: the hogel's certified truth, the same for all its frames; 0 where it was there already
+    #: the hogel's certified truth, the same for all its frames; 0 where it was there already
+    trace: float
     raster: float
     compare: float
     predict: float = 0.0
@@ -109,19 +110,21 @@ class JudgedFrame:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class JudgedDrawing(Shown):
+class JudgedDrawing(NotebookRepr):
     """One drawing of a hogel, judged by the truth."""
 
     settings: DoubleFrustum
     comparison: ComparisonNumbers  #: a `Comparison`, which has maps, where images were asked for
     image: HogelImage | None
-    causes: tuple[Cause, ...] | None  #: what each link does; None, like the next two, unless asked for
+    causes: (
+        tuple[Cause, ...] | None
+    )  #: what each link does; None, like the next two, unless asked for
     unexplained: int | None  #: wrong pixels charged to rounding whose cause is not known
     predicted: Prediction | None  #: the error by closed forms
     times: StageTimes
 
     @classmethod
-    def of(cls, frame: JudgedFrame, *, images: bool) -> JudgedDrawing:
+    def from_frame(cls, frame: JudgedFrame, *, images: bool) -> JudgedDrawing:
         """Return what a stream yields of a frame."""
         budget = frame.budget
         return cls(
@@ -147,7 +150,7 @@ class JudgedDrawing(Shown):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class JudgedHogel(Shown):
+class JudgedHogel(NotebookRepr):
     """One hogel with its drawings, judged, in the order of the settings."""
 
     aperture: Aperture
@@ -165,12 +168,13 @@ class JudgedHogel(Shown):
 _Finished = tuple[Aperture, HogelImage | None, JudgedDrawing]
 
 
-class Judge:
+class Evaluator:
     """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
 
-    A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a reference;
-    effects are those that the scene calls for where they are None; `model` is that of the device, None for
-    what is known of it. Raises InputError where there is no such tracer, or no usable OpenGL.
+    A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a
+    reference; effects are those that the scene calls for where they are None; `model` is that of
+    the device, None for what is known of it. Raises InputError where there is no such tracer, or no
+    usable OpenGL.
     """
 
     def __init__(
@@ -233,18 +237,24 @@ class Judge:
     ) -> Iterator[JudgedHogel]:
         """Yield many hogels, judged, in the order of their apertures.
 
-        Apertures are taken in the caller's thread, some ahead of what has been yielded. Memory does not grow
-        with their number. An exception of any thread comes to the caller, and closing the iterator early ends
-        the work. InputError where there are no settings, or they make no sense for the scene's frustum.
+        Apertures are taken in the caller's thread, some ahead of what has been yielded. Memory does
+        not grow with their number. An exception of any thread comes to the caller, and closing the
+        iterator early ends the work. InputError where there are no settings, or they make no sense
+        for the scene's frustum.
 
-        `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None does so for
-        scenes that say how they look. `causes` predicts errors, and charges wrong pixels to causes.
+        `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None
+        does so for scenes that say how they look. `causes` predicts errors, and charges wrong
+        pixels to causes.
         """
         colors = is_shaded(self.scene) if radiance is None else radiance
-        wanted = Wanted(color=images or colors, radiance=colors, causes=causes)
+        wanted = FrameRequest(color=images or colors, radiance=colors, causes=causes)
 
         def finish(frame: JudgedFrame) -> _Finished:
-            return frame.aperture, frame.truth if images else None, JudgedDrawing.of(frame, images=images)
+            return (
+                frame.aperture,
+                frame.truth if images else None,
+                JudgedDrawing.from_frame(frame, images=images),
+            )
 
         def hogels(frames: Generator[_Finished, None, None]) -> Iterator[JudgedHogel]:
             # The frames of a hogel follow one another; equal settings are drawn once.
@@ -260,15 +270,15 @@ class Judge:
         self,
         apertures: Iterable[Aperture],
         settings: Sequence[DoubleFrustum],
-        wanted: Wanted,
+        wanted: FrameRequest,
         finish: Callable[[JudgedFrame], Result],
         truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
     ) -> Generator[Result, None, None]:
         """Yield what is made of each judged frame, hogel by hogel, those of the same cameras together.
 
-        `finish` is called with each frame in the thread that has judged it: what it returns is yielded, and
-        the frame is not kept. Equal settings are drawn once; truths that are there already are not traced
-        again.
+        `finish` is called with each frame in the thread that has judged it: what it returns is
+        yielded, and the frame is not kept. Equal settings are drawn once; truths that are there
+        already are not traced again.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")
@@ -289,21 +299,25 @@ class _Cameras:
 
     aperture: Aperture
     truth: Future[Timed[HogelImage]]  #: with the seconds of tracing
-    predicted: Future[Timed[list[LinkedPrediction]]] | None  #: for all of the settings; None without causes
+    predicted: (
+        Future[Timed[list[LinkedPrediction]]] | None
+    )  #: for all of the settings; None without causes
     settings: list[DoubleFrustum]
     first: Future[Timed[Drawn]]  #: the frame with the first of the settings, and the seconds
-    #: With causes the chain up to R0, with all that budgets of these frames share; else errors of the first
-    #: frame, beside which the others are judged.
+    #: With causes the chain up to R0, with all that budgets of these frames share; else errors of
+    #: the first frame, beside which the others are judged.
     shared: Future[ChainStart] | Future[PixelErrors] | None
 
 
 class _Loop(Generic[Result]):
-    """One run of `Judge.frames`: a thread that draws, one that traces, and those that judge."""
+    """One run of `Evaluator.frames`: a thread that draws, one that traces, and those that judge."""
 
-    # A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it:
-    # so they never all wait.
+    # A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted
+    # before it: so they never all wait.
 
-    def __init__(self, judge: Judge, wanted: Wanted, finish: Callable[[JudgedFrame], Result]) -> None:
+    def __init__(
+        self, judge: Evaluator, wanted: FrameRequest, finish: Callable[[JudgedFrame], Result]
+    ) -> None:
         self._judge, self._wanted, self._finish = judge, wanted, finish
         self._reference = judge.reference
         self._device = judge.model
@@ -316,12 +330,14 @@ class _Loop(Generic[Result]):
         groups: list[list[DoubleFrustum]],
         truths: Mapping[Aperture, HogelImage],
     ) -> Generator[Result, None, None]:
-        """Yield what is made of each frame; see `Judge.frames`."""
+        """Yield what is made of each frame; see `Evaluator.frames`."""
         most = images_under_way(math.prod(self._judge.scene.frustum.resolution))
         # Some cameras are begun ahead: threads that would wait for the one work on the other.
         begun = pairwise(chain(self._begun(apertures, groups, truths), [None]))
         try:
-            tasks = (self._submitted(some, one) for some, _ in begun if some for one in some.settings)
+            tasks = (
+                self._submitted(some, one) for some, _ in begun if some for one in some.settings
+            )
             yield from in_order(tasks, most)
         finally:
             # Nobody wants what has not begun, and what waits for that ends.
@@ -364,7 +380,11 @@ class _Loop(Generic[Result]):
                     if predictor:
                         predicted = self._judging.submit(predict, predictor, settings)
                         exact = with_exact_depth(settings[0])
-                        last = first if exact == settings[0] else self._draw(aperture, exact, color=False)
+                        last = (
+                            first
+                            if exact == settings[0]
+                            else self._draw(aperture, exact, color=False)
+                        )
                         chain_of = partial(
                             traced_models, self._reference, aperture, exact, traced, shaded=False
                         )
@@ -381,10 +401,14 @@ class _Loop(Generic[Result]):
                         shared=shared,
                     )
 
-    def _draw(self, aperture: Aperture, setting: DoubleFrustum, *, color: bool) -> Future[Timed[Drawn]]:
+    def _draw(
+        self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
+    ) -> Future[Timed[Drawn]]:
         """Have a frame drawn; the result has the seconds that this took, too."""
         return self._judge.submit(
-            lambda rasterizer: _timed(partial(rasterizer.draw, aperture, setting, normals=False, color=color))
+            lambda rasterizer: _timed(
+                partial(rasterizer.draw, aperture, setting, normals=False, color=color)
+            )
         )
 
     def _beside(self, truth: Future[Timed[HogelImage]], first: Future[Timed[Drawn]]) -> PixelErrors:
@@ -410,7 +434,9 @@ class _Loop(Generic[Result]):
             drawn = self._draw(cameras.aperture, setting, color=self._wanted.color)
         return self._judging.submit(self._judged, cameras, setting, drawn)
 
-    def _judged(self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[Timed[Drawn]]) -> Result:
+    def _judged(
+        self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[Timed[Drawn]]
+    ) -> Result:
         """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
         (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), drawing.result()
         shared = cameras.shared.result() if cameras.shared else None
@@ -421,7 +447,7 @@ class _Loop(Generic[Result]):
             self._reference,
             radiance=self._wanted.radiance,
             perceptual=self._wanted.perceptual,
-            beside=shared.exact if isinstance(shared, ChainStart) else shared,
+            cached_errors=shared.exact if isinstance(shared, ChainStart) else shared,
         )
         compared = done = time.perf_counter()
         prediction, budget, predict_s = None, None, 0.0

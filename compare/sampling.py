@@ -1,19 +1,20 @@
 """Samples of a plate's hogels, and what they bound: the share of all hogels with a property.
 
-The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; that of `plan` is `share_at_most`.
+The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; that of `plan` is
+`share_at_most`.
 
-**One sample.** A path runs to and fro over the rows of the plate, and a sample has one hogel, drawn at
-random, from each of n equal runs of this path. Let p be the mean over the runs of their share of hogels with
-a property. The number found in the sample is a sum of independent trials whose probabilities have the mean p,
-and such a sum falls far below its mean less often than a binomial number does (Hoeffding 1956): where
-P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So the bound of Clopper and Pearson is
-conservative, also for simple random samples without replacement (Hoeffding 1963). The theorem leaves out the
-case in which all hogels but one are found; there nothing is claimed. Runs of unequal length differ by one
-hogel, which `share_beyond` allows for.
+**One sample.** A path runs to and fro over the rows of the plate, and a sample has one hogel, drawn
+at random, from each of n equal runs of this path. Let p be the mean over the runs of their share of
+hogels with a property. The number found in the sample is a sum of independent trials whose
+probabilities have the mean p, and such a sum falls far below its mean less often than a binomial
+number does (Hoeffding 1956): where P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So
+the bound of Clopper and Pearson is conservative, also for simple random samples without replacement
+(Hoeffding 1963). The theorem leaves out the case in which all hogels but one are found; there
+nothing is claimed. Runs of unequal length differ by one hogel, which `share_beyond` allows for.
 
-**Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half that has a
-hogel keeps it, and one is drawn from the other half. So every sample is again one uniform and independent
-hogel from each run.
+**Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half
+that has a hogel keeps it, and one is drawn from the other half. So every sample is again one
+uniform and independent hogel from each run.
 """
 
 from __future__ import annotations
@@ -74,7 +75,9 @@ class RandomSample:
         return replace(self, seed=self.seed + 1)
 
 
-def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:
+def sample_hogels(
+    plate: Plate, sample: RandomSample, without: Sequence[Aperture]
+) -> list[Aperture]:
     """Draw a hogel from each of as many equal runs of the path, some apertures left out; at most all."""
     taken = [place_of(plate, aperture) for aperture in without]
     path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
@@ -135,13 +138,15 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
-    # A run may hold more hogels than the mean one, all with the property: then the plate's share is larger
-    # than the mean of the runs' shares, by this factor at most.
+    # A run may hold more hogels than the mean one, all with the property: then the plate's share is
+    # larger than the mean of the runs' shares, by this factor at most.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
 
 
-def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
+def share_beyond_at_least(
+    beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE
+) -> float:
     """Return the lower bound on a share of a plate's hogels: all but the upper bound on those without it."""
     return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
@@ -149,9 +154,9 @@ def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1
 def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
     """Return the probability with which one bound of a survey may be wrong, for all to hold together.
 
-    Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k +
-    1)), which add up to one: all bounds hold together, wherever the survey stops (the union bound, which asks
-    for no independence). `look` is 0 for the first, None for the only one.
+    Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, ..
+    1/(k (k + 1)), which add up to one: all bounds hold together, wherever the survey stops (the
+    union bound, which asks for no independence). `look` is 0 for the first, None for the only one.
     """
     risk = (1 - CONFIDENCE) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))

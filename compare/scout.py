@@ -1,8 +1,9 @@
 """Coarse films of certified lines through apertures all over a plate, and the apertures that `auto` takes.
 
-The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides it, and that
-changes from aperture to aperture by orders of magnitude while pictures hardly change. So apertures are chosen
-by what they see near the plate, never by their position alone (docs/method.md, "The plate").
+The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides
+it, and that changes from aperture to aperture by orders of magnitude while pictures hardly change.
+So apertures are chosen by what they see near the plate, never by their position alone
+(docs/method.md, "The plate").
 """
 
 from __future__ import annotations
@@ -47,16 +48,19 @@ REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class CoarseView:
     """What the coarse film of one aperture shows."""
 
     aperture: Aperture
-    height: Floats  #: (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
+    #: (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
+    height: Floats
     camera: HogelCamera  #: the true frustum, with the resolution of the scene
-    outline_widths: float  #: borders between objects, and between them and nothing, in widths of the film
+    outline_widths: (
+        float  #: borders between objects, and between them and nothing, in widths of the film
+    )
 
     @classmethod
-    def of(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> Look:
+    def from_image(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> CoarseView:
         """Return what a coarse image shows; the camera is given the scene's resolution."""
         shown = image.object
         across = (shown[:, 1:] != shown[:, :-1]).sum() / shown.shape[0]
@@ -98,13 +102,16 @@ class Look:
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
         """Return the 99th percentile of displacement that settings cause, by closed form; see above."""
-        return self._p99(np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0))
+        return self._p99(
+            np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
+        )
 
     def wrong_share(self, settings: DoubleFrustum, scene: Scene) -> float:
         """Return the estimated share of pixels with the wrong surface: what displacement opens at outlines.
 
-        At an outline the surfaces on both sides part by the difference of their displacements, radial
-        ones, of which the part across the outline counts. Structures finer than the film are missed.
+        At an outline the surfaces on both sides part by the difference of their displacements,
+        radial ones, of which the part across the outline counts. Structures finer than the film are
+        missed.
         """
         moved = np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -129,11 +136,11 @@ class Look:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scout:
+class PlateScan:
     """Looks through apertures all over a plate, in the order of rows and columns."""
 
     scene: Scene
-    looks: tuple[Look, ...]
+    looks: tuple[CoarseView, ...]
 
     @property
     def apertures(self) -> tuple[Aperture, ...]:
@@ -148,13 +155,13 @@ class Scout:
         """Return (A,) the estimated share of pixels with the wrong surface of each look."""
         return np.array([look.wrong_share(settings, self.scene) for look in self.looks])
 
-    def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[Look]:
+    def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[CoarseView]:
         """Return some looks with the largest displacement by settings (None: any small near), worst first."""
         of_small_near = [look.pixels_per_near for look in self.looks]
         errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
 
-    def farthest(self, camera: Camera) -> Look:
+    def farthest(self, camera: Camera) -> CoarseView:
         """Return the look with the farthest surface on the side of one camera."""
         return max(self.looks, key=lambda look: look.farthest(camera))
 
@@ -162,8 +169,8 @@ class Scout:
 def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
     """Return the hogels whose cells have vertices nearest to the plate behind or before them, nearest first.
 
-    A triangle that does not cross the plate is nearest to it at a vertex. Vertices in the plate count last:
-    no near draws their hogels.
+    A triangle that does not cross the plate is nearest to it at a vertex. Vertices in the plate
+    count last: no near draws their hogels.
     """
     places = scene.triangles.reshape(-1, 3)
     columns, rows = scene.plate.hogels
@@ -179,24 +186,27 @@ def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
     return [(cell % columns, cell // columns) for cell in chosen]
 
 
-def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> Scout:
+def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> PlateScan:
     """Look through apertures all over the plate, and through more where the error is largest.
 
-    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Apertures join it
-    that have vertices nearest to the plate behind or before them (`nearest_cells`). Then the neighbors of the
-    worst are looked through, at half the distance each time, until the worst ones have no neighbor
-    left or `MAX_APERTURES` are reached. `done` is called after each look, with 1.
+    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Apertures
+    join it that have vertices nearest to the plate behind or before them (`nearest_cells`). Then
+    the neighbors of the worst are looked through, at half the distance each time, until the worst
+    ones have no neighbor left or `MAX_APERTURES` are reached. `done` is called after each look,
+    with 1.
     """
     # The scene's resolution does not matter to the cost.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
     reference = Reference(replace(scene, frustum=frustum), effects=frozenset())
-    found: dict[tuple[int, int], Look] = {}
+    found: dict[tuple[int, int], CoarseView] = {}
 
     def look_through(indices: Iterable[tuple[int, int]]) -> None:
         wanted = [index for index in dict.fromkeys(indices) if index not in found]
         wanted = wanted[: MAX_APERTURES - len(found)]
         for image in reference.stream(scene.plate.aperture(*index) for index in wanted):
-            found[image.camera.aperture.index] = Look.of(image, scene.frustum.resolution)
+            found[image.camera.aperture.index] = CoarseView.from_image(
+                image, scene.frustum.resolution
+            )
             done(1)
 
     columns, rows = hogels = scene.plate.hogels
@@ -207,8 +217,12 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> S
         across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
         counts = across, min(rows, max(2, LATTICE_APERTURES // across))
     ends = zip(hogels, counts, strict=True)
-    places = [sorted({round(place) for place in np.linspace(0, size - 1, count)}) for size, count in ends]
-    look_through([scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])])
+    places = [
+        sorted({round(place) for place in np.linspace(0, size - 1, count)}) for size, count in ends
+    ]
+    look_through(
+        [scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])]
+    )
     look_through(nearest_cells(scene, min(NEAREST_APERTURES, MAX_APERTURES // 5)))
     step = [max((b - a for a, b in itertools.pairwise(one)), default=1) for one in places]
     while len(found) < MAX_APERTURES:
@@ -223,7 +237,7 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> S
         if step == [1, 1] and len(found) == before:
             break
     looks = sorted(found.values(), key=lambda look: look.aperture.index[::-1])
-    return Scout(scene=scene, looks=tuple(looks))
+    return PlateScan(scene=scene, looks=tuple(looks))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,13 +252,13 @@ class ChosenAperture:
 class AutoApertures:
     """The apertures that `auto` takes: the middle one, then the worst one in each of three respects.
 
-    These are the 99th percentile of displacement, the nearest surface, and outlines: more apertures, beside
-    the worst, would be as bad for the same reason. `blocked` is the number of scouted apertures in which a
-    surface lies: no settings draw more than a hundredth of their picture. They are chosen only where there
-    are no others.
+    These are the 99th percentile of displacement, the nearest surface, and outlines: more
+    apertures, beside the worst, would be as bad for the same reason. `blocked` is the number of
+    scouted apertures in which a surface lies: no settings draw more than a hundredth of their
+    picture. They are chosen only where there are no others.
     """
 
-    scout: Scout
+    scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
     blocked: int
 
@@ -259,7 +273,7 @@ class AutoApertures:
         return [{"aperture": one.aperture.index, "why": one.why} for one in self.chosen]
 
     @classmethod
-    def of(cls, scout: Scout) -> AutoApertures:
+    def from_scan(cls, scout: PlateScan) -> AutoApertures:
         """Choose apertures from what a scout has seen."""
         units, middle = scout.scene.units, scout.scene.plate.middle
         seeing = {look.aperture: look for look in scout.looks if math.isfinite(look.nearest)}
@@ -267,7 +281,8 @@ class AutoApertures:
         reasons: dict[Aperture, list[str]] = {}
         if not seeing or middle in seeing:
             reasons[middle] = ["the middle of the plate"]
-        # Of equally bad ones the first is taken: the middle, so that no other is measured for the same.
+        # Of equally bad ones the first is taken: the middle, so that no other is measured for the
+        # same.
         ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
         if ordered:
             moved = max(ordered, key=lambda look: look.pixels_per_near)
@@ -280,11 +295,20 @@ class AutoApertures:
             for look, reason in (
                 (moved, f"largest displacement ({over})"),
                 (nearest, "surface nearest to the plate"),
-                (outlined, f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)"),
+                (
+                    outlined,
+                    f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)",
+                ),
             ):
                 reasons.setdefault(look.aperture, []).append(reason)
         for aperture, parts in reasons.items():
-            sees = f"nearest visible |z| {seeing[aperture].nearest:.2g} {units}" if aperture in seeing else ""
+            sees = (
+                f"nearest visible |z| {seeing[aperture].nearest:.2g} {units}"
+                if aperture in seeing
+                else ""
+            )
             parts.append(sees or "nothing seen")
-        chosen = (ChosenAperture(aperture=one, why="; ".join(parts)) for one, parts in reasons.items())
+        chosen = (
+            ChosenAperture(aperture=one, why="; ".join(parts)) for one, parts in reasons.items()
+        )
         return cls(scout=scout, chosen=tuple(chosen), blocked=len(seeing) - len(free))

@@ -1,7 +1,7 @@
 """The site's configuration: `make docs` builds it without a network, and every warning is an error.
 
-The folder of sources is the checkout, so that links between pages are those that readers of the files follow;
-`include_patterns` chooses the pages.
+The folder of sources is the checkout, so that links between pages are those that readers of the
+files follow; `include_patterns` chooses the pages.
 """
 
 from __future__ import annotations

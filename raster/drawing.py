@@ -48,7 +48,9 @@ class Textures:
         first = np.cumsum([0, *counts[:-1]])
         places = [(at, t.shape[1], t.shape[0], 0) for at, t in zip(first, textures, strict=False)]
         # A block cannot be empty: without textures there is one texel, which no triangle refers to.
-        texels = np.concatenate([t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)])
+        texels = np.concatenate(
+            [t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)]
+        )
         self._buffers = {
             TEXELS: context.buffer(np.ascontiguousarray(texels).tobytes()),
             PLACES: context.buffer(np.array(places or [(0, 1, 1, 0)], dtype=np.uint32).tobytes()),
@@ -61,7 +63,11 @@ class Textures:
             buffer.bind_to_storage_buffer(binding)
 
 
-SURFACES, MATERIALS, LIGHTS = 6, 7, 8  #: bindings of storage blocks, as in surface.glsl and phong.glsl
+SURFACES, MATERIALS, LIGHTS = (
+    6,
+    7,
+    8,
+)  #: bindings of storage blocks, as in surface.glsl and phong.glsl
 
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
 """Bindings of uniform blocks, which hold materials and lights where they are large enough."""
@@ -76,7 +82,8 @@ IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
 class Shading:
     """Materials, lights and textures as the shaders read them, uploaded once; textures if they are an effect.
 
-    `surfaces` has the material and texture of each triangle, `defines` the names that the shaders need.
+    `surfaces` has the material and texture of each triangle, `defines` the names that the shaders
+    need.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
@@ -98,7 +105,9 @@ class Shading:
         buffers = {binding: context.buffer(block.tobytes()) for binding, block in blocks.items()}
         self._uniform = {UNIFORM_BINDINGS[binding]: buffers.pop(binding) for binding in few}
         self._storage = {**buffers, SURFACES: context.buffer(self.surfaces.tobytes())}
-        self._textures = Textures(context, scene.surface.textures) if Effect.TEXTURES in effects else None
+        self._textures = (
+            Textures(context, scene.surface.textures) if Effect.TEXTURES in effects else None
+        )
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind the blocks for a program."""
@@ -158,7 +167,8 @@ class Environment:
                 f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x {limit}, "
                 f"not {width} x {height}; use a smaller one"
             )
-        # The first row is the top one: the shader fetches texels by number and counts rows from the top.
+        # The first row is the top one: the shader fetches texels by number and counts rows from the
+        # top.
         self._map = context.texture((width, height), 3, radiance.tobytes(), dtype="f4", alignment=4)
         self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.reflecting = reflecting(scene)
@@ -171,7 +181,9 @@ class Environment:
 
 def reflecting(scene: Scene) -> list[tuple[int, int]]:
     """Return the first triangle and the length of each run of triangles whose material reflects."""
-    mirrors = np.array([max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_)
+    mirrors = np.array(
+        [max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_
+    )
     reflects = np.concatenate(([False], mirrors[scene.object_of_triangle], [False]))
     (changes,) = np.nonzero(reflects[1:] != reflects[:-1])
     return [(int(start), int(end - start)) for start, end in changes.reshape(-1, 2)]
@@ -190,7 +202,8 @@ ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
 class Drawing:
     """A scene's mesh and, once a picture in color is asked for, its materials and lights on the GPU.
 
-    The scene has at least one triangle; the context is current now, and whenever something is drawn.
+    The scene has at least one triangle; the context is current now, and whenever something is
+    drawn.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -223,8 +236,8 @@ class Drawing:
     ) -> None:
         """Draw all cameras' pictures from the back, then reflections over them, into a cleared target.
 
-        Shaders contain the effects that are simulated alone. Without `color` there are triangle numbers
-        alone.
+        Shaders contain the effects that are simulated alone. Without `color` there are triangle
+        numbers alone.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)
@@ -246,7 +259,9 @@ class Drawing:
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
-        defines = picture_defines(how, effects) | (NUMBERS_ALONE if shading is None else shading.defines)
+        defines = picture_defines(how, effects) | (
+            NUMBERS_ALONE if shading is None else shading.defines
+        )
         shaders, mesh = self._drawn(
             "hogel.frag", defines, None if shading else self._mesh.side_of(camera.heights)
         )
@@ -260,7 +275,9 @@ class Drawing:
             shading.bind(shaders)
         mesh.render()
 
-    def _reflect(self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]) -> None:
+    def _reflect(
+        self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]
+    ) -> None:
         shading = self._shading(effects)
         samples = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
         defines = {**samples, **reflection_defines(effects), **shading.defines}
@@ -282,7 +299,9 @@ class Drawing:
         self._mesh.bind()
         set_camera(shaders, number, camera, target.size)
 
-    def _drawn(self, fragment: str, defines: dict[str, str], side: int | None = None) -> ProgramWithMesh:
+    def _drawn(
+        self, fragment: str, defines: dict[str, str], side: int | None = None
+    ) -> ProgramWithMesh:
         """Return a program and the mesh for it: with numbers of its own for some side, if one is given."""
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:

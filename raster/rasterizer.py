@@ -44,7 +44,9 @@ class Tile:
     """A part of the film that is drawn at once, several points a pixel."""
 
     film: tuple[int, int]  #: W, H of the whole film in pixels
-    corner: tuple[int, int]  #: Column and row of the tile's first pixel, from the top left of the film
+    corner: tuple[
+        int, int
+    ]  #: Column and row of the tile's first pixel, from the top left of the film
     extent: tuple[int, int]  #: Columns and rows of pixels; they may run past the film's end
     supersample: int  #: Points along each side of a pixel
 
@@ -72,7 +74,9 @@ def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Til
     rows = min(height, at_once, largest // supersample)
     for row in range(0, height, rows):
         for column in range(0, width, columns):
-            yield Tile(film=film, corner=(column, row), extent=(columns, rows), supersample=supersample)
+            yield Tile(
+                film=film, corner=(column, row), extent=(columns, rows), supersample=supersample
+            )
 
 
 class Mean:
@@ -99,9 +103,13 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-SHOWN_CAMERAS = 2  #: pairs of cameras whose points are kept: a sweep begins with the next before one is done
+SHOWN_CAMERAS = (
+    2  #: pairs of cameras whose points are kept: a sweep begins with the next before one is done
+)
 
-SINGLE_SAMPLE = Sampling()  #: the sampling with one point a pixel, seen through the middle of the aperture
+SINGLE_SAMPLE = (
+    Sampling()
+)  #: the sampling with one point a pixel, seen through the middle of the aperture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,14 +123,18 @@ class Drawn:
 class Rasterizer(ContextOwner):
     """A scene on the GPU, uploaded once in float32, ready to be drawn for any aperture and any settings.
 
-    A context manager: leaving it frees the context. `effects` are those that are simulated, None for those
-    that the scene calls for, more with settings whose near is so tiny that surfaces beyond the reach are
-    shown. `model` is that of the device, None for what is known of it. Raises InputError where there is no
-    usable OpenGL, the scene is too large for it, or an effect is not one.
+    A context manager: leaving it frees the context. `effects` are those that are simulated, None
+    for those that the scene calls for, more with settings whose near is so tiny that surfaces
+    beyond the reach are shown. `model` is that of the device, None for what is known of it. Raises
+    InputError where there is no usable OpenGL, the scene is too large for it, or an effect is not
+    one.
     """
 
     def __init__(
-        self, scene: Scene, effects: frozenset[Effect] | None = None, model: DeviceModel | None = None
+        self,
+        scene: Scene,
+        effects: frozenset[Effect] | None = None,
+        model: DeviceModel | None = None,
     ) -> None:
         one_of(scene, Scene, "scene")
         self.scene = scene
@@ -176,7 +188,8 @@ class Rasterizer(ContextOwner):
         if not self._automatic or not loses_far_plane(self.scene, settings):
             return self.effects
         if self._beyond_reach is None:
-            # A picture that loses the far plane has no end in depth: all such settings call for the same.
+            # A picture that loses the far plane has no end in depth: all such settings call for the
+            # same.
             self._beyond_reach = needed(self.scene, question=Question(settings=(settings,)))
         return self._beyond_reach
 
@@ -191,10 +204,10 @@ class Rasterizer(ContextOwner):
     ) -> HogelImage:
         """Return the hogel image of an aperture.
 
-        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` is that of color,
-        None for the scene's: triangles and positions are always those at the pixel's center, seen through the
-        middle of the aperture. Raises InputError where near is not smaller than the reach, or the device
-        cannot sample so finely.
+        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` is that
+        of color, None for the scene's: triangles and positions are always those at the pixel's
+        center, seen through the middle of the aperture. Raises InputError where near is not smaller
+        than the reach, or the device cannot sample so finely.
         """
         return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
 
@@ -211,15 +224,17 @@ class Rasterizer(ContextOwner):
         self._check(aperture, settings)
         sampling = self.scene.sampling if sampling is None else sampling
         self.check_sampling(sampling)
-        # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.
+        # OpenGL draws in whichever context is current: another Rasterizer may have been opened
+        # since.
         with self._context:
             target = self._target(self.scene.frustum.resolution, settings.depth)
             effects = self.effects_for(settings)
             passes = drawing_order(self.scene, aperture, settings, effects)
             timer = GpuTimer()
             with timer.stage("draw"):
-                # A software renderer reads the clock once for each tile, when it works on that tile. The
-                # flush keeps the query that begins the stage out of the batch with the one that ends it.
+                # A software renderer reads the clock once for each tile, when it works on that
+                # tile. The flush keeps the query that begins the stage out of the batch with the
+                # one that ends it.
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             with timer.stage("read"):
@@ -236,7 +251,7 @@ class Rasterizer(ContextOwner):
             position=position,
             normal=normals_of(self.scene, triangle) if normals else None,
             color=seen,
-            rendering=Rendering.of(effects, sampling) if color else None,
+            rendering=Rendering.from_effects(effects, sampling) if color else None,
         )
         return Drawn(image=image, times=times)
 
@@ -267,17 +282,21 @@ class Rasterizer(ContextOwner):
         one_of(settings, DoubleFrustum, "settings")
         settings.check_against(self.scene.frustum)
 
-    def _position(self, target: Target, passes: Sequence[Pass], identity: NDArray[np.uint32]) -> Singles:
+    def _position(
+        self, target: Target, passes: Sequence[Pass], identity: NDArray[np.uint32]
+    ) -> Singles:
         """Return the surface points (H, W, 3) of what was drawn, NaN where nothing was.
 
-        Depth buffers change what the same cameras show at few pixels: the other points are those of the
-        picture before.
+        Depth buffers change what the same cameras show at few pixels: the other points are those of
+        the picture before.
         """
         position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
         if self._positions is None or not passes:
             return position
         # Of a matrix, the row of depth does not matter here.
-        cameras = tuple((camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes)
+        cameras = tuple(
+            (camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes
+        )
         # Triangle and camera as one number, which are compared in a 25th of the time.
         both = identity.view(np.uint64)[..., 0]
         changed = both != 0
@@ -307,11 +326,15 @@ class Rasterizer(ContextOwner):
                 mean.add(tile, part.read_color())
         return mean.over(len(places))
 
-    def _draw(self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool) -> None:
+    def _draw(
+        self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool
+    ) -> None:
         if self._drawing is None:
             target.begin()
         else:
-            self._drawing.draw(target, passes, settings.mapping, self.effects_for(settings), color=color)
+            self._drawing.draw(
+                target, passes, settings.mapping, self.effects_for(settings), color=color
+            )
 
     def _target(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> Target:
         if (size, depth, samples) not in self._targets:
@@ -319,7 +342,7 @@ class Rasterizer(ContextOwner):
         return self._targets[size, depth, samples]
 
     def _camera(self, aperture: Aperture, settings: DoubleFrustum) -> HogelCamera:
-        window = FilmWindow.of(self.scene.frustum, aperture)
+        window = FilmWindow.from_frustum(self.scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,
             resolution=self.scene.frustum.resolution,

@@ -28,7 +28,8 @@ DECISIONS = (CERTIFIED, *TRACERS)  #: names of what can decide which surface a p
 class PlainReference(Reference):
     """A ray tracer of a scene, whose own pictures stand for the true ones; parameters as of `Reference`.
 
-    Raises InputError where the scene asks for several samples a pixel, taken along certified lines alone.
+    Raises InputError where the scene asks for several samples a pixel, taken along certified lines
+    alone.
     """
 
     def __init__(
@@ -55,7 +56,9 @@ class PlainReference(Reference):
         image = replace(image, camera=camera)
         return replace(image, rendering=self.rendering(sampling)) if colored else image
 
-    def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
+    def trace_model(
+        self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True
+    ) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.
 
         Raises InputError where the settings cull faces: the tracer has all of them.
@@ -68,7 +71,8 @@ class PlainReference(Reference):
         rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
         cameras = model_cameras(self.scene.frustum, aperture, settings)
         layers = [
-            (camera.pencil, uncertified(self.tracer, self.scene, camera.pencil, rows)) for camera in cameras
+            (camera.bundle, uncertified(self.tracer, self.scene, camera.bundle, rows))
+            for camera in cameras
         ]
         camera = self._pictures.camera(aperture, settings)
         return self._pictures.image(camera, rows, layers, normals=shaded, colored=shaded)
@@ -86,7 +90,9 @@ class Decision:
             raise InputError(f"decided by must be one of {', '.join(DECISIONS)}, not {self.by!r}")
 
 
-def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
+def open_reference(
+    scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None
+) -> Reference:
     """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
 
     Raises InputError where there is no such tracer, or it cannot decide about this scene alone.
@@ -126,10 +132,10 @@ class TracersAlone:
 
     def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:
         """Return which pixels (rows, W) of a truth, or a band of it, each tracer alone gets wrong."""
-        pencil = crossed_frustum(self._scene.frustum, truth.camera.aperture)
+        bundle = crossed_frustum(self._scene.frustum, truth.camera.aperture)
         rows = range(first_row, first_row + len(truth.triangle))
         return {
-            name: (proposed(tracer, self._scene, pencil, rows) != truth.triangle) & judged(truth)
+            name: (proposed(tracer, self._scene, bundle, rows) != truth.triangle) & judged(truth)
             for name, tracer in self._tracers.items()
         }
 
@@ -137,7 +143,9 @@ class TracersAlone:
         """Return what each tracer alone would have got wrong of a whole truth."""
         wrong = self.wrong(truth)
         counts = {name: int(pixels.sum()) for name, pixels in wrong.items()}
-        return AloneFound(numbers=AloneNumbers(judged=int(judged(truth).sum()), **counts), wrong=wrong)
+        return AloneFound(
+            numbers=AloneNumbers(judged=int(judged(truth).sum()), **counts), wrong=wrong
+        )
 
 
 def judged(truth: HogelImage) -> Mask:

@@ -1,10 +1,10 @@
 """Means of color, every line of which is certified: over boxes of pixels, over apertures, and to convergence.
 
-The integral over a hogel's aperture (paper, section 6: band limiting) is taken at scrambled Sobol points
-(Owen, 1997). Each scrambling gives an unbiased estimate by itself, so that the scatter of several estimates
-is a measure of the error of their mean, whatever the picture. The error of N points falls as N^-1.5 where a
-pixel changes smoothly with the point, and as N^-0.75 where an edge passes over it; independent random points
-would give N^-0.5.
+The integral over a hogel's aperture (paper, section 6: band limiting) is taken at scrambled Sobol
+points (Owen, 1997). Each scrambling gives an unbiased estimate by itself, so that the scatter of
+several estimates is a measure of the error of their mean, whatever the picture. The error of N
+points falls as N^-1.5 where a pixel changes smoothly with the point, and as N^-0.75 where an edge
+passes over it; independent random points would give N^-0.5.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,9 @@ BOX_SIDE = 8
 """Points along each side of a pixel with which the box of multisampling is integrated. A straight edge along
 the rows or columns of points is off by at most half a row, 1/16 of the pixel; other edges are off by less."""
 
-AVERAGED_PIXELS = 1 << 22  #: pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel.
+AVERAGED_PIXELS = (
+    1 << 22
+)  #: pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel.
 
 
 def averages(sampling: Sampling) -> bool:
@@ -37,25 +39,39 @@ def averages(sampling: Sampling) -> bool:
 
 def points_per_side(sampling: Sampling) -> int:
     """Return the points along each side of a pixel over which color is averaged, also for multisampling."""
-    return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
+    return (
+        sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
+    )
 
 
 def mean_color(
-    scene: Scene, triangles: Triangles, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range
+    scene: Scene,
+    triangles: Triangles,
+    shader: Shader,
+    apertures: Sequence[Aperture],
+    side: int,
+    rows: range,
 ) -> Floats:
     """Return linear RGB (rows, W, 3): means over apertures and side x side points, pixels of a finer film."""
     width, height = scene.frustum.resolution
     total = np.zeros((len(rows), width, 3))
     for aperture in apertures:
-        fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width * side, height * side))
+        fine = replace(
+            crossed_frustum(scene.frustum, aperture), resolution=(width * side, height * side)
+        )
         certifier = Certifier(triangles, fine)
         for some in bands(width, rows, BAND_PIXELS // side**2):
             lines = range(some.start * side, some.stop * side)
-            decided, directions = certifier.decide(lines), fine.directions(slice(lines.start, lines.stop))
+            decided, directions = (
+                certifier.decide(lines),
+                fine.directions(slice(lines.start, lines.stop)),
+            )
             position = np.asarray(fine.center) + decided.s[..., None] * directions
             color = shader.picture(decided.triangle, position, directions)
             # The sums are taken row by row, so that they do not depend on how the bands were cut.
-            for row, line in zip(lines, color.reshape(len(lines), width, side, 3).sum(axis=2), strict=True):
+            for row, line in zip(
+                lines, color.reshape(len(lines), width, side, 3).sum(axis=2), strict=True
+            ):
                 total[row // side - rows.start] += line
     return total / (len(apertures) * side * side)
 
@@ -94,11 +110,13 @@ def converged(
 ) -> Converged:
     """Double the number of points until the error is at most the tolerance, in radiance.
 
-    `mean` returns the picture (H, W, 3), averaged over some apertures; the aperture is as large as the
-    plate's pitch. A picture that is not there with `MAX_SAMPLES` points is returned with the error that it
-    has.
+    `mean` returns the picture (H, W, 3), averaged over some apertures; the aperture is as large as
+    the plate's pitch. A picture that is not there with `MAX_SAMPLES` points is returned with the
+    error that it has.
     """
-    engines = [scipy.stats.qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)]
+    engines = [
+        scipy.stats.qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)
+    ]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS
     while True:
         for index, engine in enumerate(engines):

@@ -1,11 +1,13 @@
 """Where Dr.Jit's arrays lie, and the border between them and NumPy's: the one place that says so.
 
-The arrays are those of the processors, through LLVM, or those of a CUDA card: `ARRAYS` says which. Kernels
-are the same text, and decide the same bits: a driver's compiler may fuse a product and a sum into one
-rounding, and so products of doubles that a decision rests on are a `product` here (docs/truth.md).
+The arrays are those of the processors, through LLVM, or those of a CUDA card: `ARRAYS` says which.
+Kernels are the same text, and decide the same bits: a driver's compiler may fuse a product and a
+sum into one rounding, and so products of doubles that a decision rests on are a `product` here
+(docs/truth.md).
 
-Vectors are sequences of coordinates, each an array with one lane for each point, line or row. `drjit.dot`
-and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as bounds assume.
+Vectors are sequences of coordinates, each an array with one lane for each point, line or row.
+`drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as
+bounds assume.
 
 Importing this module raises an `InputError` where there is nothing to compile kernels with.
 """
@@ -24,7 +26,8 @@ from xfrustum.reference.llvm import array_device
 from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
-# Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from here.
+# Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from
+# here.
 ARRAYS = array_device()
 
 import drjit as dr  # noqa: E402
@@ -87,8 +90,8 @@ def recording() -> Iterator[None]:
 def on_device(values: NDArray[Any]) -> Any:
     """Return a copy of values of any shape as one flat array of Dr.Jit.
 
-    Other floats become doubles, other integers those of 32 bits, clipped: as numbers of triangles, the
-    smallest and the largest stand for nothing either.
+    Other floats become doubles, other integers those of 32 bits, clipped: as numbers of triangles,
+    the smallest and the largest stand for nothing either.
     """
     if values.dtype not in _KINDS:
         is_float = values.dtype.kind == "f"
@@ -124,8 +127,9 @@ def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[A
 def product(a: Any, b: Any) -> Any:
     """Return a b, rounded by itself, whatever sum it becomes a part of.
 
-    Dr.Jit leaves it to the CUDA driver's compiler whether a product and a sum are rounded once or twice. A
-    fused a b - 0 is rounded once, has all signs of a b, and nothing else can be fused with it.
+    Dr.Jit leaves it to the CUDA driver's compiler whether a product and a sum are rounded once or
+    twice. A fused a b - 0 is rounded once, has all signs of a b, and nothing else can be fused with
+    it.
     """
     if _MINUS_ZERO is None or Float64 not in (type(a), type(b)):
         return a * b

@@ -64,7 +64,8 @@ def _cuda_card() -> bool:
     if asked == "llvm":
         return False
     found = False
-    # Dr.Jit is not asked where no driver answers: it would write lines of its own about what is missing.
+    # Dr.Jit is not asked where no driver answers: it would write lines of its own about what is
+    # missing.
     with suppress(OSError, AttributeError):
         if ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or "libcuda.so.1").cuInit(0) == 0:
             prepare_llvm()
@@ -80,7 +81,9 @@ def _cuda_card() -> bool:
 
 def worker_count() -> int:
     """Return the number of CPUs that this process may run on, or fewer where the environment says so."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    available = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     named = thread_limit()
     return available if named is None else min(named, available)
 
@@ -129,7 +132,11 @@ class MitsubaBackend:
     @property
     def versions(self) -> dict[str, str]:
         """Names and versions for reports."""
-        return {"mitsuba": self.mitsuba.__version__, "mitsuba variant": self.variant, "llvm": self.llvm}
+        return {
+            "mitsuba": self.mitsuba.__version__,
+            "mitsuba variant": self.variant,
+            "llvm": self.llvm,
+        }
 
 
 def mitsuba_backend() -> MitsubaBackend:
@@ -139,7 +146,9 @@ def mitsuba_backend() -> MitsubaBackend:
     version = loaded_llvm()
     usable = version is not None and version[0] >= OLDEST_LLVM
     if version is not None:
-        llvm = ".".join(map(str, version)) + ("" if usable else f", not used: older than {OLDEST_LLVM}")
+        llvm = ".".join(map(str, version)) + (
+            "" if usable else f", not used: older than {OLDEST_LLVM}"
+        )
     chosen = mitsuba.variant()
     if chosen is None:
         chosen = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb" if usable else "scalar_rgb"
@@ -150,7 +159,9 @@ def mitsuba_backend() -> MitsubaBackend:
             f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
     _limit_threads()
-    return MitsubaBackend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
+    return MitsubaBackend(
+        mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm
+    )
 
 
 def vector_backend() -> MitsubaBackend:
@@ -169,7 +180,9 @@ def prepare_llvm() -> str:
     """Name an accepted LLVM to Dr.Jit, unless that is imported; return its path, or why there is none."""
     if "drjit" in sys.modules:
         return FOUND_BY_DRJIT
-    if "HOME" not in os.environ:  # Dr.Jit would print a line about its cache; the user has a home anyway
+    if (
+        "HOME" not in os.environ
+    ):  # Dr.Jit would print a line about its cache; the user has a home anyway
         with suppress(RuntimeError):
             os.environ.setdefault(CACHE_VARIABLE, str(Path.home() / ".drjit"))
     named = os.environ.get(LLVM_VARIABLE)
@@ -186,13 +199,17 @@ def accepted_llvm(
 ) -> Path | None:
     """Return the best library that Dr.Jit can compile with, None where there is none.
 
-    Libraries are sorted and rejected by name first, so that few are loaded; `ask` returns a library's
-    version.
+    Libraries are sorted and rejected by name first, so that few are loaded; `ask` returns a
+    library's version.
     """
     ask = ask or asked_version
     named = [(named_version(library), library) for library in dict.fromkeys(libraries)]
-    promising = [(major, library) for major, library in named if major is None or major >= OLDEST_LLVM]
-    promising.sort(key=lambda entry: (entry[0] is None, abs((entry[0] or 0) - TESTED_LLVM), str(entry[1])))
+    promising = [
+        (major, library) for major, library in named if major is None or major >= OLDEST_LLVM
+    ]
+    promising.sort(
+        key=lambda entry: (entry[0] is None, abs((entry[0] or 0) - TESTED_LLVM), str(entry[1]))
+    )
     for _, library in promising:
         version = ask(library)
         if version is not None and version[0] >= OLDEST_LLVM:
@@ -223,9 +240,13 @@ def installed_llvms() -> list[Path]:
     found: list[Path] = []
     ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
     if ldconfig is not None:
-        listed = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=False).stdout
+        listed = subprocess.run(
+            [ldconfig, "-p"], capture_output=True, text=True, check=False
+        ).stdout
         found.extend(Path(path) for path in re.findall(r"=> (\S*/libLLVM[-.]\S+)", listed))
-    folders = [Path(folder) for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
+    folders = [
+        Path(folder) for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder
+    ]
     folders += [Path(sys.prefix, "lib"), Path("/usr/local/lib"), Path("/usr/lib64")]
     folders += [*Path("/usr/lib").glob("llvm*/lib"), *Path("/usr/lib").glob("*-linux-gnu")]
     for folder in folders:

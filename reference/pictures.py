@@ -1,6 +1,7 @@
 """The image of an aperture, made of decisions along its lines: points, normals, objects, light.
 
-There is one lane of Dr.Jit for each pixel. Layers are what single cameras show, and overlay one another.
+There is one lane of Dr.Jit for each pixel. Layers are what single cameras show, and overlay one
+another.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from xfrustum.reference.backend import (
     table,
 )
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -40,23 +41,23 @@ from xfrustum.scenes.plate.plate import Aperture
 class Layer:
     """What one camera shows in all rows of an image, or several cameras overlaid.
 
-    Triangle numbers (H, W), `NOTHING` for none, their `Certainty`, the companions of ties (N, 3) as in
-    `FirstSurfaces`, and surface points (H, W, 3) in scene units, NaN for none.
+    Triangle numbers (H, W), `NOTHING` for none, their `Certainty`, the companions of ties (N, 3) as
+    in `FirstSurfaces`, and surface points (H, W, 3) in scene units, NaN for none.
     """
 
     triangle: Numbers
     certainty: Bytes
-    companions: Indices
+    tied_triangles: Indices
     position: Floats
 
     @classmethod
-    def of(cls, pencil: Pencil, decided: FirstSurfaces) -> Layer:
+    def from_surfaces(cls, bundle: RayBundle, decided: FirstSurfaces) -> Layer:
         """Return what a pencil's camera shows."""
         return cls(
             triangle=decided.triangle,
             certainty=decided.certainty,
-            companions=decided.companions,
-            position=np.asarray(pencil.center) + decided.s[..., None] * pencil.directions(),
+            tied_triangles=decided.tied_triangles,
+            position=np.asarray(bundle.center) + decided.s[..., None] * bundle.directions(),
         )
 
 
@@ -65,11 +66,11 @@ def overlaid(layers: Sequence[Layer]) -> Layer:
     below, *others = layers
     for upper in others:
         covers = upper.triangle != NOTHING
-        certainty, companions = _overlaid(below, upper, 0)
+        certainty, tied_triangles = _overlaid(below, upper, 0)
         below = Layer(
             triangle=np.where(covers, upper.triangle, below.triangle),
             certainty=certainty,
-            companions=companions,
+            tied_triangles=tied_triangles,
             position=np.where(covers[..., None], upper.position, below.position),
         )
     return below
@@ -79,11 +80,11 @@ def overlaid_certainty(decided: Sequence[FirstSurfaces], first_row: int) -> tupl
     """Return certainty and companions of decisions of the same rows, the last of them on top."""
 
     def on_top(below: FirstSurfaces, upper: FirstSurfaces) -> FirstSurfaces:
-        certainty, companions = _overlaid(below, upper, first_row)
-        return replace(below, certainty=certainty, companions=companions)
+        certainty, tied_triangles = _overlaid(below, upper, first_row)
+        return replace(below, certainty=certainty, tied_triangles=tied_triangles)
 
     found = reduce(on_top, decided)
-    return found.certainty, found.companions
+    return found.certainty, found.tied_triangles
 
 
 def _overlaid(
@@ -91,24 +92,31 @@ def _overlaid(
 ) -> tuple[Bytes, Indices]:
     covers = upper.triangle != NOTHING
     # Ties of what is now covered are nobody's companions any more.
-    row, column, _ = below.companions.T
-    visible = below.companions[~covers[row - first_row, column]]
+    row, column, _ = below.tied_triangles.T
+    visible = below.tied_triangles[~covers[row - first_row, column]]
     # Where a layer shows nothing, what is seen rests on both decisions.
     certainty = np.where(covers, upper.certainty, np.maximum(below.certainty, upper.certainty))
-    return certainty, np.concatenate((visible, upper.companions))
+    return certainty, np.concatenate((visible, upper.tied_triangles))
 
 
-Decided = tuple[Pencil, FirstSurfaces]  #: lines of a camera, and what is first along those of some rows
+Decided = tuple[
+    RayBundle, FirstSurfaces
+]  #: lines of a camera, and what is first along those of some rows
 
 
-def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
-    """Return the coordinates of d of every pixel in some rows, row by row; see `Pencil.directions`."""
-    lane = dr.arange(UInt32, len(rows) * pencil.resolution[0])
-    width, start = dr.opaque(UInt32, pencil.resolution[0]), dr.opaque(UInt32, rows.start)
-    # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
+def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:
+    """Return the coordinates of d of every pixel in some rows, row by row; see `RayBundle.directions`."""
+    lane = dr.arange(UInt32, len(rows) * bundle.resolution[0])
+    width, start = dr.opaque(UInt32, bundle.resolution[0]), dr.opaque(UInt32, rows.start)
+    # A quotient in doubles: it is off by less than the half that is added, and faster than of
+    # integers.
     row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
-    dx, dy = on_device(pencil.dx), on_device(pencil.dy)
-    return [dr.gather(Float64, dx, lane - row * width), dr.gather(Float64, dy, row + start), Float64(-1.0)]
+    dx, dy = on_device(bundle.dx), on_device(bundle.dy)
+    return [
+        dr.gather(Float64, dx, lane - row * width),
+        dr.gather(Float64, dy, row + start),
+        Float64(-1.0),
+    ]
 
 
 class Pictures:
@@ -127,12 +135,12 @@ class Pictures:
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
         """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
-        pencil = crossed_frustum(self._scene.frustum, aperture)
+        bundle = crossed_frustum(self._scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,
-            resolution=pencil.resolution,
-            shear=pencil.shear,
-            half_extent=pencil.half_extent,
+            resolution=bundle.resolution,
+            shear=bundle.shear,
+            half_extent=bundle.half_extent,
             reach=self._scene.frustum.reach,
             scene=self._scene.source,
             scene_hash=self._scene.content_hash,
@@ -150,7 +158,9 @@ class Pictures:
         colored: bool = True,
     ) -> HogelImage:
         """Return what decided layers of some rows show, in drawing order, the last on top."""
-        certainty, companions = overlaid_certainty([decided for _, decided in layers], rows.start)
+        certainty, tied_triangles = overlaid_certainty(
+            [decided for _, decided in layers], rows.start
+        )
         shape = len(rows), layers[0][0].resolution[0]
         points = (*shape, 3)
         if not len(self._scene.faces):
@@ -162,29 +172,37 @@ class Pictures:
                 normal=np.full(points, np.nan) if normals else None,
                 color=np.zeros(points, dtype=np.float32) if colored else None,
                 certainty=certainty,
-                companions=companions,
+                tied_triangles=tied_triangles,
             )
         with recording():
             number: Any = Int32(NOTHING)
             position: list[Any] = [Float64(np.nan)] * 3
             direction: list[Any] = []
             lines: dict[object, list[Any]] = {}
-            for pencil, decided in layers:
-                # Cameras that were not fitted to a height have the same lines, from centers of their own.
-                film = pencil.shear, pencil.half_extent
-                own = lines[film] = lines.get(film) or pixel_directions(pencil, rows)
+            for bundle, decided in layers:
+                # Cameras that were not fitted to a height have the same lines, from centers of
+                # their own.
+                film = bundle.shear, bundle.half_extent
+                own = lines[film] = lines.get(film) or pixel_directions(bundle, rows)
                 triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
                 covers = triangle != NOTHING
                 number = dr.select(covers, triangle, number)
                 here = [
-                    at + product(s, along) for at, along in zip(constants(pencil.center), own, strict=True)
+                    at + product(s, along)
+                    for at, along in zip(constants(bundle.center), own, strict=True)
                 ]
                 position = [dr.select(covers, *both) for both in zip(here, position, strict=True)]
-                direction = [dr.select(covers, *both) for both in zip(own, direction or own, strict=True)]
+                direction = [
+                    dr.select(covers, *both) for both in zip(own, direction or own, strict=True)
+                ]
             covered, known = number != NOTHING, dr.maximum(number, 0)
             (of_triangle,) = self._objects(known)
             objects = dr.select(covered, of_triangle, NOTHING)
-            normal = [dr.select(covered, part, np.nan) for part in self._normals(known)] if normals else []
+            normal = (
+                [dr.select(covered, part, np.nan) for part in self._normals(known)]
+                if normals
+                else []
+            )
             light: list[Any] = []
             if colored:
                 found = self._shader.model.radiance(known, position, direction)
@@ -198,7 +216,9 @@ class Pictures:
                 position=interleaved(position, points),
                 normal=interleaved(normal, points) if normals else None,
                 # Gray has one channel.
-                color=interleaved(light if len(light) == 3 else light * 3, points) if colored else None,
+                color=interleaved(light if len(light) == 3 else light * 3, points)
+                if colored
+                else None,
                 certainty=certainty,
-                companions=companions,
+                tied_triangles=tied_triangles,
             )

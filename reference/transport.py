@@ -1,18 +1,20 @@
 """Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
 
-Paths start where the reference's samples are: in the centers of `supersample` x `supersample` cells of each
-pixel, each path in one of them at random. So the mean over many paths is the mean that `Reference.trace`
-takes; the only differences are light transport and noise. Points and their light are in double precision;
-only rays are single. The formulas of `shading` are written a second time on purpose: each checks the other.
+Paths start where the reference's samples are: in the centers of `supersample` x `supersample` cells
+of each pixel, each path in one of them at random. So the mean over many paths is the mean that
+`Reference.trace` takes; the only differences are light transport and noise. Points and their light
+are in double precision; only rays are single. The formulas of `shading` are written a second time
+on purpose: each checks the other.
 
-The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on a surface
-that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d a of the incident
-light, and shows d a / pi of its irradiance. Hence, with interreflection:
+The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on a
+surface that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d
+a of the incident light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
 * diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
-* a mirror shows the surface that lies in the mirrored direction, and the environment only where none does;
-* only lights make highlights; light from another surface is its whole radiance: ambient, diffuse, highlights,
-  reflection. The ambient term stays constant, as if the surface glowed.
+* a mirror shows the surface that lies in the mirrored direction, and the environment only where
+  none does;
+* only lights make highlights; light from another surface is its whole radiance: ambient, diffuse,
+  highlights, reflection. The ambient term stays constant, as if the surface glowed.
 
 Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 """
@@ -49,7 +51,12 @@ class Table:
 
     def __init__(self, entries: NDArray[Any]) -> None:
         mi = vector_backend().mitsuba
-        kinds = {"float64": mi.Float64, "float32": mi.Float32, "int32": mi.Int32, "uint32": mi.UInt32}
+        kinds = {
+            "float64": mi.Float64,
+            "float32": mi.Float32,
+            "int32": mi.Int32,
+            "uint32": mi.UInt32,
+        }
         self._array = kinds[str(entries.dtype)](padded(entries, entries.dtype))
         self._vector = mi.Vector3f if entries.dtype == np.float32 else mi.Vector3d
 
@@ -71,7 +78,8 @@ class Textures:
         self._texels = Table(np.concatenate(packed).astype(np.uint32, copy=False))
         self._starts = Table(np.cumsum([0, *(len(part) for part in packed[:-1])]).astype(np.int32))
         self._heights, self._widths = (
-            Table(np.array([texture.shape[axis] for texture in textures], dtype=np.int32)) for axis in (0, 1)
+            Table(np.array([texture.shape[axis] for texture in textures], dtype=np.int32))
+            for axis in (0, 1)
         )
         self._of_triangle = Table(texture_of_triangle.astype(np.int32))
         self._linear = Table(LINEAR)
@@ -82,10 +90,14 @@ class Textures:
         number = self._of_triangle.number(triangle)
         textured = number >= 0
         number = dr.maximum(number, 0)
-        start, width, height = (t.number(number) for t in (self._starts, self._widths, self._heights))
+        start, width, height = (
+            t.number(number) for t in (self._starts, self._widths, self._heights)
+        )
 
         def texel(row: Any, column: Any) -> Any:
-            code = self._texels.number(start + _repeated(row, height) * width + _repeated(column, width))
+            code = self._texels.number(
+                start + _repeated(row, height) * width + _repeated(column, width)
+            )
             return mi.Vector3d(*(self._linear.number((code >> bits) & 255) for bits in (0, 8, 16)))
 
         u, v = dr.select(textured, uv.x, 0.0), dr.select(textured, uv.y, 0.0)
@@ -107,7 +119,9 @@ class Surroundings:
 
         def texel(row: Any, column: Any) -> Any:
             inside = dr.clip(row, 0.0, self._height - 1.0)
-            index = mitsuba_backend().mitsuba.Int32(inside) * self._width + _repeated(column, self._width)
+            index = mitsuba_backend().mitsuba.Int32(inside) * self._width + _repeated(
+                column, self._width
+            )
             return self._texels.vector(index)
 
         around = dr.atan2(direction.x, -direction.z) / (2.0 * dr.pi) + 0.5
@@ -119,8 +133,9 @@ class Surroundings:
 class Point:
     """A point of a surface as it is seen, in scaled scene units.
 
-    `side`, `normal` and `eye` are unit vectors: the triangle's own normal and the normal for shading, both
-    turned to the side that is seen, and the eye vector. `albedo` is vertex color times texture.
+    `side`, `normal` and `eye` are unit vectors: the triangle's own normal and the normal for
+    shading, both turned to the side that is seen, and the eye vector. `albedo` is vertex color
+    times texture.
     """
 
     position: Any
@@ -147,7 +162,8 @@ class Surfaces:
         self._objects = Table(scene.object_of_triangle)
         names = ("vertex_normals", "vertex_colors")
         self._vertex_normals, self._vertex_colors = (
-            None if getattr(surface, name) is None else Table(getattr(surface, name)) for name in names
+            None if getattr(surface, name) is None else Table(getattr(surface, name))
+            for name in names
         )
         self._textures: tuple[Textures, Table] | None = None
         if surface.texture_of_triangle is not None and surface.uv is not None:
@@ -163,9 +179,14 @@ class Surfaces:
         flat = self._normals.vector(triangle)
         slope = dr.dot(flat, direction)
         turn = dr.select(slope > 0.0, -1.0, 1.0)
-        met = origin + direction * (dr.dot(flat, a - origin) / dr.select(slope == 0.0, 1.0, slope)) - a
+        met = (
+            origin
+            + direction * (dr.dot(flat, a - origin) / dr.select(slope == 0.0, 1.0, slope))
+            - a
+        )
 
-        # The point is kept on the triangle: a float32 ray may graze a triangle that the line misses.
+        # The point is kept on the triangle: a float32 ray may graze a triangle that the line
+        # misses.
         plane = dr.cross(b - a, c - a)
         inverse = 1.0 / dr.maximum(dr.squared_norm(plane), MIN_SQUARED_AREA)
         of_b = dr.clip(dr.dot(plane, dr.cross(met, c - a)) * inverse, 0.0, 1.0)
@@ -173,13 +194,16 @@ class Surfaces:
         weights = (1.0 - of_b - of_c, of_b, of_c)
 
         def between(table: Table) -> Any:
-            parts = (weight * table.vector(corner) for weight, corner in zip(weights, face, strict=True))
+            parts = (
+                weight * table.vector(corner) for weight, corner in zip(weights, face, strict=True)
+            )
             return sum(parts, mi.Vector3d(0.0))
 
         normal, albedo = flat, mi.Vector3d(1.0)
         if self._vertex_normals is not None:
             smooth = between(self._vertex_normals)
-            # The flat normal where a corner has none, which makes the sum NaN, and where normals cancel.
+            # The flat normal where a corner has none, which makes the sum NaN, and where normals
+            # cancel.
             found = dr.squared_norm(smooth) > 0.0
             normal = dr.normalize(dr.select(found, smooth, flat))
         if self._vertex_colors is not None:
@@ -219,10 +243,11 @@ SINGLE = 2.0**-24  #: unit roundoff of float32
 
 CLEARANCE = 64
 """Distance by which rays start off their surface, in roundings of the scene's largest coordinate, to the side
-that is seen, so that a surface does not hide itself. Rounding a triangle's corners and the start to float32
-moves them against each other by up to 2 sqrt(3). From corners relative to the start, up to 2 sqrt(3) long,
-Embree computes the side of the plane that a ray starts on with 6 roundings. That makes 25 in all, and 64
-leaves a factor of two. A shadow that begins nearer to its caster than this is lost: some 4e-6 of the scene's
+that is seen, so that a surface does not hide itself. Rounding a triangle's corners and the start to
+float32 moves them against each other by up to 2 sqrt(3). From corners relative to the start, up to
+2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6 roundings. That
+makes 25 in all, and 64 leaves a factor of two. A shadow that begins nearer to its caster than this
+is lost: some 4e-6 of the scene's
 size."""
 
 FREE_BOUNCES, MAX_CHANCE = 3, 0.95
@@ -245,7 +270,10 @@ class LightPaths:
         self._surfaces = Surfaces(scene, self.scale)
         names = ("ambient", "diffuse", "specular", "reflectivity", "exponent")
         self._material = SimpleNamespace(
-            **{name: Table(np.array([getattr(m, name) for m in scene.materials], float)) for name in names}
+            **{
+                name: Table(np.array([getattr(m, name) for m in scene.materials], float))
+                for name in names
+            }
         )
         self._lights = scene.appearance.lights
         environment = scene.appearance.environment
@@ -264,8 +292,8 @@ class LightPaths:
     ) -> Any:
         """Return linear RGB that arrives along lines, one path each.
 
-        `found` is what `first` returns; `line` are origin and direction of the line along which that surface
-        is seen, in double precision, scaled.
+        `found` is what `first` returns; `line` are origin and direction of the line along which
+        that surface is seen, in double precision, scaled.
         """
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         triangle, active = found
@@ -303,8 +331,8 @@ class LightPaths:
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
-                # A light that a smooth normal faces, but that lies under the triangle's own plane, is not
-                # hidden by that triangle.
+                # A light that a smooth normal faces, but that lies under the triangle's own plane,
+                # is not hidden by that triangle.
                 under = dr.dot(point.side, toward) <= 0.0
                 lit = lit & (under | self._sees(point, toward, lit))
             shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
@@ -335,7 +363,9 @@ class LightPaths:
         chance = dr.sum(mirror) / dr.select(both > 0.0, both, 1.0)
         reflects = mi.Float64(sampler.next_1d()) < chance
         around = mi.Frame3f(mi.Vector3f(point.normal))
-        anywhere = mi.Vector3d(around.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d())))
+        anywhere = mi.Vector3d(
+            around.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        )
         direction = dr.select(reflects, point.mirrored, anywhere)
         weight = dr.select(reflects, mirror, diffuse) / dr.select(reflects, chance, 1.0 - chance)
         active = active & (both > 0.0) & (dr.dot(point.side, direction) > 0.0)
@@ -354,15 +384,17 @@ def power(base: Any, exponent: Any) -> Any:
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)
 
 
-PATHS_AT_ONCE = 1 << 20  #: light paths of one launch. This bounds the memory, some 200 bytes a path.
+PATHS_AT_ONCE = (
+    1 << 20
+)  #: light paths of one launch. This bounds the memory, some 200 bytes a path.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadianceEstimate:
     """A picture (H, W, 3) in linear RGB from so many random light paths a pixel, and its noise.
 
-    The variance of the mean (H, W, 3) is estimated from its own samples: zero where all of them agree, as in
-    pixels that are not supersampled and without interreflection.
+    The variance of the mean (H, W, 3) is estimated from its own samples: zero where all of them
+    agree, as in pixels that are not supersampled and without interreflection.
     """
 
     mean: Floats
@@ -388,8 +420,8 @@ class PathTracer:
     def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
         """Return the radiance that the middle of an aperture sees; for more points, average their estimates.
 
-        The same seed gives the same paths. Without shadows and interreflection the result is the direct light
-        that `Reference.trace` shows.
+        The same seed gives the same paths. Without shadows and interreflection the result is the
+        direct light that `Reference.trace` shows.
         """
         width, height = self.scene.frustum.resolution
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
@@ -420,8 +452,8 @@ class PathTracer:
 class _PathStarts:
     """The lines of one image; a path takes one of a pixel's `supersample` x `supersample` lines at random.
 
-    The sensor aims rays in float32, which find the surface; its light is computed along the same line in
-    double precision that the reference decides. Lengths are multiplied by a scale.
+    The sensor aims rays in float32, which find the surface; its light is computed along the same
+    line in double precision that the reference decides. Lengths are multiplied by a scale.
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
@@ -438,7 +470,9 @@ class _PathStarts:
         self._dx, self._dy = Table(fine.dx), Table(fine.dy)
         # Opaque, so that another image's values do not compile another kernel.
         self._center = [dr.opaque(mi.Float64, scale * part) for part in fine.center]
-        self._side, self._width, self._height = (dr.opaque(mi.UInt32, n) for n in (side, width, height))
+        self._side, self._width, self._height = (
+            dr.opaque(mi.UInt32, n) for n in (side, width, height)
+        )
 
     def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
         """Return what `LightPaths.first` finds on a random line of a pixel, and the line."""
@@ -451,7 +485,10 @@ class _PathStarts:
         )
         film = mi.Point2f((mi.Float64(x) + 0.5) / self._width, (mi.Float64(y) + 0.5) / self._height)
         ray, _ = self._sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
-        line = (mi.Vector3d(*self._center), mi.Vector3d(self._dx.number(x), self._dy.number(y), -1.0))
+        line = (
+            mi.Vector3d(*self._center),
+            mi.Vector3d(self._dx.number(x), self._dy.number(y), -1.0),
+        )
         return paths.first(ray, mi.Bool(True)), line
 
 

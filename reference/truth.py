@@ -18,7 +18,7 @@ from xfrustum.reference.averages import (
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
 from xfrustum.reference.lines.triangles import drawn_triangles
 from xfrustum.reference.memory import BAND_PIXELS, WHOLE_PIXELS, bands
 from xfrustum.reference.pictures import Pictures
@@ -41,9 +41,9 @@ from xfrustum.scenes.plate.plate import Aperture
 class Reference:
     """The ground truth of a scene: the true images of its crossed frusta.
 
-    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always that of
-    `certify`. `effects` are those of light that are evaluated; None for those that the scene calls for.
-    Raises InputError where there is no such tracer, or no such effect.
+    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always that
+    of `certify`. `effects` are those of light that are evaluated; None for those that the scene
+    calls for. Raises InputError where there is no such tracer, or no such effect.
     """
 
     def __init__(
@@ -60,7 +60,9 @@ class Reference:
     @cached_property
     def tracer(self) -> Tracer:
         """The tracer, built when first needed."""
-        return MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
+        return (
+            MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
+        )
 
     @cached_property
     def _triangles(self) -> Triangles:
@@ -96,7 +98,9 @@ class Reference:
             image = stacked(list(self._bands(aperture, WHOLE_PIXELS, colored=colored)))
         return replace(image, rendering=self.rendering(sampling) if colored else None)
 
-    def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
+    def trace_bands(
+        self, aperture: Aperture, sampling: Sampling | None = None
+    ) -> Iterator[HogelImage]:
         """Yield the true image in bands of rows, from the top, in bounded memory; see `trace`."""
         one_of(aperture, Aperture, "aperture")
         sampling = self.scene.sampling if sampling is None else sampling
@@ -111,22 +115,28 @@ class Reference:
             color = mean_color(self.scene, self._triangles, self._shader, apertures, side, rows)
             yield replace(band, color=color.astype(np.float32))
 
-    def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
+    def stream(
+        self, apertures: Iterable[Aperture], *, colored: bool = True
+    ) -> Iterator[HogelImage]:
         """Yield the true images of many apertures in order, as `trace` returns them."""
         for aperture in apertures:
             yield self.trace(aperture, colored=colored)
 
-    def _bands(self, aperture: Aperture, pixels: int, *, colored: bool = True) -> Iterator[HogelImage]:
+    def _bands(
+        self, aperture: Aperture, pixels: int, *, colored: bool = True
+    ) -> Iterator[HogelImage]:
         """Yield the true image in bands of some pixels, with color of one point a pixel or without."""
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, pencil)
-        for rows in bands(pencil.resolution[0], range(pencil.resolution[1]), pixels):
+        bundle = crossed_frustum(self.scene.frustum, aperture)
+        certifier = Certifier(self._triangles, bundle)
+        for rows in bands(bundle.resolution[0], range(bundle.resolution[1]), pixels):
             decided = certifier.decide(rows)
-            image = self._pictures.image(self.camera(aperture), rows, [(pencil, decided)], colored=colored)
+            image = self._pictures.image(
+                self.camera(aperture), rows, [(bundle, decided)], colored=colored
+            )
             opinion = SecondOpinion(
                 tracer=lambda: self.tracer,
                 scene=self.scene,
-                pencil=pencil,
+                bundle=bundle,
                 rows=rows,
                 triangle=decided.triangle,
                 certainty=decided.certainty,
@@ -135,9 +145,9 @@ class Reference:
 
     def propose(self, aperture: Aperture, *, colored: bool = True) -> HogelImage:
         """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        found = uncertified(self.tracer, self.scene, pencil, rows := range(pencil.resolution[1]))
-        return self._pictures.image(self.camera(aperture), rows, [(pencil, found)], colored=colored)
+        bundle = crossed_frustum(self.scene.frustum, aperture)
+        found = uncertified(self.tracer, self.scene, bundle, rows := range(bundle.resolution[1]))
+        return self._pictures.image(self.camera(aperture), rows, [(bundle, found)], colored=colored)
 
     def converged(
         self,
@@ -148,10 +158,10 @@ class Reference:
     ) -> Converged:
         """Return the color averaged over the whole aperture, not over some points of it (paper, section 6).
 
-        The tolerance is the largest root mean square of the standard error over pixels and channels, in
-        radiance; `Converged.error` is the one that was reached. `sampling` says over which boxes of pixels,
-        None for the scene's own; its number of sub-apertures is not used. Another seed gives independent
-        points.
+        The tolerance is the largest root mean square of the standard error over pixels and
+        channels, in radiance; `Converged.error` is the one that was reached. `sampling` says over
+        which boxes of pixels, None for the scene's own; its number of sub-apertures is not used.
+        Another seed gives independent points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
@@ -163,25 +173,30 @@ class Reference:
 
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
         """Yield the first surfaces alone, without points or color, in bands of rows from the top."""
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, pencil)
-        for rows in bands(pencil.resolution[0], range(pencil.resolution[1])):
+        bundle = crossed_frustum(self.scene.frustum, aperture)
+        certifier = Certifier(self._triangles, bundle)
+        for rows in bands(bundle.resolution[0], range(bundle.resolution[1])):
             yield certifier.decide(rows)
 
-    def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
+    def trace_model(
+        self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True
+    ) -> HogelImage:
         """Return what these settings' cameras would draw without rounding; faster if not `shaded`."""
         settings.check_against(self.scene.frustum)
         width, height = self.scene.frustum.resolution
         cameras = model_cameras(self.scene.frustum, aperture, settings)
         camera = self._pictures.camera(aperture, settings)
         rows = list(bands(width, range(height), WHOLE_PIXELS))
-        decided = [self._decided(one.pencil, settings.cull, rows) for one in cameras]
+        decided = [self._decided(one.bundle, settings.cull, rows) for one in cameras]
         return stacked(
             [
                 self._pictures.image(
                     camera,
                     band,
-                    [(one.pencil, next(found)) for one, found in zip(cameras, decided, strict=True)],
+                    [
+                        (one.bundle, next(found))
+                        for one, found in zip(cameras, decided, strict=True)
+                    ],
                     normals=shaded,
                     colored=shaded,
                 )
@@ -189,36 +204,42 @@ class Reference:
             ]
         )
 
-    def _decided(self, pencil: Pencil, cull: Cull, rows: Sequence[range]) -> Iterator[FirstSurfaces]:
+    def _decided(
+        self, bundle: RayBundle, cull: Cull, rows: Sequence[range]
+    ) -> Iterator[FirstSurfaces]:
         """Yield what a camera that may leave out faces shows in bands of rows."""
         if cull is Cull.NONE:
-            yield from map(Certifier(self._triangles, pencil).decide, rows)
+            yield from map(Certifier(self._triangles, bundle).decide, rows)
             return
-        some = drawn_triangles(self.scene.triangles, pencil, cull)
-        certifier = Certifier(Triangles(self.scene.triangles[some]), pencil)
+        some = drawn_triangles(self.scene.triangles, bundle, cull)
+        certifier = Certifier(Triangles(self.scene.triangles[some]), bundle)
         for band in rows:
             yield certifier.decide(band).renumbered(some)
 
     def gaps(self, aperture: Aperture, before: HogelImage | None = None) -> Floats:
         """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).
 
-        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind the plate,
-        to the second nearest; for C*, which keeps the farthest before the plate, to the second farthest;
-        infinite without. With `before`, the true image, the next surface is the next of those that are drawn
-        before the first one: triangles are drawn in the order of their numbers.
+        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind
+        the plate, to the second nearest; for C*, which keeps the farthest before the plate, to the
+        second farthest; infinite without. With `before`, the true image, the next surface is the
+        next of those that are drawn before the first one: triangles are drawn in the order of their
+        numbers.
 
-        Gaps come from the filter of the truth: no triangle is left out that a line surely meets, and each gap
-        is off by no more than the bounds of rounding of its two surfaces, some 1e-15 of |z| unless seen
-        edge-on. Surfaces closer than that count as one, so that a point shared by two triangles is not behind
-        itself. A line that passes an edge within rounding is not taken to meet that triangle.
+        Gaps come from the filter of the truth: no triangle is left out that a line surely meets,
+        and each gap is off by no more than the bounds of rounding of its two surfaces, some 1e-15
+        of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared
+        by two triangles is not behind itself. A line that passes an edge within rounding is not
+        taken to meet that triangle.
         """
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, pencil)
-        width, height = pencil.resolution
+        bundle = crossed_frustum(self.scene.frustum, aperture)
+        certifier = Certifier(self._triangles, bundle)
+        width, height = bundle.resolution
         numbers = None if before is None else before.triangle.astype(np.int64)
         return np.concatenate(
             [
-                certifier.gaps(rows, None if numbers is None else numbers[rows.start : rows.stop].reshape(-1))
+                certifier.gaps(
+                    rows, None if numbers is None else numbers[rows.start : rows.stop].reshape(-1)
+                )
                 for rows in bands(width, range(height))
             ]
         )
@@ -227,13 +248,15 @@ class Reference:
         """Return which points are hidden from the true frustum of an aperture, (N,)."""
         return self.hidden_from(crossed_frustum(self.scene.frustum, aperture), points)
 
-    def hidden_from(self, pencil: Pencil, points: SurfacePoints) -> Mask:
+    def hidden_from(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the center of a pencil's lines, (N,); see `Occlusion`."""
-        return self._occlusion.hidden(pencil, points)
+        return self._occlusion.hidden(bundle, points)
 
     def rendering(self, sampling: Sampling | None = None) -> Rendering:
         """Return the effects and samples of a true image's color; sampling as for `trace`."""
-        return Rendering.of(self._shader.effects, self.scene.sampling if sampling is None else sampling)
+        return Rendering.from_effects(
+            self._shader.effects, self.scene.sampling if sampling is None else sampling
+        )
 
     def camera(self, aperture: Aperture) -> HogelCamera:
         """Return the true frustum of an aperture, as its image has it."""

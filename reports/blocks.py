@@ -1,12 +1,13 @@
 """Work in blocks: in this process, by processes of this machine, by a Dask cluster, or as part K of N.
 
-The store is the only coordinator. A block is finished when its result is there under its name, which it gets
-when it is whole: any process may die at any time, and the same command goes on with what is missing.
+The store is the only coordinator. A block is finished when its result is there under its name,
+which it gets when it is whole: any process may die at any time, and the same command goes on with
+what is missing.
 
-Processes of this machine are joined to the command by socket pairs that they inherit. Nothing listens, so
-that nobody else can reach them. They are new interpreters and no forks: a process that was forked from one
-with an OpenGL context hangs. A Dask cluster is the user's own, with the doors that the user gave it
-(docs/clusters.md).
+Processes of this machine are joined to the command by socket pairs that they inherit. Nothing
+listens, so that nobody else can reach them. They are new interpreters and no forks: a process that
+was forked from one with an OpenGL context hangs. A Dask cluster is the user's own, with the doors
+that the user gave it (docs/clusters.md).
 """
 
 from __future__ import annotations
@@ -69,8 +70,12 @@ class Session(Protocol):
 class Job(ABC):
     """Work in blocks, as it travels to workers: whatever it holds is pickled, scenes and blocks included."""
 
-    draws: ClassVar[bool] = True  #: whether sessions draw with OpenGL: one process for each GPU, if any
-    unit: ClassVar[str] = "hogel"  #: word for one of the things that a block consists of, for progress bars
+    draws: ClassVar[bool] = (
+        True  #: whether sessions draw with OpenGL: one process for each GPU, if any
+    )
+    unit: ClassVar[str] = (
+        "hogel"  #: word for one of the things that a block consists of, for progress bars
+    )
 
     @property
     @abstractmethod
@@ -120,11 +125,15 @@ class Engine:
     """Where blocks are made: by processes of this machine, or by the workers of a Dask scheduler."""
 
     scheduler: str | None = None
-    #: Number of processes, 1 for the command itself; None for one per device where something is drawn on
-    #: GPUs or on `devices`, and else for as many as it may use processors
+    #: Number of processes, 1 for the command itself; None for one per device where something is
+    #: drawn on GPUs or on `devices`, and else for as many as it may use processors
     workers: int | None = None
-    devices: tuple[int, ...] = ()  #: indices of EGL devices, taken in turn; empty for this machine's GPUs
-    part: Part = field(default_factory=Part)  #: part of the blocks that the command itself makes here
+    devices: tuple[
+        int, ...
+    ] = ()  #: indices of EGL devices, taken in turn; empty for this machine's GPUs
+    part: Part = field(
+        default_factory=Part
+    )  #: part of the blocks that the command itself makes here
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
@@ -142,7 +151,8 @@ class Engine:
     def process_count(self, blocks: int, devices: int = 0) -> int:
         """Return how many processes of this machine make so many blocks on so many devices, if any.
 
-        Several processes on one GPU take turns at best: each device has one unless more are asked for.
+        Several processes on one GPU take turns at best: each device has one unless more are asked
+        for.
         """
         if not self.part.everything:
             return 1
@@ -354,7 +364,9 @@ class _Processes(Workers):
                         status = self._running[place][0].wait()
                         self.end(place)
                         if attempt == ATTEMPTS:
-                            ended = f"by signal {-status}" if status < 0 else f"with status {status}"
+                            ended = (
+                                f"by signal {-status}" if status < 0 else f"with status {status}"
+                            )
                             raise WorkerLostError(
                                 f"{ATTEMPTS} worker processes died of it, the last one {ended}; "
                                 "--workers 1 shows why",
@@ -373,8 +385,9 @@ class _Processes(Workers):
 def serve(descriptor: int) -> None:
     """Do what the command asks for through a socket that this process has inherited, until the command ends.
 
-    The program of a worker process. Ctrl-C goes to all processes of a terminal; the command ends its workers
-    itself. A process inherits the signals that the command holds back while it is loaded.
+    The program of a worker process. Ctrl-C goes to all processes of a terminal; the command ends
+    its workers itself. A process inherits the signals that the command holds back while it is
+    loaded.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
@@ -465,9 +478,14 @@ class _Cluster(Workers):
                 try:
                     answer = future.result()
                 except KilledWorker as error:
-                    raise WorkerLostError("its workers died; look at their memory and logs", item) from error
+                    raise WorkerLostError(
+                        "its workers died; look at their memory and logs", item
+                    ) from error
                 yield item, answer
-        except (CancelledError, CommClosedError) as error:  # the latter while an answer is on its way
+        except (
+            CancelledError,
+            CommClosedError,
+        ) as error:  # the latter while an answer is on its way
             raise InputError(
                 f"--scheduler {self._address}: is gone; start it again and repeat the command, which goes "
                 "on where it was"
@@ -488,8 +506,12 @@ def _do_in_cluster(
     try:
         here = metadata.version("xfrustum")
         if here != version:
-            raise InputError(f"has xfrustum {here}, the command {version}: install one version everywhere")
-        done = thread.submit(lambda: function(opened.of(pickled, lambda: pickle.loads(pickled)), item))
+            raise InputError(
+                f"has xfrustum {here}, the command {version}: install one version everywhere"
+            )
+        done = thread.submit(
+            lambda: function(opened.of(pickled, lambda: pickle.loads(pickled)), item)
+        )
         return done.result()
     except InputError as error:
         raise InputError(f"{error} (worker on {socket.gethostname()})") from error
@@ -514,7 +536,10 @@ def _on_device(device: int) -> dict[str, str]:
     from xfrustum.raster.device.context import cuda_index  # noqa: PLC0415
 
     number = None if CUDA_VARIABLE in os.environ else cuda_index(device)
-    return {DEVICE_VARIABLE: str(device), **({} if number is None else {CUDA_VARIABLE: str(number)})}
+    return {
+        DEVICE_VARIABLE: str(device),
+        **({} if number is None else {CUDA_VARIABLE: str(number)}),
+    }
 
 
 def _gpus() -> tuple[int, ...]:
@@ -523,7 +548,11 @@ def _gpus() -> tuple[int, ...]:
     from xfrustum.raster.device.context import gpu_indices  # noqa: PLC0415
 
     gpus = gpu_indices()
-    return gpus if DEVICE_VARIABLE not in os.environ else tuple(one for one in gpus if one == device_index())
+    return (
+        gpus
+        if DEVICE_VARIABLE not in os.environ
+        else tuple(one for one in gpus if one == device_index())
+    )
 
 
 def _processors() -> int:

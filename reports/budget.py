@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from plotly.colors import unlabel_rgb
 
 from xfrustum.compare.attribution import radiance_budget
-from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
+from xfrustum.compare.attribution.budget import (
+    RIGHT,
+    Budget,
+    BudgetNumbers,
+    LinkNumbers,
+    make_budget,
+)
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason
@@ -44,7 +50,7 @@ SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BudgetReport(notebook.Shown):
+class BudgetReport(notebook.NotebookRepr):
     """The error of one image, charged to its causes."""
 
     scene: Scene
@@ -81,9 +87,7 @@ class BudgetReport(notebook.Shown):
         return f"{table(self.geometry)}\n{notebook.aligned(rows)}"
 
     def _said(self) -> str:
-        settings = (
-            f"near {notebook.digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
-        )
+        settings = f"near {notebook.digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
         return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
 
     def _figures(self) -> Sequence[notebook.Figure]:
@@ -92,20 +96,24 @@ class BudgetReport(notebook.Shown):
         marks = notebook.marked(shown, wrong, self.geometry.moved)
         return (
             notebook.Figure(
-                caption="wrong surfaces red, displacement blue (full at 1 px)", content=notebook_png(marks)
+                caption="wrong surfaces red, displacement blue (full at 1 px)",
+                content=notebook_png(marks),
             ),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class AutoBudget(notebook.Shown):
+class AutoBudget(notebook.NotebookRepr):
     """A budget at each of the apertures that were chosen for a plate, in their order."""
 
     budgets: tuple[BudgetReport, ...]
 
     def summary(self) -> dict[str, Any]:
         """Return one JSON object: a budget for each aperture, beside the reason for which it was chosen."""
-        every = [{"aperture": one.aperture.index, "why": one.why, **one.summary()} for one in self.budgets]
+        every = [
+            {"aperture": one.aperture.index, "why": one.why, **one.summary()}
+            for one in self.budgets
+        ]
         return {"apertures": json_ready(every)}
 
     def table(self) -> str:
@@ -113,7 +121,9 @@ class AutoBudget(notebook.Shown):
         return "\n\n".join(f"{one.place}: {one.why}\n{one.table()}" for one in self.budgets)
 
     def _said(self) -> str:
-        said = (f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets)
+        said = (
+            f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets
+        )
         return f"{len(self.budgets)} apertures; " + "; ".join(said)
 
 
@@ -127,7 +137,9 @@ def auto_budget(
 ) -> AutoBudget:
     """Return a budget at each of the apertures that were chosen for a plate; see `budget`."""
     budgets = [
-        replace(budget(scene, settings, one.aperture, progress=progress, device=device), why=one.why)
+        replace(
+            budget(scene, settings, one.aperture, progress=progress, device=device), why=one.why
+        )
         for one in auto.chosen
     ]
     return AutoBudget(budgets=tuple(budgets))
@@ -143,10 +155,10 @@ def budget(
 ) -> BudgetReport:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
-    Sampling and light transport of the scene are links of the radiance error. The aperture is the middle one
-    where None; `progress` draws a bar on standard error; rounding is explained by `device`, None for what is
-    known of the device at hand. InputError where the settings make no sense for the scene, the aperture sees
-    nothing of the objects, or there is no usable OpenGL.
+    Sampling and light transport of the scene are links of the radiance error. The aperture is the
+    middle one where None; `progress` draws a bar on standard error; rounding is explained by
+    `device`, None for what is known of the device at hand. InputError where the settings make no
+    sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")
@@ -157,7 +169,12 @@ def budget(
     with progress_bar(total, "radiance", "image", shown=progress and total > 0) as bar:
         radiance = radiance_budget.make_radiance_budget(scene, chain, bar.update)
     return BudgetReport(
-        scene=scene, aperture=aperture, settings=settings, chain=chain, geometry=charged, radiance=radiance
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        chain=chain,
+        geometry=charged,
+        radiance=radiance,
     )
 
 
@@ -197,7 +214,10 @@ def _counts(link: LinkNumbers) -> bool:
 
 def headline(numbers: BudgetNumbers) -> str:
     """Say how many pixels show the wrong surface and why, and how many another triangle."""
-    wrong, most = sum(link.surface for link in numbers.links), max(numbers.links, key=lambda one: one.surface)
+    wrong, most = (
+        sum(link.surface for link in numbers.links),
+        max(numbers.links, key=lambda one: one.surface),
+    )
     share = notebook.percent(wrong / max(numbers.judged, 1))
     cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
     said = f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
@@ -237,7 +257,8 @@ def table(geometry: Budget) -> str:
 def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
     """Return the numbers of a budget with the reasons of predictions in words."""
     links = tuple(
-        replace(link, prediction_reasons=sentences(link.prediction_reasons)) for link in numbers.links
+        replace(link, prediction_reasons=sentences(link.prediction_reasons))
+        for link in numbers.links
     )
     return replace(numbers, prediction_reasons=sentences(numbers.prediction_reasons), links=links)
 
@@ -274,14 +295,18 @@ def command(report: BudgetReport) -> str:
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
 
-    With a picture of what each link of the radiance error changes, too. Several budgets are written to
-    a folder each, named by their apertures; InputError where it cannot be written.
+    With a picture of what each link of the radiance error changes, too. Several budgets are written
+    to a folder each, named by their apertures; InputError where it cannot be written.
     """
     if isinstance(report, AutoBudget):
         every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)
         return tuple(path for paths in every for path in paths)
     geometry, links = report.geometry, report.geometry.numbers.links
-    truth, unexplained, colors = report.chain.images[0], geometry.explanation.unexplained, CAUSE_COLORS
+    truth, unexplained, colors = (
+        report.chain.images[0],
+        geometry.explanation.unexplained,
+        CAUSE_COLORS,
+    )
     wrong, own = geometry.surface_charge >= 0, [colors[link.name] for link in links]
     chain = zip(report.images, report.chain.images, strict=True)
     pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
@@ -325,7 +350,8 @@ def causes(
 ) -> bytes:
     """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
 
-    `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of their own.
+    `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of
+    their own.
     """
     pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)
     colors = np.array([(*unlabel_rgb(color), LEVELS) for color in link_colors])

@@ -12,7 +12,10 @@ from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scen
 from xfrustum.scenes.files.exr import image_size, read_image
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
-FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))  #: names of the files that may be written
+FILES = (
+    "comparison.json",
+    *(f"{name}.png" for name in MAPS),
+)  #: names of the files that may be written
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,14 +24,17 @@ class FileComparison:
 
     comparison: Comparison  #: its `surface` is None where the scene is not at hand to trace
     reach: float  #: the truth's longest reach, scene units
-    heights: tuple[float, float]  #: both ends of the scale of height errors; see `images.height_range`
+    heights: tuple[
+        float, float
+    ]  #: both ends of the scale of height errors; see `images.height_range`
     note: str  #: reason why the scene is not at hand; empty where it is
     unexamined: str = ""  #: words for a truth that a tracer alone made; empty where it was examined
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
     """Compare two EXR files and open the truth's scene; InputError where they do not belong together."""
-    # Sizes are compared before cameras: files of two sizes differ, whatever they say about their cameras.
+    # Sizes are compared before cameras: files of two sizes differ, whatever they say about their
+    # cameras.
     (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
     if (width, height) != (other_width, other_height):
         raise InputError(
@@ -57,7 +63,8 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    # The scene may lie where it is named, or beside the image: a folder of both may have been moved as one.
+    # The scene may lie where it is named, or beside the image: a folder of both may have been moved
+    # as one.
     beside = (folder / camera.scene, folder / Path(camera.scene).name)
     other, reasons = "", {}
     for name in dict.fromkeys((camera.scene, *map(str, beside))):

@@ -30,7 +30,7 @@ from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lie
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.notebook import Shown, aligned, digits, percent
+from xfrustum.scenes.notebook import NotebookRepr, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -59,16 +59,18 @@ USUAL_NEAR_PER_REACH = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class CostReport(Shown):
+class CostReport(NotebookRepr):
     """Every option measured on a scene."""
 
     scene: Scene
     aperture: Aperture
-    #: Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
+    #: Apertures at all of which pictures are judged, the worst of which counts; None where it is
+    #: the one.
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
-    #: By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
+    #: By renderer: seconds of what is done once for a scene, buffers, programs and acceleration
+    #: structures.
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]
@@ -85,9 +87,7 @@ class CostReport(Shown):
 
     def _said(self) -> str:
         column, row = self.aperture.index
-        return (
-            f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {self.answer}"
-        )
+        return f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {self.answer}"
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
@@ -124,7 +124,8 @@ class CostReport(Shown):
                 "answers": [
                     {
                         "tolerance_px": one.tolerance_px,
-                        # The option with the least error of the fastest ones, if any keeps the tolerance.
+                        # The option with the least error of the fastest ones, if any keeps the
+                        # tolerance.
                         "configuration": one.option.label if one.option else None,
                         "time_s": times(one.option.time_s) if one.option else None,
                         "ranked": one.ranked,
@@ -158,16 +159,19 @@ def cost(
 ) -> CostReport:
     """Measure error and time of every configuration.
 
-    The picture is that of one aperture, the middle one where None. Of the ones that `auto_apertures` chooses
-    the first is timed; pictures are judged at each, and the worst counts. A fifth of the tolerance of the
-    99th percentile of displacement is answered for too. Of each configuration `repeat` pictures are timed,
-    after one that warms up. All take turns, so that a slow minute slows all of them down.
+    The picture is that of one aperture, the middle one where None. Of the ones that
+    `auto_apertures` chooses the first is timed; pictures are judged at each, and the worst counts.
+    A fifth of the tolerance of the 99th percentile of displacement is answered for too. Of each
+    configuration `repeat` pictures are timed, after one that warms up. All take turns, so that a
+    slow minute slows all of them down.
 
-    InputError where the tolerance or the number of repetitions is not positive, the aperture sees nothing of
-    the objects, or there is no usable OpenGL.
+    InputError where the tolerance or the number of repetitions is not positive, the aperture sees
+    nothing of the objects, or there is no usable OpenGL.
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
-        raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
+        raise InputError(
+            f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive"
+        )
     chosen = scene.plate.middle if aperture is None else aperture
     apertures = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen,)
     require_seen(scene, apertures)
@@ -185,10 +189,13 @@ def cost(
             upload_s[name] = time.perf_counter() - begun
         device = drawers["auto"].device
         ways = {one: [*_drawn(scene, one, drawers), *_traced(one, tracers)] for one in apertures}
-        # All are judged by their first picture, which is not timed; those of the first aperture are timed.
+        # All are judged by their first picture, which is not timed; those of the first aperture are
+        # timed.
         timed = ways[apertures[0]]
         errors = [(0.0, 0.0) for _ in timed]
-        with progress_bar(len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress) as bar:
+        with progress_bar(
+            len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress
+        ) as bar:
             for number, (p99, wrong) in _errors(ways, tracers["embree"]):
                 errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
                 bar.update()
@@ -197,7 +204,7 @@ def cost(
         Option(
             displacement_p99_px=p99,
             surface_fraction=wrong,
-            **(vars(way) | {name: Timing.of(values) for name, values in taken.items()}),
+            **(vars(way) | {name: Timing.from_values(values) for name, values in taken.items()}),
         )
         for (way, _), (p99, wrong), taken in zip(timed, errors, seconds, strict=True)
     ]
@@ -209,12 +216,17 @@ def cost(
         tolerance_px=tolerance_px,
         options=tuple(options),
         upload_s=upload_s,
-        machine={**provenance.machine(), **{f"OpenGL {name}": value for name, value in device.items()}},
+        machine={
+            **provenance.machine(),
+            **{f"OpenGL {name}": value for name, value in device.items()},
+        },
         versions={**provenance.versions(), **libraries},
     )
 
 
-_Error = tuple[int, tuple[float, float]]  #: number of a way, its displacement (p99, px) and wrong share
+_Error = tuple[
+    int, tuple[float, float]
+]  #: number of a way, its displacement (p99, px) and wrong share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,7 +264,9 @@ def _errors(ways: Mapping[Aperture, list[_Made]], reference: Reference) -> Itera
         yield from in_order(tasks(pool), most)
 
 
-def _seconds(ways: list[_Made], repeat: int, done: Callable[[], object]) -> list[dict[str, list[float]]]:
+def _seconds(
+    ways: list[_Made], repeat: int, done: Callable[[], object]
+) -> list[dict[str, list[float]]]:
     """Return the repeated times of each way by their names in `Option`; all take turns."""
     seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
     for _ in range(repeat):
@@ -309,7 +323,9 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
             slabs = tuple(cut * reach for cut in cuts)
             yield way(DoubleFrustum(near=share * slabs[0], slabs=slabs), f"{len(cuts) + 1} slabs")
     usual = DoubleFrustum(near=USUAL_NEAR_PER_REACH * reach)
-    stays = replace(usual, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, offset=Offset.NONE)
+    stays = replace(
+        usual, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, offset=Offset.NONE
+    )
     for share in NEARS_WITHOUT_OFFSET_PER_REACH:
         yield way(replace(stays, near=share * min(scene.frustum.reach)), "no offset")
     samples = scene.sampling.aperture
@@ -338,7 +354,9 @@ COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` 
 STRICTER_FRACTION = 0.2
 """Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
 
-MAX_NAMED_OPTIONS = 3  #: largest number of options that a sentence names one by one; more are counted
+MAX_NAMED_OPTIONS = (
+    3  #: largest number of options that a sentence names one by one; more are counted
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,8 +365,8 @@ class Option(Way):
 
     displacement_p99_px: float
     surface_fraction: float  #: share of judged pixels with the wrong surface
-    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
-    #: read back: None for a tracer, which does neither.
+    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device
+    #: drew, and read back: None for a tracer, which does neither.
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
@@ -357,7 +375,12 @@ class Option(Way):
     def cells(self) -> tuple[str, ...]:
         """Label, time with its interval in ms, and error, as text and notebooks show them."""
         times = (f"{1e3 * value:.2f}" for value in (self.time_s.median, *self.time_s.interval))
-        return (self.label, *times, digits(self.displacement_p99_px), percent(self.surface_fraction))
+        return (
+            self.label,
+            *times,
+            digits(self.displacement_p99_px),
+            percent(self.surface_fraction),
+        )
 
     def keeps(self, tolerance_px: float) -> bool:
         """Whether it is not beyond a tolerance (`compare.beyond`)."""
@@ -366,11 +389,15 @@ class Option(Way):
     def beats(self, other: Option) -> bool:
         """Whether this option is in nothing worse than another, and in something better.
 
-        Its time is no worse where its median is not beyond the other's interval, and better where the two
-        times are told apart.
+        Its time is no worse where its median is not beyond the other's interval, and better where
+        the two times are told apart.
         """
         mine, others = ((one.displacement_p99_px, one.surface_fraction) for one in (self, other))
-        if self.time_s.median > other.time_s.interval[1] or mine[0] > others[0] or mine[1] > others[1]:
+        if (
+            self.time_s.median > other.time_s.interval[1]
+            or mine[0] > others[0]
+            or mine[1] > others[1]
+        ):
             return False
         return mine != others or self.time_s.told_below(other.time_s)
 
@@ -379,9 +406,9 @@ class Option(Way):
 class FastestWithin:
     """The options within a tolerance than which no other option is told to be faster.
 
-    `fastest` are those whose timing intervals overlap with that of the least median, which comes first; all
-    options within the tolerance where nothing was repeated often enough to rank it (`ranked` is false), and
-    none where nothing keeps it.
+    `fastest` are those whose timing intervals overlap with that of the least median, which comes
+    first; all options within the tolerance where nothing was repeated often enough to rank it
+    (`ranked` is false), and none where nothing keeps it.
     """
 
     tolerance_px: float
@@ -416,10 +443,14 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
 
 
-def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
+def answers(
+    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX
+) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words."""
     loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))
-    return replace(loose, sentence=_fastest(loose)), replace(strict, sentence=_stricter(loose, strict))
+    return replace(loose, sentence=_fastest(loose)), replace(
+        strict, sentence=_stricter(loose, strict)
+    )
 
 
 def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
@@ -496,7 +527,11 @@ def _least(ranking: FastestWithin) -> str:
 def _described(option: Option) -> str:
     """Write an option with its time and the interval of its median, and its error."""
     low, high = option.time_s.interval
-    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
+    spread = (
+        f" ({1000 * low:.3g} to {1000 * high:.3g})"
+        if option.time_s.repetitions > 1
+        else ", taken once,"
+    )
     return (
         f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
         f"{where_it_lies(option.displacement_p99_px)}, "
@@ -537,8 +572,8 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
 def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     """Draw the displacement of every option against its time; options on the front are filled.
 
-    More options are on the front of displacement, time and wrong surfaces than the line goes through: a
-    picture with many wrong surfaces may be fast and displaced little.
+    More options are on the front of displacement, time and wrong surfaces than the line goes
+    through: a picture with many wrong surfaces may be fast and displaced little.
     """
     lifted = (max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one in options)
     drawn = [replace(one, displacement_p99_px=px) for one, px in zip(options, lifted, strict=True)]
@@ -557,17 +592,32 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
             {
                 "x": [1000 * one.median for one in times],
                 "y": [one.displacement_p99_px for one, _ in mine],
-                "error_x": {"type": "data", "symmetric": False, **bars, "thickness": 0.8, "width": 0},
+                "error_x": {
+                    "type": "data",
+                    "symmetric": False,
+                    **bars,
+                    "thickness": 0.8,
+                    "width": 0,
+                },
                 "name": family,
                 "mode": "markers",
-                "marker": {"symbol": symbols, "size": [12 if b else 8 for _, b in mine], "color": color},
-                "text": [f"{one.label}<br>wrong surface {percent(one.surface_fraction)}" for one, _ in mine],
+                "marker": {
+                    "symbol": symbols,
+                    "size": [12 if b else 8 for _, b in mine],
+                    "color": color,
+                },
+                "text": [
+                    f"{one.label}<br>wrong surface {percent(one.surface_fraction)}"
+                    for one, _ in mine
+                ],
                 "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
             }
         )
-    # The options with few wrong surfaces that none beats in time and displacement, the fastest first.
-    # Displacements that are drawn at one height are equal.
-    planar = [replace(one, surface_fraction=0.0) for one in drawn if one.surface_fraction <= MAX_WRONG]
+    # The options with few wrong surfaces that none beats in time and displacement, the fastest
+    # first. Displacements that are drawn at one height are equal.
+    planar = [
+        replace(one, surface_fraction=0.0) for one in drawn if one.surface_fraction <= MAX_WRONG
+    ]
     line = [one for one, best in _ascending(planar) if best]
     data.append(
         {

@@ -34,7 +34,8 @@ FILES = PAGE, DATA = "index.html", "device.json"
 def measure_device() -> Measured:
     """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3.
 
-    A device that is not known is kept (`kept_at`), so that other commands explain by its measured model.
+    A device that is not known is kept (`kept_at`), so that other commands explain by its measured
+    model.
     """
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
@@ -55,14 +56,22 @@ def table(measured: Measured) -> str:
     tried = found["tried"]
     pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
     noise = "?" if found["plane_noise"] is None else f"{found['plane_noise']:.2f}"
-    planes = f"from {'' if found['snaps_depth'] else 'un'}snapped vertices, {noise} roundings a pixel"
+    planes = (
+        f"from {'' if found['snaps_depth'] else 'un'}snapped vertices, {noise} roundings a pixel"
+    )
     bits, filtered = found["subpixel_bits"], found["filter_bits"]
     edges, cuts = f"{tried['edges_in_window']} triangles", found["cuts"]
     sides = "none" if (begins := found["cut_from_px"]) is None else f"from {begins:.4g} px on"
-    cut = f"{cuts['differ']:,} pixels differ, at most {cuts['farthest_px']:.2g} px from the exact cut"
+    cut = (
+        f"{cuts['differ']:,} pixels differ, at most {cuts['farthest_px']:.2g} px from the exact cut"
+    )
     rows = [
         ("measured", "", "tried"),
-        ("subpixel bits", f"{bits}, vertices snapped to 1/{2**bits} px", f"{tried['edges']} triangles"),
+        (
+            "subpixel bits",
+            f"{bits}, vertices snapped to 1/{2**bits} px",
+            f"{tried['edges']} triangles",
+        ),
         ("places in the window", _least(found["viewport"]), edges),
         ("pixel centers on edges are of the", _least(found["ties"]), edges),
         ("cut at the window's sides", sides, f"up to {tried['reach_px']:,.0f} px from its middle"),
@@ -84,9 +93,12 @@ def table(measured: Measured) -> str:
     equal = ", ".join(f"{name} {off:.2g}" for name, off in found["varyings"].items())
     rows.append(("equal varyings off by", equal, "every 7th triangle"))
     within = ", ".join(
-        f"{name} {percent(one['within'] / max(one['pixels'], 1))}" for name, one in found["within"].items()
+        f"{name} {percent(one['within'] / max(one['pixels'], 1))}"
+        for name, one in found["within"].items()
     )
-    smaller = ", ".join(f"{name} {one['share_of_safe']:.2f}" for name, one in found["within"].items())
+    smaller = ", ".join(
+        f"{name} {one['share_of_safe']:.2f}" for name, one in found["within"].items()
+    )
     rows += [
         (f"within the bounds of {found['model']['name']}", within, pixels),
         ("these bounds, relative to those of any device", smaller, ""),
@@ -115,12 +127,17 @@ def write_device(measured: Measured, out: Path) -> tuple[Path, ...]:
 def figures(measured: Measured) -> dict[str, Figure]:
     """Draw how far the depths of triangles lie from their planes, against the slopes of these."""
     planes = {"corners as given": False, "corners snapped to the grid": True}
-    float32 = {name: measured.off_by_slope(DepthFormat.D32F, snapped=one) for name, one in planes.items()}
+    float32 = {
+        name: measured.off_by_slope(DepthFormat.D32F, snapped=one) for name, one in planes.items()
+    }
     fixed = {
         depth.value.upper(): measured.off_by_slope(depth, snapped=measured.snaps_depth)
         for depth in (DepthFormat.D16, DepthFormat.D24)
     }
-    return {"float32": _by_slope(float32, "steps of 2^-24"), "fixed": _by_slope(fixed, "steps of the format")}
+    return {
+        "float32": _by_slope(float32, "steps of 2^-24"),
+        "fixed": _by_slope(fixed, "steps of the format"),
+    }
 
 
 def _by_slope(told: Mapping[str, Floats], steps: str) -> Figure:
@@ -129,10 +146,17 @@ def _by_slope(told: Mapping[str, Floats], steps: str) -> Figure:
         color, marker = look(place)
         slope, off = found[(found > 0).all(axis=1)].T
         points = {"type": "scatter", "mode": "markers", "x": slope.tolist(), "y": off.tolist()}
-        curves.append({**points, "name": name, "marker": {"color": color, "symbol": marker, "size": 5}})
+        curves.append(
+            {**points, "name": name, "marker": {"color": color, "symbol": marker, "size": 5}}
+        )
     ends = [[end for one in curves for end in one[axis]] for axis in "xy"]
-    layout = {"height": 380, "xaxis": {"title": f"slope of depth, {steps} a pixel", **log_axis(ends[0])}}
-    return styled(curves, layout | {"yaxis": {"title": f"stored minus exact, {steps}", **log_axis(ends[1])}})
+    layout = {
+        "height": 380,
+        "xaxis": {"title": f"slope of depth, {steps} a pixel", **log_axis(ends[0])},
+    }
+    return styled(
+        curves, layout | {"yaxis": {"title": f"stored minus exact, {steps}", **log_axis(ends[1])}}
+    )
 
 
 def listed() -> dict[str, Any]:
@@ -143,7 +167,9 @@ def listed() -> dict[str, Any]:
 def list_table(found: dict[str, Any]) -> str:
     """Return the devices of EGL as aligned lines."""
     rows = [("EGL device", "renderer", "OpenGL")]
-    rows += [(str(one["index"]), one["renderer"] or "none", one["version"]) for one in found["devices"]]
+    rows += [
+        (str(one["index"]), one["renderer"] or "none", one["version"]) for one in found["devices"]
+    ]
     return "\n".join(filter(None, (aligned(rows, str.ljust), found["overlooked"])))
 
 
@@ -161,4 +187,6 @@ def replay_table(found: Replayed) -> str:
         f"{found.frames} frames of {found.device}, explained by the model of {found.model.name}:",
         f"{found.wrong:,} pixels differ from exact cameras: {counts}",
     ]
-    return "\n".join([*lines, *(f"unexplained in {name}: {n:,}" for name, n in found.unexplained.items())])
+    return "\n".join(
+        [*lines, *(f"unexplained in {name}: {n:,}" for name, n in found.unexplained.items())]
+    )

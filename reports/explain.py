@@ -1,7 +1,8 @@
 """`xfrustum explain`: what a scene calls for, what bounds errors at each depth, and what a viewer sees.
 
-The answer comes from the scene alone: `scenes.model.effects` decides what an image may show and whether
-leaving it out changes a bit, and closed forms say what near offset, depth buffer, shear and band limiting do.
+The answer comes from the scene alone: `scenes.model.effects` decides what an image may show and
+whether leaving it out changes a bit, and closed forms say what near offset, depth buffer, shear and
+band limiting do.
 """
 
 from __future__ import annotations
@@ -26,8 +27,15 @@ from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
-from xfrustum.scenes.notebook import Shown, aligned, counted, digits, percent
+from xfrustum.scenes.model.effects import (
+    ALL_EFFECTS,
+    Effect,
+    Question,
+    SlabContent,
+    decide,
+    slab_contents,
+)
+from xfrustum.scenes.notebook import NotebookRepr, aligned, counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = FEWEST_DIFFERENCES  #: measured pairs of images for each effect, where costs are measured
@@ -58,8 +66,8 @@ Image = Callable[[], object]
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
     """Return the time that the first of two images takes beyond the second.
 
-    After one pair that warms up, the images of a pair are made in alternating order: the second may find
-    caches filled, or a processor slowed down.
+    After one pair that warms up, the images of a pair are made in alternating order: the second may
+    find caches filled, or a processor slowed down.
     """
     differences, plain = [], []
     for turn in range(repeat + 1):
@@ -96,7 +104,11 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
         found = cost(lambda: tracer.render(plan.aperture, few), lambda: None, plan.repeat)
         factor = scene.transport.samples / MEASURED_PATHS
         longer = {key: factor * found[key] for key in ("seconds", "spread")}
-        return {"reference": found | longer | {"interval": tuple(factor * end for end in found["interval"])}}
+        return {
+            "reference": found
+            | longer
+            | {"interval": tuple(factor * end for end in found["interval"])}
+        }
     # Sampling and effects of both images; None for the effects that the scene calls for.
     one: tuple[Sampling, frozenset[Effect] | None]
     other: tuple[Sampling, frozenset[Effect] | None] = Sampling(), None
@@ -118,7 +130,9 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
             reference = Reference(scene, plan.tracer, effects)
             return lambda: reference.trace(plan.aperture, sampling)
         rasterizer = stack.enter_context(Rasterizer(scene, effects))
-        return lambda: rasterizer.render(plan.aperture, plan.settings, normals=False, sampling=sampling)
+        return lambda: rasterizer.render(
+            plan.aperture, plan.settings, normals=False, sampling=sampling
+        )
 
     with ExitStack() as stack:
         return {by: cost(image(by, *one), image(by, *other), plan.repeat) for by in renderers}
@@ -131,12 +145,14 @@ class Row:
     name: str
     used: bool
     reason: str
-    objects: tuple[int, ...] = ()  #: those that call for it, and those that would if an image could show them
+    objects: tuple[
+        int, ...
+    ] = ()  #: those that call for it, and those that would if an image could show them
     out_of_sight: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class EffectsPlan(Shown):
+class EffectsPlan(NotebookRepr):
     """The effects that one image will have, decided before anything runs, and their measured costs."""
 
     scene: Scene
@@ -156,9 +172,7 @@ class EffectsPlan(Shown):
             ", ".join(one.name for one in self.rows if one.used is wanted) or "nothing"
             for wanted in (True, False)
         )
-        return (
-            f"aperture {column},{row} of {self.scene.name!r} calls for {used}; it is drawn without {left_out}"
-        )
+        return f"aperture {column},{row} of {self.scene.name!r} calls for {used}; it is drawn without {left_out}"
 
     def summary(self) -> dict[str, Any]:
         """Return the object that `explain --json` prints."""
@@ -168,9 +182,17 @@ class EffectsPlan(Shown):
             """Return a number of a cost by each renderer; None where it was not measured or means nothing."""
             return {one: self.costs.get(of, {}).get(one, {}).get(name) for one in RENDERERS}
 
-        named = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
+        named = {
+            "cost_s": "seconds",
+            "spread_s": "spread",
+            "interval_s": "interval",
+            "resolved": "resolved",
+        }
         effects = [
-            {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
+            {
+                name: getattr(row, name)
+                for name in ("name", "used", "reason", "objects", "out_of_sight")
+            }
             | {key: by_renderer(row.name, name) for key, name in named.items()}
             for row in self.rows
         ]
@@ -234,7 +256,9 @@ class EffectsPlan(Shown):
         )
         by_depth: list[tuple[str, ...]] = [head]
         for one in self.depths["rows"]:
-            least, largest = (digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"])
+            least, largest = (
+                digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"]
+            )
             cells = (
                 f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
                 percent(one["share"]),
@@ -253,7 +277,9 @@ class EffectsPlan(Shown):
             "units": units,
             "effects": aligned(effects, str.ljust),
             "by_depth": aligned(by_depth, str.ljust),
-            "transport": [name for name in ("shadows", "interreflection") if told["transport"][name]],
+            "transport": [
+                name for name in ("shadows", "interreflection") if told["transport"][name]
+            ],
         }
         filters: Filters = {"time": _time, "duration": _duration, "points": _points}
         return plain_text("explain.txt.j2", values, filters).removesuffix("\n")
@@ -270,10 +296,10 @@ def explain(
 ) -> EffectsPlan:
     """Say what an image of a scene calls for and, if asked, measure what each effect costs here and now.
 
-    The image is of the middle aperture, with both cameras and no slabs, where none is asked for. `repeat` is
-    the number of measured pairs of images for each effect; 0 measures nothing, and answers from the scene
-    alone. InputError where the settings make no sense for the scene, the aperture sees nothing of the
-    objects, or there is no usable OpenGL.
+    The image is of the middle aperture, with both cameras and no slabs, where none is asked for.
+    `repeat` is the number of measured pairs of images for each effect; 0 measures nothing, and
+    answers from the scene alone. InputError where the settings make no sense for the scene, the
+    aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=default_near(scene))
@@ -328,16 +354,16 @@ def default_near(scene: Scene) -> float:
 def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
     """Return the content of an aperture's frustum by depth, with errors in closed form: `depths` in JSON.
 
-    The near offset displaces what lies below the first cut, and a fit makes that less: without an own one the
-    first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
+    The near offset displaces what lies below the first cut, and a fit makes that less: without an
+    own one the first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
     """
     film, screen = np.array(scene.frustum.resolution), scene.frustum.screen
     corner, contrast = math.hypot(*film) / 2, band_limiting.contrast_of(scene, [aperture])
     fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
     sheared = 0.0
     if screen is not None:
-        # A shear of n per depth moves the film by (W/2 kx/tx, H/2 ky/ty) pixels; k/t is the distance from
-        # aperture to the screen's middle, in half sizes of the screen.
+        # A shear of n per depth moves the film by (W/2 kx/tx, H/2 ky/ty) pixels; k/t is the
+        # distance from aperture to the screen's middle, in half sizes of the screen.
         away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
         sheared = float(np.hypot(*(film / 2 * away)))
     rows: list[dict[str, Any]] = []
@@ -348,9 +374,11 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         moved = 0.0
         if one.nearest < sections[0][1]:
             moved = settings.near / (one.nearest + settings.near)
-            nears.append(one.nearest * TOLERANCE_PX / max(corner * of_fit - TOLERANCE_PX, TOLERANCE_PX))
-        # The farthest content is ordered in the slab that draws it. The first slab's camera has stepped back;
-        # those of the others stand in the aperture.
+            nears.append(
+                one.nearest * TOLERANCE_PX / max(corner * of_fit - TOLERANCE_PX, TOLERANCE_PX)
+            )
+        # The farthest content is ordered in the slab that draws it. The first slab's camera has
+        # stepped back; those of the others stand in the aperture.
         low, high = next((ends for ends in sections if one.farthest <= ends[1]), sections[-1])
         back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
         w = np.array([one.farthest + back])
@@ -408,17 +436,18 @@ def _duration(seconds: float) -> str:
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
     """Return what a display can show to a viewer at a distance, and whether a near offset is seen there.
 
-    The key `viewer` of `explain --viewer --json`. All surfaces within the reach count, as if every one were
-    seen; InputError where one lies behind the viewer.
+    The key `viewer` of `explain --viewer --json`. All surfaces within the reach count, as if every
+    one were seen; InputError where one lies behind the viewer.
     """
-    # Eyes are measured with the reference, which takes longer to load than all the rest takes to answer.
+    # Eyes are measured with the reference, which takes longer to load than all the rest takes to
+    # answer.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415
-    from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding  # noqa: PLC0415
+    from xfrustum.compare.planning.viewer import CRACK, STEREO, ViewerRequirement, binding  # noqa: PLC0415
 
-    viewer, display = noticeable.Viewer(distance=distance), noticeable.Display.of(scene)
+    viewer, display = noticeable.Viewer(distance=distance), noticeable.Display.from_scene(scene)
     content = noticeable.surface_content(scene)
     noticeable.require_before_viewer(scene, content, viewer)
-    requirement = EyeRequirement(viewer=viewer, display=display, content=content)
+    requirement = ViewerRequirement(viewer=viewer, display=display, content=content)
     found, noticed = requirement.limits_with(settings), requirement.noticed(settings)
     binds = binding(found)
     return {

@@ -11,21 +11,35 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import address, html_page, png
-from xfrustum.scenes import Aperture, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes import (
+    Aperture,
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    HogelImage,
+    Scene,
+)
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 
 NEAR_PER_REACH = 1e-6
 """Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
-from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer
+from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth
+buffer
 resolves 2^-24 of any distance, however small the near plane."""
 
-LATTICE = 4  #: apertures along each side of the plate among which the second perspective of C* is chosen
+LATTICE = (
+    4  #: apertures along each side of the plate among which the second perspective of C* is chosen
+)
 
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
 _AS_SEEN, _OTHER = "c-star-as-seen", "c-star-other"
 """Names of the pictures of C*: as the camera sees it, and of another aperture."""
-FILES = (_PAGE, *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN), _AS_SEEN, _OTHER)))
+FILES = (
+    _PAGE,
+    *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN), _AS_SEEN, _OTHER)),
+)
 """Names of the files that are written; that of another aperture only where the plate has one."""
 
 
@@ -40,10 +54,10 @@ def write_figure(
 ) -> tuple[Path, ...]:
     """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone; write the page.
 
-    `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice over the
-    plate from which C* shows most, if the plate has another one. InputError where near is not smaller than
-    the reach, the aperture sees nothing of the objects, there is no usable OpenGL, or the folder cannot be
-    written.
+    `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice
+    over the plate from which C* shows most, if the plate has another one. InputError where near is
+    not smaller than the reach, the aperture sees nothing of the objects, there is no usable OpenGL,
+    or the folder cannot be written.
     """
     require_seen(scene, [aperture])
     times_s, images, alone = {}, {}, replace(settings, camera=Camera.C_STAR)
@@ -51,7 +65,9 @@ def write_figure(
         [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)]
         for count in scene.plate.hogels
     )
-    lattice = dict.fromkeys(scene.plate.aperture(column, row) for row, column in product(rows, columns))
+    lattice = dict.fromkeys(
+        scene.plate.aperture(column, row) for row, column in product(rows, columns)
+    )
     with Rasterizer(scene) as rasterizer:
         # The first picture compiles the shaders.
         rasterizer.render(aperture, settings, normals=False)
@@ -71,7 +87,13 @@ def write_figure(
     pictures = {name: picture(image, as_seen=name == _OTHER) for name, image in images.items()}
     pictures[_AS_SEEN] = picture(images[Camera.C_STAR.value], as_seen=True)
     values = {
-        **{"scene": scene, "aperture": aperture, "other": other, "settings": settings, "device": device},
+        **{
+            "scene": scene,
+            "aperture": aperture,
+            "other": other,
+            "settings": settings,
+            "device": device,
+        },
         "times_s": times_s,
         "covered": {name: float(image.covered.mean()) for name, image in images.items()},
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},
@@ -83,8 +105,8 @@ def write_figure(
 def picture(image: HogelImage, *, as_seen: bool = False) -> bytes:
     """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface.
 
-    An image lies on the film. As C* sees it, which looks from the plate back at the viewer with +y upward and
-    so with +x to its left, the sides are the same, and up and down change places.
+    An image lies on the film. As C* sees it, which looks from the plate back at the viewer with +y
+    upward and so with +x to its left, the sides are the same, and up and down change places.
     """
     assert image.color is not None
     color = np.rint(LEVELS * encoded(image.color))

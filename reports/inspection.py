@@ -25,7 +25,7 @@ from pydantic import TypeAdapter
 
 from xfrustum.compare.judging.judged import Figures
 from xfrustum.compare.metrics.error_maps import displacement, judged_pixels
-from xfrustum.compare.run import Judge, JudgedFrame, Wanted
+from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import plate_cells
@@ -42,7 +42,8 @@ _BESIDE_START = 'takeStream("'  #: beginning of a file beside the page
 
 MAX_PAGE_BYTES = 18_000_000
 """Largest size of the page. It shall pass through a mail server as an attachment: the usual limit is 25 MB,
-of which base64, in which attachments travel, leaves three fourths. Hogels that do not fit lie in files beside
+of which base64, in which attachments travel, leaves three fourths. Hogels that do not fit lie in
+files beside
 the page, one each."""
 
 MAX_HOGELS = 12
@@ -50,8 +51,9 @@ MAX_HOGELS = 12
 
 MAX_INSPECTED_PIXELS = 1 << 22
 """Largest number of pixels of a hogel that a page shows. A browser holds a hogel as one string in base64, in
-Chromium of at most 2^29 - 24 characters. The channels of truth, image and errors take 103 bytes a pixel, 137
-characters, which is 7 % too many for 2^22 pixels. Numbers of triangles, objects and certainty are 20 of these
+Chromium of at most 2^29 - 24 characters. The channels of truth, image and errors take 103 bytes a
+pixel, 137 characters, which is 7 % too many for 2^22 pixels. Numbers of triangles, objects and
+certainty are 20 of these
 bytes, and half of them, the upper ones, are always zero and take no room."""
 
 STATE, CORRECTED, LINK, ROUNDING = "state", "state.corrected", "cause", "rounding"
@@ -68,7 +70,9 @@ CERTAINTY_LABELS = {
 TYPES = {"float32": "<f4", "uint32": "<u4", "uint8": "u1"}
 """Types of channels by their names on a page: those of the typed arrays of browsers."""
 
-DRAWN = Wanted(color=True, causes=True)  #: what frames must be judged with to be inspected: colors and causes
+DRAWN = FrameRequest(
+    color=True, causes=True
+)  #: what frames must be judged with to be inspected: colors and causes
 
 Channel = tuple[NDArray[Any], tuple[str, ...]]
 """(H, W) values, float32, uint32 or uint8, and labels: meanings of the values 0, 1, .. of classes."""
@@ -104,12 +108,12 @@ class InspectedHogel:
     size: tuple[int, int]  #: width and height in pixels
     words: str  #: how bad the hogel is
     layers: tuple[LayerHead, ...]
-    #: Values of all channels, one layer after the other, little-endian, as one zlib stream. Empty where the
-    #: hogel has more than `MAX_INSPECTED_PIXELS`.
+    #: Values of all channels, one layer after the other, little-endian, as one zlib stream. Empty
+    #: where the hogel has more than `MAX_INSPECTED_PIXELS`.
     stream: bytes
 
     @classmethod
-    def of(cls, aperture: Aperture, words: str, layers: Sequence[Layer]) -> InspectedHogel:
+    def from_layers(cls, aperture: Aperture, words: str, layers: Sequence[Layer]) -> InspectedHogel:
         """Pack the layers of a hogel."""
         every = [values for _, _, channels in layers for values, _ in channels.values()]
         height, width = every[0].shape
@@ -121,11 +125,14 @@ class InspectedHogel:
         heads = []
         for name, shown, channels in layers:
             kinds = (
-                ChannelHead(one, str(values.dtype), labels) for one, (values, labels) in channels.items()
+                ChannelHead(one, str(values.dtype), labels)
+                for one, (values, labels) in channels.items()
             )
             heads.append(LayerHead(name, shown, tuple(kinds)))
         size = (width, height)
-        return cls(aperture=aperture.index, size=size, words=words, layers=tuple(heads), stream=stream)
+        return cls(
+            aperture=aperture.index, size=size, words=words, layers=tuple(heads), stream=stream
+        )
 
     def values(self) -> dict[str, dict[str, NDArray[Any]]]:
         """Return the (H, W) values by the names of layer and channel; none of a hogel without a stream.
@@ -148,19 +155,24 @@ class InspectedHogel:
 def image_channels(image: HogelImage, scene: Scene | None = None) -> dict[str, Channel]:
     """Return the channels that an image has in a file, with the bits of that file.
 
-    The height is left out: it is the third coordinate of the position. With a scene, an image without normals
-    has those of its triangles: all renderers that name triangles share them. Without, the image is a foreign
-    one, and channels in which it says nothing at any pixel are left out.
+    The height is left out: it is the third coordinate of the position. With a scene, an image
+    without normals has those of its triangles: all renderers that name triangles share them.
+    Without, the image is a foreign one, and channels in which it says nothing at any pixel are left
+    out.
     """
     if scene is not None and image.normal is None:
         image = replace(image, normal=normals_of(scene, image.triangle))
     planes = stored_planes(image)
     if scene is None:
-        planes = {one: values for one, values in planes.items() if np.nan_to_num(values).any()} or planes
+        planes = {
+            one: values for one, values in planes.items() if np.nan_to_num(values).any()
+        } or planes
     first = [one for one in (*COLOR, TRIANGLE, OBJECT, CERTAINTY, *POSITION) if one in planes]
     labels = {CERTAINTY: tuple(CERTAINTY_LABELS.values())}
     return {
-        one: (planes[one], labels.get(one, ())) for one in dict.fromkeys((*first, *planes)) if one != HEIGHT
+        one: (planes[one], labels.get(one, ()))
+        for one in dict.fromkeys((*first, *planes))
+        if one != HEIGHT
     }
 
 
@@ -175,12 +187,13 @@ def _classes(masks: Mapping[str, Mask], otherwise: str) -> Channel:
 def _displacements(moved: NDArray[np.floating]) -> dict[str, Channel]:
     """Return (H, W, 2) displacements, px, to the right and down, as two channels of float32."""
     return {
-        f"displacement.{name}": (moved[..., axis].astype(np.float32), ()) for axis, name in enumerate("XY")
+        f"displacement.{name}": (moved[..., axis].astype(np.float32), ())
+        for axis, name in enumerate("XY")
     }
 
 
 def inspected_drawings(
-    judge: Judge, apertures: Sequence[Aperture], setting: DoubleFrustum, *, causes: bool = True
+    judge: Evaluator, apertures: Sequence[Aperture], setting: DoubleFrustum, *, causes: bool = True
 ) -> Iterator[InspectedHogel]:
     """Yield the hogels of some apertures, drawn with a setting, and perhaps the causes of their errors."""
     finish, wanted = partial(inspected_frame, judge.scene), replace(DRAWN, causes=causes)
@@ -213,7 +226,7 @@ def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
         ("image", drawing, image_channels(frame.image, scene)),
         ("error", "errors of the image", errors),
     ]
-    return InspectedHogel.of(frame.aperture, words, layers)
+    return InspectedHogel.from_layers(frame.aperture, words, layers)
 
 
 def inspected_figures(
@@ -239,7 +252,7 @@ def inspected_figures(
         ("image", "image, upright", image_channels(as_found.image)),
         ("error", "errors of the image", errors),
     ]
-    return InspectedHogel.of(aperture, words, layers)
+    return InspectedHogel.from_layers(aperture, words, layers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,7 +266,9 @@ class PlateMap:
     cells: Floats
 
     @classmethod
-    def of(cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]) -> PlateMap:
+    def from_values(
+        cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]
+    ) -> PlateMap:
         """Make a map of hogels by column and row."""
         every = np.reshape(list(values), (-1, 3))
         return cls(words=words, cells=plate_cells(plate.hogels, every[:, :2], every[:, 2])[0])
@@ -297,7 +312,10 @@ def first_triangles(scene: Scene) -> list[dict[str, Any]]:
 
 
 def _rendered(
-    shown: Inspection, hogels: Sequence[InspectedHogel], keys: Sequence[str], within: Mapping[str, str]
+    shown: Inspection,
+    hogels: Sequence[InspectedHogel],
+    keys: Sequence[str],
+    within: Mapping[str, str],
 ) -> str:
     """Return the page; `within` are the streams that lie on it, by their digests, which are empty of none."""
     nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
@@ -334,7 +352,8 @@ def _rendered(
 def replacing_inspection(folder: Path, *, kept: bool = True) -> Iterator[None]:
     """Remove what an earlier run has left beside the page that takes its place, or all where there is none.
 
-    It is removed when the block has ended, which puts the new page there; nothing is where it fails.
+    It is removed when the block has ended, which puts the new page there; nothing is where it
+    fails.
     """
     page, before = folder / PAGE, _earlier(folder)
     yield
@@ -366,7 +385,8 @@ def read_inspection(page: Path) -> list[InspectedHogel]:
         if not key or file is None:
             return base64.b64decode(json.loads(_element(text, f"stream-{key}"))) if key else b""
         found = re.fullmatch(
-            rf'takeStream\("{key}","([\w+/=]*)"\);\n', (page.parent / file).read_text(encoding="ascii")
+            rf'takeStream\("{key}","([\w+/=]*)"\);\n',
+            (page.parent / file).read_text(encoding="ascii"),
         )
         if found is None:
             raise ValueError(f"{file} belongs to another page")

@@ -1,9 +1,9 @@
 """A folder of Parquet parts: one for each block, each there whole or not at all.
 
-A part is written aside and renamed when it is on the disk: a part that is there is a block that is finished,
-whatever happened to the process that wrote it. A part carries a digest of its bytes: one that does not agree
-was damaged from outside, and counts as missing. The folder says what its rows were made from, and refuses to
-be continued with anything else.
+A part is written aside and renamed when it is on the disk: a part that is there is a block that is
+finished, whatever happened to the process that wrote it. A part carries a digest of its bytes: one
+that does not agree was damaged from outside, and counts as missing. The folder says what its rows
+were made from, and refuses to be continued with anything else.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ text of both: hashes and longer texts tell a reader nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parts:
+class ParquetParts:
     """The parts of one result, in the folder `name` of `out`; InputError where they cannot be written."""
 
     out: Path
@@ -59,8 +59,8 @@ class Parts:
     def open(self, description: dict[str, Any]) -> None:
         """Make the folder, or see that it belongs to the same result; several processes may do so at once.
 
-        The description is everything that decides the rows, in JSON's own types. InputError where the folder
-        holds something else.
+        The description is everything that decides the rows, in JSON's own types. InputError where
+        the folder holds something else.
         """
         path, wanted = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with refused(f"--out {self.out}: cannot write there"):
@@ -95,7 +95,9 @@ class Parts:
         """Say how many of some blocks are damaged, for they are made again."""
         whole = list(numbers)
         if damaged := sum(map(self.damaged, whole)):
-            told(f"{damaged} of {len(whole)} blocks in {self.folder} are damaged, and are made again")
+            told(
+                f"{damaged} of {len(whole)} blocks in {self.folder} are damaged, and are made again"
+            )
 
     def write(self, number: int, table: pa.Table) -> None:
         """Write the part of a block; afterwards it is finished, and on the disk."""
@@ -143,7 +145,9 @@ class Parts:
     def remove(self, name: int | str) -> None:
         """Remove the part of a block, which is unfinished afterwards, or a file beside the parts."""
         with refused(f"--out {self.out}: cannot write there"):
-            (self.path(name) if isinstance(name, int) else self.folder / name).unlink(missing_ok=True)
+            (self.path(name) if isinstance(name, int) else self.folder / name).unlink(
+                missing_ok=True
+            )
 
 
 def scene_description(scene: Scene) -> dict[str, Any]:
@@ -171,7 +175,8 @@ def differences_words(found: object, wanted: object) -> str:
         changed = [
             f"{path[-1]} was {was[path]}, now {now[path]}"
             for path in was
-            if was[path] != now.get(path, was[path]) and len(was[path] + now[path]) <= MAX_VALUES_CHARACTERS
+            if was[path] != now.get(path, was[path])
+            and len(was[path] + now[path]) <= MAX_VALUES_CHARACTERS
         ]
         if was != now:
             # "Content" has no plural.

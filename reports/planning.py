@@ -24,8 +24,8 @@ from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import (
     CRACK,
     STEREO,
-    EyeRequirement,
     NearLimit,
+    ViewerRequirement,
     ViewZone,
     binding,
     eye_requirement,
@@ -35,7 +35,7 @@ from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
-from xfrustum.compare.scout import AutoApertures, Scout, scout
+from xfrustum.compare.scout import AutoApertures, PlateScan, scout
 from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference, replay
 from xfrustum.reports.common.outputs import progress_bar
@@ -58,7 +58,9 @@ MEASURE_WORDS = {
 }
 """Errors of a hogel in words, by the names of their fields."""
 
-FILM_COLUMNS = 64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
+FILM_COLUMNS = (
+    64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
+)
 
 
 def make_plan(
@@ -72,8 +74,8 @@ def make_plan(
 ) -> Plan:
     """Plan how to draw some apertures of a scene, by default the whole plate, and measure the plan.
 
-    `choices` are the depth buffers to choose from, None for all. InputError where none of the apertures sees
-    anything of the objects, or there is no usable OpenGL.
+    `choices` are the depth buffers to choose from, None for all. InputError where none of the
+    apertures sees anything of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     requirement = Requirement() if requirement is None else requirement
@@ -90,7 +92,7 @@ def make_plan(
 plan = make_plan  #: the name of `make_plan` in the public API, beside the other commands
 
 
-def scouted_plate(scene: Scene, progress: bool) -> Scout:
+def scouted_plate(scene: Scene, progress: bool) -> PlateScan:
     """Look through apertures all over a plate; InputError where none sees anything."""
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
         scouted = scout(scene, bar.update)
@@ -100,7 +102,7 @@ def scouted_plate(scene: Scene, progress: bool) -> Scout:
 
 
 def planned(
-    scouted: Scout,
+    scouted: PlateScan,
     requirement: Requirement,
     choices: Sequence[DepthBuffer] | None,
     sample: RandomSample | None,
@@ -140,15 +142,15 @@ def table(
 ) -> str:
     """Return a plan as aligned lines that end in the command that draws so.
 
-    `exceeded` is what a replay to a viewer's eyes shows beyond what is required; None where nothing was
-    replayed.
+    `exceeded` is what a replay to a viewer's eyes shows beyond what is required; None where nothing
+    was replayed.
     """
     lines, settings = [filled(made.reason)], made.settings
     if settings is None or made.predicted is None or made.measured is None:
         if (known := made.plate) is not None:
             none = f"{known.scouted} of the plate's {known.hogels:,} hogels were looked through"
-            if known.hopeless:
-                none += f"; at {known.hopeless} of them a surface lies in the aperture or too close to it"
+            if known.infeasible:
+                none += f"; at {known.infeasible} of them a surface lies in the aperture or too close to it"
             lines.append(filled(f"{none}."))
         return "\n".join(lines)
     cuts = ", ".join(f"{height:g}" for height in made.slabs)
@@ -175,7 +177,11 @@ def table(
         allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
     lines.append(f"rounding by the model of {made.device_model}")
-    draw = plate_command(scene, settings) if made.plate else raster_command(scene, apertures[0], settings)
+    draw = (
+        plate_command(scene, settings)
+        if made.plate
+        else raster_command(scene, apertures[0], settings)
+    )
     return "\n".join([*lines, _answer(made, scene, apertures, requirement, exceeded), "", draw])
 
 
@@ -191,7 +197,9 @@ def _answer(
     replayed = "replayed to two eyes and " if exceeded is not None else ""
     answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, {replayed}measured at "
     if known is None:
-        count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
+        count = (
+            "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
+        )
         about = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
         return filled(" ".join([f"{answer}{count}.", *beside_words(made, scene.units, about)]))
     worst, share = known.worst, known.share_beyond_at_most
@@ -243,7 +251,9 @@ def _count(found: Alternative) -> str:
     count = f"{found.beyond} of" if found.beyond else "none of"
     if found.judged == 1:
         return (
-            "the one hogel that was measured is" if found.beyond else "the one hogel that was measured is not"
+            "the one hogel that was measured is"
+            if found.beyond
+            else "the one hogel that was measured is not"
         )
     return f"{count} the {found.judged} hogels that were measured {'is' if found.beyond < 2 else 'are'}"
 
@@ -251,7 +261,9 @@ def _count(found: Alternative) -> str:
 def filled(text: str) -> str:
     """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
     kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
-    return textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
+    return textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False).replace(
+        "\N{NO-BREAK SPACE}", " "
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,11 +272,14 @@ class Replayed:
 
     hogels: int  #: Number of hogels of which pixels were drawn
     matched: int  #: Number of surface points that both eyes are shown
-    #: Largest difference of the changes of disparity of two points, or of one and the plate's border, from
-    #: the 1st to the 99th percentile; None where both eyes are shown no point
+    #: Largest difference of the changes of disparity of two points, or of one and the plate's
+    #: border, from the 1st to the 99th percentile; None where both eyes are shown no point
     disparity_change_arcsec: float | None
-    depth: loss.DepthShift | None  #: By how much farther away than they are points are seen, scene units
-    #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact depth
+    depth: (
+        loss.DepthShift | None
+    )  #: By how much farther away than they are points are seen, scene units
+    #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact
+    #: depth
     wrong: float
     depth_wrong: float
     judged: int  #: Number of both eyes' judged pixels
@@ -275,7 +290,7 @@ def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple
     width, height = scene.plate.size
     film = (columns, max(1, round(columns * height / width)))
     middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
-    return stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+    return stereo_eyes([middle], eyes_apart(viewer, Display.from_scene(scene)))
 
 
 def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
@@ -285,8 +300,10 @@ def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
     if all(one.columns.size and one.rows.size for one in shown):
         return zone
     units, (x, y) = scene.units, zone.some
-    widest = zone.some_eyes_apart * (Display.of(scene).millimeters or 1.0)
-    advice = f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
+    widest = zone.some_eyes_apart * (Display.from_scene(scene).millimeters or 1.0)
+    advice = (
+        f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
+    )
     if not widest:
         advice = "no eyes straight before the plate's middle lie in it"
     raise InputError(
@@ -340,7 +357,9 @@ class ReplayWorkbench:
         return Replayed(
             hogels=self.hogels,
             matched=pair.matched,
-            disparity_change_arcsec=None if change is None else max(change.p99, 0.0) - min(change.p1, 0.0),
+            disparity_change_arcsec=None
+            if change is None
+            else max(change.p99, 0.0) - min(change.p1, 0.0),
             depth=pair.depth,
             wrong=sum(int(one.sum()) for one in wrong) / judged,
             depth_wrong=by_depth / judged,
@@ -348,8 +367,12 @@ class ReplayWorkbench:
         )
 
     def _drawn(self, settings: DoubleFrustum, done: Callable[[int], object]) -> list[loss.Views]:
-        collectors = [loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views]
-        hogels = Drawing(self._scene, settings).hogels(loss.film_parts(view.taken for view in self._views))
+        collectors = [
+            loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
+        ]
+        hogels = Drawing(self._scene, settings).hogels(
+            loss.film_parts(view.taken for view in self._views)
+        )
         images = loss.collected(hogels, collectors)
         done(self.hogels)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
@@ -376,9 +399,11 @@ class PlannedRecord:
     rays_per_pupil: float | None  #: Pixels of a hogel that a pupil catches along an axis
     #: What the viewer may notice of a near without cuts, and how large near may be for each
     limits: tuple[NearLimit, ...]
-    binding: str | None  #: Name of the limit that leaves the smallest near; None where no near is noticed
-    #: Predicted of the plan: change of disparity, and width of the crack in a surface that runs through the
-    #: plate; None without a plan, and without such a surface
+    binding: (
+        str | None
+    )  #: Name of the limit that leaves the smallest near; None where no near is noticed
+    #: Predicted of the plan: change of disparity, and width of the crack in a surface that runs
+    #: through the plate; None without a plan, and without such a surface
     stereo_change_arcsec: float | None
     crack_arcmin: float | None
     separation: float | None  #: Distance of sheets that must be ordered, scene units
@@ -386,16 +411,21 @@ class PlannedRecord:
     measured: Replayed | None  #: What a replay of the plan shows to two eyes; None without a plan
     #: The same with the plan's cuts; None without a plan, and where it has no cuts
     limits_with_cuts: tuple[NearLimit, ...] | None = None
-    noise_arcsec: float | None = None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
+    noise_arcsec: float | None = (
+        None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
+    )
     exceeded: tuple[str, ...] = ()  #: what the replay shows beyond what is required, in words
     view_zone: ViewZone | None = None  #: at the viewer's distance
 
 
-def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
+def exceeded(
+    found: Replayed, requirement: ViewerRequirement, noise_arcsec: float
+) -> tuple[str, ...]:
     """Return what a replay shows beyond what a viewer requires, in words.
 
-    A change of disparity counts where it is beyond stereo acuity by more than the replay's own noise. A plan
-    keeps that noise as a margin, so that a replay that is off by it shows no more than acuity.
+    A change of disparity counts where it is beyond stereo acuity by more than the replay's own
+    noise. A plan keeps that noise as a margin, so that a replay that is off by it shows no more
+    than acuity.
     """
     parts = []
     change, acuity = found.disparity_change_arcsec, requirement.viewer.stereo_acuity_arcsec
@@ -423,7 +453,7 @@ class ViewerPlan:
     """A plan for a viewer, what it was made for, and what a replay of it shows."""
 
     plan: Plan
-    requirement: EyeRequirement
+    requirement: ViewerRequirement
     record: PlannedRecord
 
     def summary(self) -> dict[str, Any]:
@@ -432,7 +462,7 @@ class ViewerPlan:
 
 
 def make_viewer_plan(
-    scouted: Scout,
+    scouted: PlateScan,
     viewer: Viewer,
     requirement: Requirement,
     choices: Sequence[DepthBuffer] | None = None,
@@ -442,10 +472,13 @@ def make_viewer_plan(
 ) -> ViewerPlan:
     """Plan how to draw a plate so that a viewer notices nothing, measure the plan, and replay it to his eyes.
 
-    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are kept.
+    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are
+    kept.
     """
     eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
-    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
+    seen = eye_requirement(
+        scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel
+    )
     seen = replace(seen, device=requirement.device)
     zone = seen_view_zone(scouted.scene, viewer)
     made = planned(scouted, seen, choices, sample, progress)
@@ -454,7 +487,7 @@ def make_viewer_plan(
 
 
 def planned_record(
-    scene: Scene, made: Plan, requirement: EyeRequirement, *, progress: bool = False
+    scene: Scene, made: Plan, requirement: ViewerRequirement, *, progress: bool = False
 ) -> PlannedRecord:
     """Return what a viewer notices of a plan that was made for his eyes, measured by a replay."""
     settings, viewer, display = made.settings, requirement.viewer, requirement.display
@@ -470,7 +503,9 @@ def planned_record(
         workbench = ReplayWorkbench(scene, viewer)
         with progress_bar(None, "eyes", "hogel", shown=progress) as bar:
             measured = workbench.measure(settings, bar.update)
-        noise = replay_noise_arcsec(requirement.content, viewer, display, settings, workbench.eye_pixel)
+        noise = replay_noise_arcsec(
+            requirement.content, viewer, display, settings, workbench.eye_pixel
+        )
         beyond = exceeded(measured, requirement, noise)
         with_cuts = requirement.limits_with(settings) if settings.slabs else None
     return PlannedRecord(
@@ -500,7 +535,13 @@ def planned_table(record: PlannedRecord, units: str) -> str:
         ("with these cuts", record.limits_with_cuts or ()),
     ):
         kinds.append((words, limits, binding(limits)))
-    values = {"record": record, "viewer": record.viewer, "units": units, "kinds": kinds, "found": found}
+    values = {
+        "record": record,
+        "viewer": record.viewer,
+        "units": units,
+        "kinds": kinds,
+        "found": found,
+    }
     values["millimeters"] = MILLIMETERS.get(units, 1.0)
     if found is not None:
         # As if pixels were drawn at random.

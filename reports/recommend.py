@@ -24,13 +24,18 @@ from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import CRACK, STEREO, NearLimit, binding
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.sampling import RandomSample
-from xfrustum.compare.scout import Scout
+from xfrustum.compare.scout import PlateScan
 from xfrustum.raster import require_room
 from xfrustum.reference import Reference
 from xfrustum.reports import planning
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import write_files
-from xfrustum.reports.common.provenance import plate_command, scene_command, settings_words, versions
+from xfrustum.reports.common.provenance import (
+    plate_command,
+    scene_command,
+    settings_words,
+    versions,
+)
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
@@ -59,12 +64,12 @@ QUANTILES = (0.01, 0.1, 0.5, 0.9)
 class Recommendation:
     """How to draw a plate, and what decides it; lengths in scene units.
 
-    Without a viewer pixels judge near. With one eyes do, and pixels besides where their tolerance was asked
-    for (`pixels_count`).
+    Without a viewer pixels judge near. With one eyes do, and pixels besides where their tolerance
+    was asked for (`pixels_count`).
     """
 
     scene: Scene
-    scouted: Scout
+    scouted: PlateScan
     requirement: Requirement
     pixels: Plan
     eyes: planning.ViewerPlan | None
@@ -97,7 +102,8 @@ class Recommendation:
     def pixel_limit(self) -> float | None:
         """Largest near within the tolerance at all scouted apertures that some near can draw; else None.
 
-        A plan without cuts has drawn hogels with its largest near, which counts where it is smaller.
+        A plan without cuts has drawn hogels with its largest near, which counts where it is
+        smaller.
         """
         possible = self.hogel_limits[self.hogel_limits > 0].tolist()
         if possible and self.pixels.near is not None and not self.pixels.slabs:
@@ -166,7 +172,9 @@ class Recommendation:
         if limit is not None:
             ordinary = float(np.nanmedian(self.hogel_limits))
             said[PIXELS] = f"pixels ({self._limits}) allow near up to {digits(limit)} "
-            said[PIXELS] += f"{units} at the worst hogel and up to {digits(ordinary)} at half of them"
+            said[PIXELS] += (
+                f"{units} at the worst hogel and up to {digits(ordinary)} at half of them"
+            )
             if self.eyes is not None and not self.pixels_count:
                 said[PIXELS] += ", which counts only with --tolerance-px"
         if self.eyes is not None:
@@ -184,7 +192,8 @@ class Recommendation:
             first = f"in one pair {first}"
         elif first is not None:
             largest = self.eye_limit.largest_near if self.binds == EYE and self.eye_limit else None
-            # A crack has a closed form: where a change of depth would allow more, there is no margin.
+            # A crack has a closed form: where a change of depth would allow more, there is no
+            # margin.
             if largest is None or digits(largest) != digits(self.chosen.near or 0.0):
                 first += ", and near is smaller for a margin"
                 first += ": the noise of a replay" if self.binds == EYE else ""
@@ -267,7 +276,9 @@ class Recommendation:
             "command": draw,
             "plate_bytes": self.plate_bytes,
             "confirm": confirm,
-            "hogels": {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size},
+            "hogels": {
+                f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size
+            },
             "buffers": self.buffers,
             "plans": {"pixels": self.pixels.summary(), "eye": self.eyes and self.eyes.summary()},
         }
@@ -300,14 +311,15 @@ def recommend(
 ) -> Recommendation:
     """Return how to draw a plate: what depth buffer, pixels and eyes allow, and which of them binds.
 
-    Without a `viewer`, eyes before the display, hogels' pixels are all that counts. `tolerance_px` is the
-    largest 99th percentile of displacement; None for the usual, by which no viewer's display is judged.
-    `choices` are the depth buffers to choose from, None for all.
+    Without a `viewer`, eyes before the display, hogels' pixels are all that counts. `tolerance_px`
+    is the largest 99th percentile of displacement; None for the usual, by which no viewer's display
+    is judged. `choices` are the depth buffers to choose from, None for all.
 
-    InputError where nobody sees anything of the objects, the scene's unit is not known to a viewer, or there
-    is no usable OpenGL.
+    InputError where nobody sees anything of the objects, the scene's unit is not known to a viewer,
+    or there is no usable OpenGL.
     """
-    # The plans are measured by drawing them, but only after searches that trace and predict for long.
+    # The plans are measured by drawing them, but only after searches that trace and predict for
+    # long.
     require_room(scene)
     scouted = planning.scouted_plate(scene, progress)
     requirement = Requirement() if tolerance_px is None else Requirement(tolerance_px=tolerance_px)
@@ -315,10 +327,13 @@ def recommend(
     if viewer is not None:
         how: dict[str, Any] = {"sample": sample, "progress": progress}
         eyes = planning.make_viewer_plan(scouted, viewer, Requirement(), choices, **how)
-    # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for pixels orders.
+    # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for
+    # pixels orders.
     judging = requirement if eyes is None or tolerance_px is not None else eyes.requirement
     reference = Reference(scene)
-    planner = PlatePlanner(reference=reference, scouted=scouted, requirement=requirement, choices=())
+    planner = PlatePlanner(
+        reference=reference, scouted=scouted, requirement=requirement, choices=()
+    )
     views = planner.first_views()
     found = Recommendation(
         scene=scene,
@@ -329,11 +344,16 @@ def recommend(
         pixels_count=tolerance_px is not None,
         buffers=(),
         hogel_limits=traced_limits(
-            reference, scouted, hogel_limits(scouted, requirement.tolerance_px), requirement.tolerance_px
+            reference,
+            scouted,
+            hogel_limits(scouted, requirement.tolerance_px),
+            requirement.tolerance_px,
         ),
     )
     compared = [*(COMPARED_BUFFERS if choices is None or len(choices) > MAX_COMPARED else choices)]
-    if (settings := found.chosen.settings) is not None and found.chosen.depth_buffer not in compared:
+    if (
+        settings := found.chosen.settings
+    ) is not None and found.chosen.depth_buffer not in compared:
         compared.append((settings.depth, settings.mapping))
     return replace(found, buffers=buffer_limits(views, scouted, judging, compared))
 
@@ -374,7 +394,13 @@ def _allowed(found: Recommendation) -> list[Allowed]:
             binds = found.binds == EYE and one == found.eye_limit
             rows.append(Allowed(f"eyes, {LIMIT_WORDS[one.name]}", high=high, binds=binds))
     for buffer in found.buffers:
-        low = 0.0 if buffer.any_near else math.inf if buffer.smallest_near is None else buffer.smallest_near
+        low = (
+            0.0
+            if buffer.any_near
+            else math.inf
+            if buffer.smallest_near is None
+            else buffer.smallest_near
+        )
         rows.append(Allowed(f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}", low))
     return rows
 
@@ -394,7 +420,11 @@ def limits_figure(found: Recommendation) -> Figure:
     ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
     low = min([*ends, near or reach]) / 30
     bars = [
-        (row.name.replace(", ", ",<br>"), row.low or low, reach if math.isinf(row.high) else row.high)
+        (
+            row.name.replace(", ", ",<br>"),
+            row.low or low,
+            reach if math.isinf(row.high) else row.high,
+        )
         for row in rows
         if math.isfinite(row.low)
     ]

@@ -27,7 +27,7 @@ LABEL = "#1b1f24"  #: color of their labels, which lie on white on light and on 
 def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
     """Look through apertures all over a plate, and choose the middle one and the worst."""
     with progress_bar(None, "scout", "aperture", shown=progress) as bar:
-        return AutoApertures.of(scout(scene, bar.update))
+        return AutoApertures.from_scan(scout(scene, bar.update))
 
 
 def notes(auto: AutoApertures) -> list[str]:
@@ -41,7 +41,9 @@ def notes(auto: AutoApertures) -> list[str]:
         lines.append(
             f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no settings draw"
         )
-    every = (f"auto: aperture {one.aperture.column},{one.aperture.row}: {one.why}" for one in auto.chosen)
+    every = (
+        f"auto: aperture {one.aperture.column},{one.aperture.row}: {one.why}" for one in auto.chosen
+    )
     return [*lines, *every]
 
 
@@ -56,7 +58,8 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
         "lines": FILM_PIXELS**2,
         "chosen": auto.record,
         "looks": [
-            {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names} for one in looks
+            {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names}
+            for one in looks
         ],
     }
 
@@ -89,8 +92,8 @@ def plate_cells(
 ) -> tuple[Floats, Mask]:
     """Return values (A,) of some hogels on the cells of a map (rows, columns), and which cells have one.
 
-    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same cell, the
-    one whose value counts.
+    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same
+    cell, the one whose value counts.
     """
     cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
     columns, rows = (np.reshape(places, (-1, 2)).astype(np.int64) * cells // hogels).T
@@ -101,17 +104,24 @@ def plate_cells(
 
 
 def plate_map(
-    plate: Plate, values: Floats, title: str, *, known: Mask | None = None, logarithmic: bool = False
+    plate: Plate,
+    values: Floats,
+    title: str,
+    *,
+    known: Mask | None = None,
+    logarithmic: bool = False,
 ) -> Figure:
     """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
 
-    The number is blank where it is NaN. Cells that are not `known`, by default those without a value, have
-    the value of the nearest of those that are. The color scale may be `logarithmic`. Where the
-    title begins with "share", numbers are told in percent.
+    The number is blank where it is NaN. Cells that are not `known`, by default those without a
+    value, have the value of the nearest of those that are. The color scale may be `logarithmic`.
+    Where the title begins with "share", numbers are told in percent.
     """
     known = np.isfinite(values) if known is None else known
     if known.any():
-        values = values[tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))]
+        values = values[
+            tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))
+        ]
     shown = np.log10(np.where(values > 0, values, np.nan)) if logarithmic else values
     (columns, rows), (width, height) = plate.hogels, plate.size
     heat = {
@@ -132,9 +142,17 @@ def plate_map(
         ticks = np.arange(np.ceil(exponents.min()), np.floor(exponents.max()) + 1)
         if len(ticks) <= 2:
             ticks = np.linspace(exponents.min(), exponents.max(), 5)
-        heat["colorbar"] |= {"tickvals": ticks, "ticktext": [digits(float(10**tick)) for tick in ticks]}
-    # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
-    same = {"scaleanchor": "x", "scaleratio": height / rows / (width / columns), "constraintoward": "top"}
+        heat["colorbar"] |= {
+            "tickvals": ticks,
+            "ticktext": [digits(float(10**tick)) for tick in ticks],
+        }
+    # Labels and color bars take room of their own: equal scales keep a square plate square beside
+    # them.
+    same = {
+        "scaleanchor": "x",
+        "scaleratio": height / rows / (width / columns),
+        "constraintoward": "top",
+    }
     axis = {"showgrid": False, "constrain": "domain"}
     layout = {
         "title": titled(title),
@@ -146,7 +164,9 @@ def plate_map(
     return styled([heat], layout)
 
 
-def mark(figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int) -> None:
+def mark(
+    figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int
+) -> None:
     """Ring some apertures on a map, with words to hover on, and label the first of them."""
     figure["data"].append(
         {
@@ -163,7 +183,12 @@ def mark(figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], st
     for (column, row), _ in marks[:labels]:
         # Labels go toward the middle of the plate, so that they stay on it.
         side = -1 if 2 * column > plate.hogels[0] else 1
-        label = {"x": column, "y": row, "xanchor": "left" if side > 0 else "right", "xshift": 13 * side}
+        label = {
+            "x": column,
+            "y": row,
+            "xanchor": "left" if side > 0 else "right",
+            "xshift": 13 * side,
+        }
         shown = {"showarrow": False, "bgcolor": "rgba(255, 255, 255, 0.85)"}
         font = {"color": LABEL, "size": 12}
         figure["layout"]["annotations"].append(

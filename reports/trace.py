@@ -42,7 +42,9 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     else:
         rows = min(height, max(1, BAND_PIXELS // width))
         memory = in_words(PIXEL_BYTES * rows * width)
-        parts.append(f"traced in {-(-height // rows):,} bands, in about {memory} of memory beside the scene")
+        parts.append(
+            f"traced in {-(-height // rows):,} bands, in about {memory} of memory beside the scene"
+        )
     file_bytes = pixels * (FILE_BYTES + (VARIANCE_BYTES if transported else 0))
     parts.append(f"the file takes at most {in_words(file_bytes)}")
     return "; ".join(parts)
@@ -57,7 +59,12 @@ def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> d
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
     certainty = {Certainty.UNEXAMINED.name.lower(): image.triangle.size}
-    return {"file": Path(path), "decided_by": reference.tracer_name, "certainty": certainty, "alone": None}
+    return {
+        "file": Path(path),
+        "decided_by": reference.tracer_name,
+        "certainty": certainty,
+        "alone": None,
+    }
 
 
 def trace_to_file(
@@ -70,8 +77,9 @@ def trace_to_file(
 ) -> dict[str, Any]:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    `compared` says whether to count what each tracer alone would have got wrong. InputError where the file
-    cannot be written: it appears complete, or not at all. Returns the object that `trace --json` prints.
+    `compared` says whether to count what each tracer alone would have got wrong. InputError where
+    the file cannot be written: it appears complete, or not at all. Returns the object that `trace
+    --json` prints.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
@@ -87,7 +95,9 @@ def trace_to_file(
             counts = np.bincount(band.certainty.ravel(), minlength=len(Certainty))
             counted.update({kind.name.lower(): int(counts[kind]) for kind in Certainty})
             if alone is not None:
-                counted.update({name: int(mask.sum()) for name, mask in alone.wrong(band, row).items()})
+                counted.update(
+                    {name: int(mask.sum()) for name, mask in alone.wrong(band, row).items()}
+                )
                 counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
@@ -102,16 +112,20 @@ def trace_transported(
 ) -> None:
     """Trace the truth of an aperture and color it by light paths, as its scene asks; write it as EXR.
 
-    Surfaces are those of the certified truth. The color is a mean, whose variance goes into channels of its
-    own, and the number of light paths into the camera. InputError where the file cannot be written: it
-    appears complete, or not at all.
+    Surfaces are those of the certified truth. The color is a mean, whose variance goes into
+    channels of its own, and the number of light paths into the camera. InputError where the file
+    cannot be written: it appears complete, or not at all.
     """
     scene = reference.scene
     with progress_bar(1 + scene.sampling.aperture, "trace", "image", shown=progress) as bar:
         image = reference.trace(aperture, Sampling())
         bar.update()
         estimate = transported(scene, aperture, scene.transport, done=bar.update)
-    camera = replace(image.camera, light_paths=estimate.samples, renderer="reference, colored by Mitsuba")
+    camera = replace(
+        image.camera, light_paths=estimate.samples, renderer="reference, colored by Mitsuba"
+    )
     color, variance = estimate.mean.astype(np.float32), estimate.variance_of_mean.astype(np.float32)
-    rendering = Rendering.of(ALL_EFFECTS, scene.sampling, scene.transport)
-    write_image(path, replace(image, camera=camera, color=color, variance=variance, rendering=rendering))
+    rendering = Rendering.from_effects(ALL_EFFECTS, scene.sampling, scene.transport)
+    write_image(
+        path, replace(image, camera=camera, color=color, variance=variance, rendering=rendering)
+    )

@@ -36,12 +36,24 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
-from xfrustum.scenes.notebook import Figure, Shown, as_shown, counted, digits, marked, percent
+from xfrustum.scenes.notebook import (
+    Figure,
+    NotebookRepr,
+    as_shown,
+    counted,
+    digits,
+    marked,
+    percent,
+)
 from xfrustum.scenes.notebook import png as notebook_png
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
 
-NAMES = {"true": "the true view", "replayed": "the replayed truth", "drawn": "the renderer's hogels"}
+NAMES = {
+    "true": "the true view",
+    "replayed": "the replayed truth",
+    "drawn": "the renderer's hogels",
+}
 """Names of the three pictures: in files, and in words."""
 
 UNKNOWN = "wrong surfaces unknown"
@@ -65,7 +77,9 @@ class Source(Protocol):
     """Hogels of a scene, by any renderer."""
 
     name: str  #: The renderer, or where its hogels lie, for people
-    settings: DoubleFrustum | None  #: Settings of the cameras that drew them; None where they are not known
+    settings: (
+        DoubleFrustum | None
+    )  #: Settings of the cameras that drew them; None where they are not known
 
     def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Yield hogels by column and row, in order; only pixels in the part of each film mean anything."""
@@ -106,13 +120,17 @@ class StoredPlate:
         except InputError as error:
             raise InputError(f"--plate {error}") from error
         except (KeyError, TypeError, ValidationError) as error:
-            raise InputError(f"--plate {path}: its description is damaged; draw the plate again") from error
+            raise InputError(
+                f"--plate {path}: its description is damaged; draw the plate again"
+            ) from error
         if drawn_from != (scene.content_hash, look_hash(scene)):
             raise InputError(
                 f"--plate {path}: was drawn from another scene; draw it again with xfrustum plate"
             )
         self._path, self._scene, self._plate = path, scene, plate
-        self._arrays = {name: plate.arrays[name] for name in (TRIANGLE, COLOR) if name in plate.arrays}
+        self._arrays = {
+            name: plate.arrays[name] for name in (TRIANGLE, COLOR) if name in plate.arrays
+        }
         width, height = scene.frustum.resolution
         expected = (*scene.plate.hogels[::-1], height, width)
         if COLOR not in self._arrays or any(a.shape[:4] != expected for a in self._arrays.values()):
@@ -131,7 +149,9 @@ class StoredPlate:
                 arrays = {name: self._plate.image(name, column, row) for name in self._arrays}
             except InputError as error:
                 raise InputError(f"--plate {error}") from error
-            yield loss.DrawnHogel(index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
+            yield loss.DrawnHogel(
+                index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE)
+            )
 
 
 class Images:
@@ -207,7 +227,7 @@ class ViewRecord:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SceneView(Shown):
+class SceneView(NotebookRepr):
     """Pictures of all eyes, their losses pixel by pixel (no renderer's where none is judged), and numbers."""
 
     scene: Scene
@@ -215,8 +235,8 @@ class SceneView(Shown):
     display: tuple[loss.LossMaps, ...]
     renderer: tuple[loss.LossMaps, ...]
     record: ViewRecord
-    #: Distance by which everything is seen farther from the plate than it is, scene units; None where that is
-    #: not one distance, or where the cameras are not known
+    #: Distance by which everything is seen farther from the plate than it is, scene units; None
+    #: where that is not one distance, or where the cameras are not known
     gap: float | None = None
 
     def summary(self) -> dict[str, Any]:
@@ -230,7 +250,10 @@ class SceneView(Shown):
 
     def _said(self) -> str:
         parts = []
-        for name, shows in (("display", "the display shows"), ("renderer", f"{self.record.source} besides")):
+        for name, shows in (
+            ("display", "the display shows"),
+            ("renderer", f"{self.record.source} besides"),
+        ):
             losses = [eye.losses[name] for eye in self.record.eyes if name in eye.losses]
             known = [lost.fraction for lost in losses if lost.fraction is not None]
             if losses:
@@ -241,7 +264,11 @@ class SceneView(Shown):
         return f"{seen}; {', '.join(parts)}"
 
     def _figures(self) -> Sequence[Figure]:
-        names = {"true": "true view", "replayed": "replayed truth", "drawn": self.record.source or ""}
+        names = {
+            "true": "true view",
+            "replayed": "replayed truth",
+            "drawn": self.record.source or "",
+        }
         return [
             Figure(caption=f"eye {number}, {names[name]}", content=notebook_png(shown(image)))
             for number in range(len(self.views[:MAX_SHOWN_EYES]))
@@ -271,7 +298,9 @@ def stereo_eyes(eyes: Sequence[Eye], distance: float) -> tuple[Eye, ...]:
     """Return a left and a right eye in place of each eye, a distance apart in x."""
     places = [(eye, *eye.position) for eye in eyes]
     return tuple(
-        replace(eye, position=(x + side * distance / 2, y, z)) for eye, x, y, z in places for side in (-1, 1)
+        replace(eye, position=(x + side * distance / 2, y, z))
+        for eye, x, y, z in places
+        for side in (-1, 1)
     )
 
 
@@ -286,10 +315,10 @@ def view(
 ) -> SceneView:
     """Return what eyes see of a scene, truly, of its replayed truth, and of a renderer's hogels.
 
-    Light is that of one sample a pixel, without light transport, and of the given effects (None: those that
-    the scene calls for). Without a source the display alone is judged. Two eyes, `stereo` apart in scene
-    units, may take the place of each eye. InputError where there is no eye, one sees the plate from too far
-    aside, or the hogels cannot be had.
+    Light is that of one sample a pixel, without light transport, and of the given effects (None:
+    those that the scene calls for). Without a source the display alone is judged. Two eyes,
+    `stereo` apart in scene units, may take the place of each eye. InputError where there is no eye,
+    one sees the plate from too far aside, or the hogels cannot be had.
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
@@ -309,7 +338,10 @@ def view(
             drawn = loss.collected(bar, collectors)
         numbered = any(collector.numbered for collector in collectors)
         if settings is not None and not settings.slabs and settings.offset is not Offset.NONE:
-            rigid = moves_rigidly(scene.frustum, settings) and settings.fitted_height(scene.frustum) is None
+            rigid = (
+                moves_rigidly(scene.frustum, settings)
+                and settings.fitted_height(scene.frustum) is None
+            )
             gap = settings.near if rigid else None
     views = []
     with progress_bar(len(chosen), "eyes", "eye", shown=progress) as bar:
@@ -332,7 +364,9 @@ def view(
     pairs = []
     for left in range(0, 0 if stereo is None else len(views), 2):
         by_display, by_renderer = loss.disparity(reference, views[left], views[left + 1])
-        pairs.append(PairRecord(left=left, right=left + 1, display=by_display, renderer=by_renderer))
+        pairs.append(
+            PairRecord(left=left, right=left + 1, display=by_display, renderer=by_renderer)
+        )
     record = ViewRecord(
         eyes=records,
         stereo=tuple(pairs),
@@ -362,7 +396,9 @@ def _heights_picture(image: EyeImage, low: float, high: float) -> Bytes:
 def file_names(eyes: int, *, drawn: bool) -> tuple[str, ...]:
     """Return the names of the files of a view of some eyes."""
     pictures = list(NAMES)[: 3 if drawn else 2]
-    each = [f"{name}_{k}.{kind}" for k in range(eyes) for name in pictures for kind in ("exr", "png")]
+    each = [
+        f"{name}_{k}.{kind}" for k in range(eyes) for name in pictures for kind in ("exr", "png")
+    ]
     return (PAGE, DATA, *([ANIMATION] if eyes > 1 else []), *each)
 
 
@@ -392,7 +428,9 @@ def write_view(found: SceneView, out: Path) -> tuple[Path, ...]:
 
 def _page(found: SceneView) -> str:
     pictures = [found.images(number) for number in range(len(found.views))]
-    heights = np.concatenate([image.position[..., 2].ravel() for some in pictures for image in some.values()])
+    heights = np.concatenate(
+        [image.position[..., 2].ravel() for some in pictures for image in some.values()]
+    )
     known = heights[np.isfinite(heights)]
     low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
     high = high if high > low else low + 1.0
@@ -402,7 +440,9 @@ def _page(found: SceneView) -> str:
         for name, picture in {"display": "replayed", "renderer": "drawn"}.items():
             for lost in getattr(found, name)[number : number + 1]:
                 # A dimmed view on which wrong surfaces are red and displaced points blue.
-                marks = marked(shown(some[picture]), lost.wrong, lost.displacement_arcmin / SEEN_ARCMIN)
+                marks = marked(
+                    shown(some[picture]), lost.wrong, lost.displacement_arcmin / SEEN_ARCMIN
+                )
                 losses[name] = address(png(marks))
         encoded = {
             name: {
@@ -457,7 +497,9 @@ def _sentences(found: SceneView) -> list[str]:
         parts = []
         if lost.fraction is not None:
             parts.append(f"loses {percent(lost.fraction)} of the pixels to wrong surfaces")
-        moved = [one.displacement_arcmin.p99 for one in losses if one.displacement_arcmin is not None]
+        moved = [
+            one.displacement_arcmin.p99 for one in losses if one.displacement_arcmin is not None
+        ]
         if moved:
             parts.append(f"moves 99 % of the others by at most {digits(max(moved))} arc minutes")
         looks = [one.flip for one in losses if one.flip is not None]
@@ -471,12 +513,16 @@ def _sentences(found: SceneView) -> list[str]:
     if found.renderer and any(eye.display.displacement_arcmin for eye in eyes):
         moves = [[one.displacement_arcmin for one in eye.losses.values()] for eye in eyes]
         pairs = [(a, b) for a, b in moves if a is not None and b is not None]
-        above, above_half = (sum(getattr(b, p) >= getattr(a, p) for a, b in pairs) for p in ("p99", "p50"))
+        above, above_half = (
+            sum(getattr(b, p) >= getattr(a, p) for a, b in pairs) for p in ("p99", "p50")
+        )
         if not pairs:
             unknown = "How far the renderer moves things is not known"
             told.append(f"{unknown}: its hogels do not say where their points lie.")
         elif not above and not above_half:
-            told.append("At every eye the renderer moves things by less than the display itself does.")
+            told.append(
+                "At every eye the renderer moves things by less than the display itself does."
+            )
         else:
             more = "the renderer moves things by more than the display does"
             half = "" if above == above_half else f", by p99, and at {above_half} by the median"
@@ -527,20 +573,23 @@ def write_quilt(  # noqa: PLR0913 - one parameter per option of the command
 ) -> ViewRecord:
     """Write quilts of the scene, of its replayed truth and of a renderer's hogels, and their numbers.
 
-    The eyes lie on a line parallel to the plate, at equal steps of angle from the left, the given one in the
-    middle. Each row of tiles is made by itself, so that memory does not grow with the number of rows. See
-    `view`; InputError where there are no tiles, columns by rows, or too many.
+    The eyes lie on a line parallel to the plate, at equal steps of angle from the left, the given
+    one in the middle. Each row of tiles is made by itself, so that memory does not grow with the
+    number of rows. See `view`; InputError where there are no tiles, columns by rows, or too many.
     """
     count = tiles[0] * tiles[1]
     if min(tiles) < 1 or count > MAX_TILES:
-        raise InputError(f"a quilt needs 1 to {MAX_TILES} tiles, such as 8x6, not {tiles[0]}x{tiles[1]}")
+        raise InputError(
+            f"a quilt needs 1 to {MAX_TILES} tiles, such as 8x6, not {tiles[0]}x{tiles[1]}"
+        )
     x, y, height = eye.position
     turns = [0.0] if count == 1 else [number / (count - 1) - 0.5 for number in range(count)]
     shifts = [height * math.tan(math.radians(CONE_DEGREES) * turn) for turn in turns]
     eyes = [replace(eye, position=(x + shift, y, height)) for shift in shifts]
     names = quilt_names(scene, tiles, drawn=source is not None)
     with Staging(out, names) as staging:
-        # Rows of tiles by picture: the first tile is at the bottom left, then to the right, then up.
+        # Rows of tiles by picture: the first tile is at the bottom left, then to the right, then
+        # up.
         rows: dict[str, list[Bytes]] = {}
         records = []
         for first in range(0, count, tiles[0]):

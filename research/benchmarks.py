@@ -1,7 +1,7 @@
 """Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
 
-`bench truth`, `judge` and `plate` race what the toolkit does against loops that anybody would write and
-against tracers that prove nothing.
+`bench truth`, `judge` and `plate` race what the toolkit does against loops that anybody would write
+and against tracers that prove nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
-from xfrustum.compare.run import Judge
+from xfrustum.compare.run import Evaluator
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.context import describe, open_context
 from xfrustum.raster.plate.one_by_one import PlainLoop
@@ -68,7 +68,12 @@ def machine_record(*, tracers: bool = False) -> Record:
     renderer = describe(context)["renderer"]
     context.release()
     machine = provenance.machine()
-    return {"machine": machine, "arrays": machine["arrays"], "renderer": renderer, "versions": versions}
+    return {
+        "machine": machine,
+        "arrays": machine["arrays"],
+        "renderer": renderer,
+        "versions": versions,
+    }
 
 
 def settings_of(scene: Scene) -> DoubleFrustum:
@@ -91,17 +96,21 @@ def sized(scene: Scene, resolution: int) -> Scene:
 
 def film_rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
     """Return origins and directions of the rays through all pixels of an aperture."""
-    pencil = crossed_frustum(scene.frustum, aperture)
-    return pixel_rays(scene, pencil, range(pencil.resolution[1]))
+    bundle = crossed_frustum(scene.frustum, aperture)
+    return pixel_rays(scene, bundle, range(bundle.resolution[1]))
 
 
 def rate_of(amount: float, seconds: Timing) -> Timing:
     """Return the amount per second, given the seconds that all of it took."""
-    lowest, median, highest = (amount / each for each in (seconds.highest, seconds.median, seconds.lowest))
+    lowest, median, highest = (
+        amount / each for each in (seconds.highest, seconds.median, seconds.lowest)
+    )
     return replace(seconds, median=median, lowest=lowest, highest=highest, low=None, high=None)
 
 
-def ratios_of(rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]) -> dict[str, float | None]:
+def ratios_of(
+    rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]
+) -> dict[str, float | None]:
     """Return quotients of median rates as "one/other"; None where the other does not run here."""
     return {
         f"{one}/{other}": rates[one].median / rates[other].median if other in rates else None
@@ -114,13 +123,18 @@ def exhaust(images: Iterable[object]) -> None:
     deque(images, maxlen=0)
 
 
-def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Sequence[str]] = ()) -> str:
+def rates_table(
+    title: str, races: Sequence[Record], key: str, more: Iterable[Sequence[str]] = ()
+) -> str:
     """Return rates and ratios of some races, and more rows, as text: one column for each race."""
     heads = ["{} x {}".format(*race["resolution"]) for race in races]
     rows: list[Sequence[str]] = [[title, *heads]]
     for name in races[0][key]:
         # A rate is its median and both ends; None stands for a contestant that does not run here.
-        rates = [rate and list(rate.values())[:3] for rate in json_ready([race[key][name] for race in races])]
+        rates = [
+            rate and list(rate.values())[:3]
+            for rate in json_ready([race[key][name] for race in races])
+        ]
         cells = ("{:.2f} ({:.2f} to {:.2f})".format(*rate) if rate else "-" for rate in rates)
         rows.append([name, *cells])
     for pair in races[0]["ratios"]:
@@ -129,16 +143,21 @@ def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Se
     return aligned([*rows, *more], str.ljust)
 
 
-def report(head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]) -> str:
+def report(
+    head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]
+) -> str:
     """Return a benchmark as text: what was measured and where, its tables, and what its names mean."""
     where = f"{found['machine']['cores']} cores of {found['machine']['processor']}"
     where += f"; arrays on {found['arrays']}, drawing by {found['renderer']}"
     devices = {name: f" (on {device})" for name, device in found["devices"].items()}
-    legend = "\n".join(f"{name}{devices.get(name, '')}: {meaning}" for name, meaning in meanings.items())
+    legend = "\n".join(
+        f"{name}{devices.get(name, '')}: {meaning}" for name, meaning in meanings.items()
+    )
     return "\n\n".join(("\n".join((*head, where)), *tables, legend))
 
 
-# The truth, next to tracers that prove nothing ------------------------------------------------------------
+# The truth, next to tracers that prove nothing
+# ------------------------------------------------------------
 
 TRUTH_MEANINGS = {
     "mitsuba": "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
@@ -163,9 +182,9 @@ def _mitsuba() -> str:
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
     """Return the contestants that there are here, by the names in `TRUTH_MEANINGS`.
 
-    Acceleration structures are built, and rays aimed, here or at the first call, which no clock should count.
-    The certified truth has no such thing: each call begins with the triangles. There is no `mitsuba` where
-    it has only its scalar variant, one ray at a time.
+    Acceleration structures are built, and rays aimed, here or at the first call, which no clock
+    should count. The certified truth has no such thing: each call begins with the triangles. There
+    is no `mitsuba` where it has only its scalar variant, one ray at a time.
     """
     origins, directions = film_rays(scene, aperture)
     embree, reference = EmbreeTracer(scene), Reference(scene)
@@ -182,14 +201,20 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
 
 
 def benchmark_truth(
-    scene: Scene, resolutions: Sequence[int] = (512, 1024, 2048), repeat: int = 9, *, progress: bool = False
+    scene: Scene,
+    resolutions: Sequence[int] = (512, 1024, 2048),
+    repeat: int = 9,
+    *,
+    progress: bool = False,
 ) -> Record:
     """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
 
     InputError where the scene has no triangles.
     """
     scenes, races = [sized(scene, side) for side in resolutions], []
-    with progress_bar(len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress) as bar:
+    with progress_bar(
+        len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress
+    ) as bar:
         for one in scenes:
             (width, height), rates = one.frustum.resolution, {}
             # One at a time, so that none pays for what another leaves behind in caches and heap.
@@ -211,7 +236,12 @@ def benchmark_truth(
         "scene": {**scene_record(scene), "aperture": scene.plate.middle.index},
         "repeat": repeat,
         "meanings": TRUTH_MEANINGS,
-        "devices": {**_TRACING, "certified": array_device(), "truth": array_device(), "mitsuba": _mitsuba()},
+        "devices": {
+            **_TRACING,
+            "certified": array_device(),
+            "truth": array_device(),
+            "mitsuba": _mitsuba(),
+        },
         "races": races,
         **machine_record(tracers=True),
     }
@@ -228,10 +258,11 @@ def truth_table(found: Record) -> str:
     return report(head, [rates], found, TRUTH_MEANINGS)
 
 
-# Judged hogels, and CPU seconds by stage -------------------------------------------------------------------
+# Judged hogels, and CPU seconds by stage
+# -------------------------------------------------------------------
 
 JUDGE_MEANINGS = {
-    "stream": "Judge.stream, which overlaps drawing, tracing and comparing: numbers alone",
+    "stream": "Evaluator.stream, which overlaps drawing, tracing and comparing: numbers alone",
     "loop": "trace, render and compare_images, one hogel after the other: the same numbers",
     "plain": "render, trimesh's intersects_first and NumPy: other objects, and displacement, nothing proven",
     "render": "the frame alone, without normals and color, read back",
@@ -268,7 +299,8 @@ def default_scenes() -> tuple[str, ...]:
 
 GLOBE_REACH = 100.0  #: reach on both sides, scene units; every globe lies within it
 
-#: Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind.
+#: Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two
+#: behind.
 GLOBES = (
     ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
     ((12.0, -12.0, 60.0), (11.0, 11.0, 11.0)),
@@ -277,14 +309,16 @@ GLOBES = (
     ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
 )
 
-MAX_FACTOR_RATIO = 2.5  #: largest ratio of sectors to rings: a number whose factors differ more is refused
+MAX_FACTOR_RATIO = (
+    2.5  #: largest ratio of sectors to rings: a number whose factors differ more is refused
+)
 
 
 def globes(triangles: int) -> Scene:
     """Return closed globes before, across and behind a plate of 9 x 9 hogels.
 
-    They have exactly that number of triangles; with m sectors or bands a silhouette is off by at most 1 -
-    cos(pi / m) of a semi-axis. Raises InputError where no globe has that many.
+    They have exactly that number of triangles; with m sectors or bands a silhouette is off by at
+    most 1 - cos(pi / m) of a semi-axis. Raises InputError where no globe has that many.
     """
     # A product of sectors, and of rings of vertices between the poles, as even as it can be.
     product, rest = divmod(triangles, 2 * len(GLOBES))
@@ -303,10 +337,12 @@ def globes(triangles: int) -> Scene:
     fov = math.radians(60)
     frustum = Frustum(resolution=(1, 1), reach=(GLOBE_REACH, GLOBE_REACH), fov=(fov, fov))
     plate = Plate(size=(1.0, 1.0), hogels=(9, 9))
-    return Scene(name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects)
+    return Scene(
+        name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects
+    )
 
 
-def judged_in_stream(judge: Judge, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
+def judged_in_stream(judge: Evaluator, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
     """Judge hogels with truths and frames made side by side."""
     stream = judge.stream(apertures, [settings_of(judge.scene)], radiance=False)
     return [hogel.drawings[0].comparison for hogel in stream]
@@ -335,12 +371,12 @@ def judged_plainly(
     found = []
     for aperture in apertures:
         drawn = bare_frame(rasterizer, aperture)
-        pencil = crossed_frustum(scene.frustum, aperture)
-        width, height = pencil.resolution
+        bundle = crossed_frustum(scene.frustum, aperture)
+        width, height = bundle.resolution
         first = mesh.intersects_first(*film_rays(scene, aperture))
         wrong = scene.object_of_number[first] != drawn.object.ravel()
         with np.errstate(invalid="ignore", divide="ignore"):
-            place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), pencil)
+            place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), bundle)
         row, column = np.divmod(np.arange(width * height), width)
         moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
         moved = moved[np.isfinite(moved)]
@@ -358,8 +394,8 @@ def benchmark_judge(
 ) -> Record:
     """Measure how fast hogels, spread over the plates of some scenes, are judged; W = H of each race.
 
-    Contestants, and then stages, take `repeat` turns after a warm-up. InputError where a scene has no
-    triangles, or there is no usable OpenGL.
+    Contestants, and then stages, take `repeat` turns after a warm-up. InputError where a scene has
+    no triangles, or there is no usable OpenGL.
     """
     films = [[sized(scene, side) for side in resolutions] for scene in scenes]
     turns = len(scenes) * len(resolutions) * (repeat + 1) * (len(JUDGE_MEANINGS) + len(STAGES))
@@ -381,9 +417,11 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     settings, middle, plate = settings_of(scene), scene.plate.middle, scene.plate
     # Spread evenly over the plate row by row; some twice where it has fewer.
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
-    apertures = [plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers]
+    apertures = [
+        plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers
+    ]
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
-    with Judge(scene) as judge, Rasterizer(scene) as rasterizer:
+    with Evaluator(scene) as judge, Rasterizer(scene) as rasterizer:
         reference = judge.reference
         runs: dict[str, Callable[[], object]] = {
             "stream": lambda: judged_in_stream(judge, apertures),
@@ -428,7 +466,9 @@ def stages_record(taken: Mapping[str, float]) -> Record:
 
     A difference is never negative. A second opinion is no part of a truth: somebody asks for it.
     """
-    cpu_s = {stage: max(0.0, taken[stage] - taken.get(WITHIN.get(stage, ""), 0.0)) for stage in STAGES}
+    cpu_s = {
+        stage: max(0.0, taken[stage] - taken.get(WITHIN.get(stage, ""), 0.0)) for stage in STAGES
+    }
     drawing = cpu_s["drawing"] + cpu_s["read-back"]
     judging = cpu_s["deciding"] + cpu_s["points and colors"] + cpu_s["comparing"]
     colors = judging + cpu_s["comparing radiance"]
@@ -442,7 +482,9 @@ def judge_table(found: Record) -> str:
     for judged in found["scenes"]:
         scene, races = judged["scene"], judged["races"]
         more = [["CPU ms of one hogel", *("" for _ in races)]]
-        more += [[stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES]
+        more += [
+            [stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES
+        ]
         for how in races[0]["judging_over_drawing"]:
             shares = (f"{one['judging_over_drawing'][how]:.2f}" for one in races)
             more.append([f"(truth + comparing)/drawing {how}", *shares])
@@ -456,7 +498,8 @@ def judge_table(found: Record) -> str:
     return report(head, tables, {**found, "devices": devices}, JUDGE_MEANINGS | STAGES)
 
 
-# Many hogels at once, next to loops that anybody would write ---------------------------------------------
+# Many hogels at once, next to loops that anybody would write
+# ---------------------------------------------
 
 PLATE_MEANINGS = {
     "plain": "one hogel after the other, every triangle twice, triangle numbers and float32 color read back",
@@ -470,7 +513,10 @@ PLATE_MEANINGS = {
 }
 
 PLATE_RATIOS = (
-    *(("batched", other) for other in ("plain", "plain-numbered", "batched-discarded", "read-back")),
+    *(
+        ("batched", other)
+        for other in ("plain", "plain-numbered", "batched-discarded", "read-back")
+    ),
     *(("batched-color", other) for other in ("bare", "bare-numbered")),
 )
 
@@ -523,7 +569,10 @@ def benchmark_plate(
         "hogels_per_second": rates,
         "ratios": ratios_of(rates, PLATE_RATIOS),
         "stages_s": {
-            stage: {clock: Timing.of([getattr(run[stage], clock) for run in measured]) for clock in clocks}
+            stage: {
+                clock: Timing.from_values([getattr(run[stage], clock) for run in measured])
+                for clock in clocks
+            }
             for stage in measured[0]
         },
         "device": device,

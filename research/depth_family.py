@@ -1,7 +1,7 @@
 """Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
 
-For C* objects are reflected through the aperture: no point moves on the film, but C keeps the nearest surface
-of a line and C* the farthest.
+For C* objects are reflected through the aperture: no point moves on the film, but C keeps the
+nearest surface of a line and C* the farthest.
 """
 
 import math
@@ -19,20 +19,23 @@ from xfrustum.scenes.library.car import car
 REACH = 1000.0
 #: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.
 FARTHEST = 0.999 * REACH
-CAR_RATIO = 1.5  #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
-#: Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that come nearer
-#: than about this lie beside the film of the middle aperture.
+CAR_RATIO = (
+    1.5  #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
+)
+#: Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that
+#: come nearer than about this lie beside the film of the middle aperture.
 SHIFT_PER_REACH = 0.05
-#: Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an aperture over a
-#: corner of the screen.
+#: Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an
+#: aperture over a corner of the screen.
 SHEAR_PER_SLOPE = 1.0
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
-#: Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that none hides
-#: another at any depth; and those before the plate where there are cars on both sides.
+#: Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that
+#: none hides another at any depth; and those before the plate where there are cars on both sides.
 _QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
-#: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the
-#: plate in which its body crosses the plate; and the depth of the screen of `car-recentered`, in millimeters.
+#: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a
+#: row of the plate in which its body crosses the plate; and the depth of the screen of
+#: `car-recentered`, in millimeters.
 _CAR_REACH, _CAR_FOV, _CAR_ROW, _CAR_SCREEN = 150.0, math.radians(60), -10.0, 60.0
 
 
@@ -47,8 +50,9 @@ class SeenScene:
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     """Return cars at geometric distances, of a given depth, before (`C_STAR`) or behind the plate (`C`).
 
-    Each fills a quarter of the film and is scaled about the aperture, which keeps its picture. The farthest
-    surface lies at `FARTHEST`, the nearest at the ratio's part of that. Raises InputError below `CAR_RATIO`.
+    Each fills a quarter of the film and is scaled about the aperture, which keeps its picture. The
+    farthest surface lies at `FARTHEST`, the nearest at the ratio's part of that. Raises InputError
+    below `CAR_RATIO`.
     """
     return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
 
@@ -68,7 +72,9 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
     shift = SHIFT_PER_REACH * REACH
     # The aperture at the top right is one cell, the whole shift, from the middle one.
     plate = Plate(size=(3 * shift, 3 * shift), hogels=(3, 3))
-    moved = _moved(_cars(ratio, Camera.C, _QUARTERS), lambda points: points + np.array([shift, shift, 0.0]))
+    moved = _moved(
+        _cars(ratio, Camera.C, _QUARTERS), lambda points: points + np.array([shift, shift, 0.0])
+    )
     scene = replace(_scene(f"cars of depth {ratio:g}, shifted", resolution, moved), plate=plate)
     return SeenScene(scene=scene, aperture=plate.middle if in_middle else plate.aperture(2, 0))
 
@@ -76,7 +82,8 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
 def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
     """Return the cars of `cars`, behind the plate, sheared so that a recentered frustum shows their picture.
 
-    The screen lies among the cars at `balanced_height`, the aperture over its corner (`SHEAR_PER_SLOPE`).
+    The screen lies among the cars at `balanced_height`, the aperture over its corner
+    (`SHEAR_PER_SLOPE`).
     """
     height, slope = balanced_height(ratio), math.tan(_FOV / 2)
     half_size = slope * height
@@ -101,18 +108,20 @@ def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 def balanced_height(ratio: float) -> float:
     """Return the height |z| at which a fit displaces the nearest and the farthest cars alike, scene units.
 
-    A fit to zf displaces by u W/2 n |1/|z| - 1/zf|, to first order in n: alike where 1/zf is the mean of both
-    1/|z|.
+    A fit to zf displaces by u W/2 n |1/|z| - 1/zf|, to first order in n: alike where 1/zf is the
+    mean of both 1/|z|.
     """
     return 2 * FARTHEST / (ratio + 1)
 
 
-def car_through_plate(distance: float, resolution: tuple[int, int], *, recentered: bool = False) -> SeenScene:
+def car_through_plate(
+    distance: float, resolution: tuple[int, int], *, recentered: bool = False
+) -> SeenScene:
     """Return the built-in car, seen from an aperture beside where its body crosses the plate.
 
-    `distance` is that along x, as a share of the reach. Recentered, the car is sheared so that a recentered
-    frustum, with the aperture over a corner of the screen, shows the picture of the centered one; the shear
-    keeps where the car crosses the plate.
+    `distance` is that along x, as a share of the reach. Recentered, the car is sheared so that a
+    recentered frustum, with the aperture over a corner of the screen, shows the picture of the
+    centered one; the shear keeps where the car crosses the plate.
     """
     size = REACH / _CAR_REACH
     parts, y = _moved(car(), lambda points: size * points), _CAR_ROW * size
@@ -120,9 +129,12 @@ def car_through_plate(distance: float, resolution: tuple[int, int], *, recentere
     triangles = np.concatenate([part.vertices[part.faces] for part in parts])
     starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
     crosses = (starts[:, 2] < 0) != (ends[:, 2] < 0)
-    share = np.divide(starts[:, 2], starts[:, 2] - ends[:, 2], out=np.zeros(len(starts)), where=crosses)
+    share = np.divide(
+        starts[:, 2], starts[:, 2] - ends[:, 2], out=np.zeros(len(starts)), where=crosses
+    )
     points = starts[:, :2] + share[:, None] * (ends - starts)[:, :2]
-    # A triangle crosses the plate along a segment between two of its edges: the outermost x in that row.
+    # A triangle crosses the plate along a segment between two of its edges: the outermost x in that
+    # row.
     low, high = points[crosses].reshape(-1, 2, 2).transpose(1, 0, 2)
     across = (low[:, 1] < y) != (high[:, 1] < y)
     low, step = low[across], (high - low)[across]
@@ -133,9 +145,13 @@ def car_through_plate(distance: float, resolution: tuple[int, int], *, recentere
     if recentered:
         slope, height = math.tan(_CAR_FOV / 2), _CAR_SCREEN * size
         shear = SHEAR_PER_SLOPE * slope
-        parts = _moved(parts, lambda points: points + shear * points[:, 2:] * np.array([1.0, 1.0, 0.0]))
+        parts = _moved(
+            parts, lambda points: points + shear * points[:, 2:] * np.array([1.0, 1.0, 0.0])
+        )
         center = aperture.x - shear * height, aperture.y - shear * height
-        screen = Screen(height=-height, center=center, size=(2 * slope * height, 2 * slope * height))
+        screen = Screen(
+            height=-height, center=center, size=(2 * slope * height, 2 * slope * height)
+        )
         name, frustum = f"{name}, recentered", replace(frustum, fov=None, screen=screen)
     scene = Scene(name=name, plate=_PLATE, frustum=frustum, objects=tuple(parts))
     return SeenScene(scene=scene, aperture=aperture)
@@ -160,8 +176,8 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
     """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
     if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
         raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
-    # A car on the axis, seen from above a corner: its nearest point is put at |z| = x such that the farthest
-    # lies at CAR_RATIO x; then all is scaled.
+    # A car on the axis, seen from above a corner: its nearest point is put at |z| = x such that the
+    # farthest lies at CAR_RATIO x; then all is scaled.
     turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
     corners = np.concatenate([part.vertices for part in turned])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -171,9 +187,11 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
     parts = _moved(turned, lambda points: size * (points - to_place))
     corners = np.concatenate([part.vertices for part in parts])
     objects = []
-    for at, scale in zip(places, np.geomspace(1.0, CAR_RATIO / ratio, len(places)).tolist(), strict=True):
-        # The shift that brings the picture to the middle of its place. Depths differ by half at most, so that
-        # each step leaves less than half of the distance.
+    for at, scale in zip(
+        places, np.geomspace(1.0, CAR_RATIO / ratio, len(places)).tolist(), strict=True
+    ):
+        # The shift that brings the picture to the middle of its place. Depths differ by half at
+        # most, so that each step leaves less than half of the distance.
         shift, middle = np.zeros(3), np.array(at) * math.tan(_FOV / 2) / 2
         for _ in range(60):
             seen = (corners[:, :2] + shift[:2]) / -corners[:, 2:]
@@ -183,6 +201,7 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
             if camera is Camera.C:
                 objects.append(replace(part, vertices=vertices))
             else:
-                # Reflection through the aperture reverses the winding as it is seen; so are the corners.
+                # Reflection through the aperture reverses the winding as it is seen; so are the
+                # corners.
                 objects.append(replace(part, vertices=-vertices, faces=part.faces[:, ::-1]))
     return objects

@@ -1,7 +1,7 @@
 """`xfrustum study noticeable`: what viewers notice of near and depth buffer.
 
-Closed forms answer for every plate, place, pivot, near and depth buffer; some are replayed to two eyes.
-Lengths are in millimeters, the unit of the scenes.
+Closed forms answer for every plate, place, pivot, near and depth buffer; some are replayed to two
+eyes. Lengths are in millimeters, the unit of the scenes.
 """
 
 import math
@@ -18,7 +18,7 @@ from xfrustum.compare.eye import noticeable
 from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
-from xfrustum.compare.scout import Scout, scout
+from xfrustum.compare.scout import PlateScan, scout
 from xfrustum.reports.blocks import HERE, Engine, open_workers
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
@@ -29,7 +29,9 @@ from xfrustum.scenes.notebook import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
-USUAL_DISTANCE = 600.0  # that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
+USUAL_DISTANCE = (
+    600.0  # that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
+)
 SEEN_ARCSEC = 1.0  # from which on replay and closed form are compared: a twentieth of stereo acuity
 
 PIXELS = 4742
@@ -51,12 +53,16 @@ class Cell:
 
     viewer = property(lambda self: noticeable.Viewer(distance=self.distance))
     seat = property(lambda self: (self.scene, self.pitch, self.distance))
-    case = property(lambda self: (*self.seat, self.pivot, self.depth, self.mapping))  # everything but near
+    case = property(
+        lambda self: (*self.seat, self.pivot, self.depth, self.mapping)
+    )  # everything but near
 
     @property
     def settings(self) -> DoubleFrustum:
         """Settings of the rasterizer."""
-        return DoubleFrustum(near=self.near, depth=self.depth, mapping=self.mapping, pivot=self.pivot)
+        return DoubleFrustum(
+            near=self.near, depth=self.depth, mapping=self.mapping, pivot=self.pivot
+        )
 
     def opened(self) -> Scene:
         """Return the scene with hogels of this pitch, as nearly as the plate's size allows."""
@@ -85,14 +91,20 @@ class Row(Replay, Cell):
     crack_arcmin: float | None  #: of a surface that runs through the plate, if there is one
     crack_hidden_arcmin: float  #: width of one that is not noticed
     crack_hidden_by: str
-    ordered_separation: float  #: smallest that the depth buffer orders at the farthest visible surfaces
+    ordered_separation: (
+        float  #: smallest that the depth buffer orders at the farthest visible surfaces
+    )
     resolved_separation: float  #: smallest that the viewer, or the display, tells apart there
     resolved_by: str
-    pixels_median: float | None  #: p99 of displacement, pixels; None where surfaces pass through the aperture
+    pixels_median: (
+        float | None
+    )  #: p99 of displacement, pixels; None where surfaces pass through the aperture
     pixels_worst: float | None
     pixels_beyond: float  #: share of the apertures that are displaced by more than `TOLERANCE_PX`
     asked_separation: float  #: what `plan` asks for without a viewer
-    nearest_distance: float  #: from the eyes to the nearest surface before the plate, or to the plate
+    nearest_distance: (
+        float  #: from the eyes to the nearest surface before the plate, or to the plate
+    )
     sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
 
     @property
@@ -106,7 +118,9 @@ class Row(Replay, Cell):
 class Study:
     """Every combination is answered in closed form; some cells are replayed besides."""
 
-    scenes: tuple[tuple[str, tuple[Pivot, ...]], ...]  # names, and the pivots that each is drawn with
+    scenes: tuple[
+        tuple[str, tuple[Pivot, ...]], ...
+    ]  # names, and the pivots that each is drawn with
     nears: tuple[float, ...]
     buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
     pitches: tuple[float, ...]
@@ -124,8 +138,8 @@ class Study:
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
         """Return the indices of the cells that are replayed: those of `replayed_nears`, and decisive ones.
 
-        A case is decided by the largest near whose offset is not noticed: a larger one is noticed, and a
-        smaller one leaves more to be wrong by depth.
+        A case is decided by the largest near whose offset is not noticed: a larger one is noticed,
+        and a smaller one leaves more to be wrong by depth.
         """
         middle = self.pitches[len(self.pitches) // 2], self.distances[len(self.distances) // 2]
         decisive, anyway = dict[object, int](), set[int]()
@@ -168,7 +182,7 @@ QUICK = replace(
 
 
 @cache
-def _scouted(name: str) -> Scout:
+def _scouted(name: str) -> PlateScan:
     return scout(open_scene(name))
 
 
@@ -179,7 +193,11 @@ def _displacements(name: str, near: float, pivot: Pivot) -> Any:
 
 def predicted(cell: Cell) -> Row:
     """Return what closed forms say of a cell."""
-    scouted, display, settings = _scouted(cell.scene), noticeable.Display.of(cell.opened()), cell.settings
+    scouted, display, settings = (
+        _scouted(cell.scene),
+        noticeable.Display.from_scene(cell.opened()),
+        cell.settings,
+    )
     content, frustum = seen_content(scouted), scouted.scene.frustum
     hidden_by, hidden, width = noticeable.resolved_crack(cell.viewer, display, settings)
     resolved = noticeable.finest_separation(content.farthest, cell.viewer, display)
@@ -233,14 +251,20 @@ def film_columns(size: tuple[float, float], pixels: int) -> int:
 
 
 def make_study(
-    out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
+    out: Path = DEFAULT_FOLDER,
+    study: Study = FULL,
+    engine: Engine = HERE,
+    *,
+    progress: bool = False,
 ) -> StudyFiles | None:
     """Answer a study, closed forms in this process, and write its document and data.
 
-    A block of replays that is in the folder already, from the same libraries and device, is not made again.
-    Returns None where other parts of a job array are not replayed yet.
+    A block of replays that is in the folder already, from the same libraries and device, is not
+    made again. Returns None where other parts of a job array are not replayed yet.
     """
-    sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
+    sweep = Sweep.from_measure(
+        f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels)
+    )
     check_folder(out, "noticeable")
     cells = list(study.cells())
     with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
@@ -264,7 +288,9 @@ def record(files: StudyFiles) -> dict[str, Any]:
     """Return the study as `xfrustum study noticeable --json` prints it."""
     rows = files.rows
     own = [row for row in rows if row.replayed_stereo_arcsec is not None]
-    ratios = [r.replayed_stereo_arcsec / r.stereo_arcsec for r in own if r.stereo_arcsec >= SEEN_ARCSEC]
+    ratios = [
+        r.replayed_stereo_arcsec / r.stereo_arcsec for r in own if r.stereo_arcsec >= SEEN_ARCSEC
+    ]
     said = {
         **files.record,
         "sentence": sentence(rows),
@@ -322,8 +348,13 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
         stereo = {}
         for distance in dict.fromkeys(row.distance for row in own):
             some = [row for row in own if row.distance == distance]
-            stereo[f"{distance:g}"] = largest_near(some, "stereo_arcsec", noticeable.STEREO_ACUITY_ARCSEC)
-        pixels = {name: largest_near(own, name, TOLERANCE_PX) for name in ("pixels_worst", "pixels_median")}
+            stereo[f"{distance:g}"] = largest_near(
+                some, "stereo_arcsec", noticeable.STEREO_ACUITY_ARCSEC
+            )
+        pixels = {
+            name: largest_near(own, name, TOLERANCE_PX)
+            for name in ("pixels_worst", "pixels_median")
+        }
         found.append({"scene": scene, "pivot": pivot, "stereo": stereo, **pixels})
     return found
 
@@ -331,7 +362,8 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Return how the rule does that near be at most a quarter of the pitch, at every distance.
 
-    `near` and `pitch` are the largest that are not noticed; of `kept` plates and nears `failed` are noticed.
+    `near` and `pitch` are the largest that are not noticed; of `kept` plates and nears `failed` are
+    noticed.
     """
     found = []
     for distance in sorted({row.distance for row in rows}):
@@ -345,7 +377,10 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
 def disagreement(rows: Sequence[Row]) -> dict[str, int]:
     """Return where hogels' pixels and eyes disagree about near, in closed form."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
-    seen = [(row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen) for row in own]
+    seen = [
+        (row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen)
+        for row in own
+    ]
     kinds = {"pixels_only": (True, False), "eyes_only": (False, True)}
     kinds |= {"both": (True, True), "neither": (False, False)}
     return {name: seen.count(kind) for name, kind in kinds.items()}

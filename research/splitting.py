@@ -1,8 +1,8 @@
 """`xfrustum study splitting`: where one pair of frusta is enough, over scenes, nears and depth buffers.
 
-A cell is one picture: a scene of `scenes.library.depth_family` through one aperture, drawn by cameras with
-one near and one depth buffer, judged beside its truth; and a pair of sheets at the far end of its side, which
-the depth buffer orders or does not. All lengths are shares of the reach.
+A cell is one picture: a scene of `scenes.library.depth_family` through one aperture, drawn by
+cameras with one near and one depth buffer, judged beside its truth; and a pair of sheets at the far
+end of its side, which the depth buffer orders or does not. All lengths are shares of the reach.
 """
 
 import math
@@ -49,24 +49,30 @@ SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # distances of two sheets
 ASKED_SEPARATION = 1e-3  # distance of two surfaces at the far end that a depth buffer must order
 
 SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4  # along each side of the film of sheets, and of a cell
-SHEET_PHASE = 0.05  # heights of a sheet's cells differ so much, so that not all their depths round alike
+SHEET_PHASE = (
+    0.05  # heights of a sheet's cells differ so much, so that not all their depths round alike
+)
 SHEET_HEIGHT = FARTHEST / (
     1 + SHEET_PHASE
 )  # mean |z|: the cells of the farther one end at the farthest surface
 
-#: Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth of the
-#: picture, which the 99th percentile of displacement leaves out.
+#: Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth
+#: of the picture, which the 99th percentile of displacement leaves out.
 NEAREST_PERCENTILE = 1
 
 MAX_SLABS = 6  # slabs on one side that are tried before a case is given up
 FIRST_CUT_PER_NEAREST = 0.99  # close under the nearest surface, so that the first slab is empty
-_LEAST_NEAR, _LARGEST_NEAR = 1e-12, 0.5  # between them lies the smallest near that orders a separation
+_LEAST_NEAR, _LARGEST_NEAR = (
+    1e-12,
+    0.5,
+)  # between them lies the smallest near that orders a separation
 
 
 class Family(StrEnum):
     """Kinds of scenes; each but the first changes one thing of the first."""
 
-    ONE_SIDE = "one side"  # cars on one side of the plate, as the middle aperture of a centered frustum sees
+    # cars on one side of the plate, as the middle aperture of a centered frustum sees
+    ONE_SIDE = "one side"
     BOTH_SIDES = "both sides"  # cars on both sides at once
     OFF_MIDDLE = "off the middle"  # the first as an aperture off the middle sees it
     IN_MIDDLE = "in the middle"  # the same scene as the middle aperture sees it
@@ -82,9 +88,9 @@ _CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
 class Case:
     """A scene, an image and a depth buffer: what a person has before choosing near and slabs.
 
-    `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of the scene,
-    farthest to nearest |z| of its surfaces; where a surface runs through the plate it is the reach over the
-    aperture's distance from there.
+    `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of
+    the scene, farthest to nearest |z| of its surfaces; where a surface runs through the plate it is
+    the reach over the aperture's distance from there.
     """
 
     family: Family
@@ -163,7 +169,9 @@ class Grid:
         """Yield the cells of each picture, those of one drawing and near together: they share a control."""
         for picture in product((self.family,), self.sides, self.ratios, self.resolutions):
             drawn = product(self.drawings, nears, self.buffers)
-            yield tuple(Cell(*(*picture, *buffer, *drawing, near)) for drawing, near, buffer in drawn)
+            yield tuple(
+                Cell(*(*picture, *buffer, *drawing, near)) for drawing, near, buffer in drawn
+            )
 
 
 Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest down, and grids
@@ -179,7 +187,9 @@ _BUFFERS: tuple[DepthBuffer, ...] = (
 """Depth buffers of the other families: those that devices store without a fragment's help, and one that a
 fragment writes. Depth is that of the first family, for the same |z| and near."""
 
-_FIRST = Grid(Family.ONE_SIDE, SIDES, _DEPTHS, tuple(product(DepthFormat, DepthMapping)), (128, 256, 512))
+_FIRST = Grid(
+    Family.ONE_SIDE, SIDES, _DEPTHS, tuple(product(DepthFormat, DepthMapping)), (128, 256, 512)
+)
 _SHEARED = tuple((pivot, fit, Offset.PLATE) for pivot in Pivot for fit in (None, Fit.SCREEN))
 _OFFSETS = tuple((Pivot.APERTURE, None, offset) for offset in Offset)
 _CROSSINGS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
@@ -189,7 +199,13 @@ _OTHERS = (
     Grid(Family.OFF_MIDDLE, (Camera.C,), _DEPTHS, _BUFFERS),
     Grid(Family.RECENTERED, (Camera.C,), _DEPTHS, _BUFFERS, drawings=_SHEARED),
     Grid(Family.THROUGH, (Camera.BOTH,), _CROSSINGS, _BUFFERS, drawings=_OFFSETS),
-    Grid(Family.RECENTERED_THROUGH, (Camera.BOTH,), _CROSSINGS, _BUFFERS, drawings=_SHEARED + _OFFSETS[1:]),
+    Grid(
+        Family.RECENTERED_THROUGH,
+        (Camera.BOTH,),
+        _CROSSINGS,
+        _BUFFERS,
+        drawings=_SHEARED + _OFFSETS[1:],
+    ),
 )
 _NEARS = tuple(float(near) for near in np.geomspace(1e-1, 1e-8, 15))
 
@@ -197,7 +213,9 @@ FULL: Study = (_NEARS, (_FIRST, *_OTHERS))
 QUICK: Study = (
     _NEARS[::2],
     (
-        replace(_FIRST, ratios=(1.5, 100.0), buffers=(*_BUFFERS[:2], _BUFFERS[3]), resolutions=(128,)),
+        replace(
+            _FIRST, ratios=(1.5, 100.0), buffers=(*_BUFFERS[:2], _BUFFERS[3]), resolutions=(128,)
+        ),
         *(replace(grid, ratios=grid.ratios[2:3], buffers=_BUFFERS[::3]) for grid in _OTHERS),
     ),
 )
@@ -235,8 +253,10 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 # What a frame with exact depth shows rightly is charged to the depth buffer.
                 exact = with_exact_depth(cell.settings)
                 control = rasterizer.render(aperture, exact, normals=False, color=False)
-                control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(truth)
-                predicted = predict.displacement(TruePoints.of(truth), scene.frustum, exact)
+                control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(
+                    truth
+                )
+                predicted = predict.displacement(TruePoints.from_image(truth), scene.frustum, exact)
             drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px
@@ -272,7 +292,13 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
 
 def _sheets_of(cell: Cell) -> list[Cell]:
     """Return cells that stand for the sheets of each camera, which depend on neither shear nor fit."""
-    plain = {"family": Family.ONE_SIDE, "ratio": 1.0, "resolution": 1, "pivot": Pivot.APERTURE, "fit": None}
+    plain = {
+        "family": Family.ONE_SIDE,
+        "ratio": 1.0,
+        "resolution": 1,
+        "pivot": Pivot.APERTURE,
+        "fit": None,
+    }
     sides = SIDES if cell.side is Camera.BOTH else (cell.side,)
     return [part_of(cell, Cell, **plain, side=side) for side in sides]
 
@@ -312,7 +338,7 @@ def _film(sheets: Cell, separation: float) -> SheetFilm:
     heights = SHEET_HEIGHT * (1 + phases)
     pair = SheetPair(camera=outermost, heights=heights, separation=separation, loser_first=True)
     owner = np.zeros((SHEET_CELLS, SHEET_CELLS), dtype=np.int64)
-    return SheetFilm.of(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
+    return SheetFilm.from_scene(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
 
 
 def predicted_separation(sheets: Cell) -> float:
@@ -324,15 +350,19 @@ def predicted_separation(sheets: Cell) -> float:
 
 
 def make_study(
-    out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
+    out: Path = DEFAULT_FOLDER,
+    study: Study = FULL,
+    engine: Engine = HERE,
+    *,
+    progress: bool = False,
 ) -> StudyFiles | None:
     """Measure where one pair of frusta is enough, and write document, figures and data.
 
-    A block that is in the folder already, from the same libraries and device, is not measured again. Returns
-    None where other parts of a job array are not measured yet.
+    A block that is in the folder already, from the same libraries and device, is not measured
+    again. Returns None where other parts of a job array are not measured yet.
     """
     check_folder(out, "when-to-split")
-    sweep = Sweep.of("splitting", out, Row, measure)
+    sweep = Sweep.from_measure("splitting", out, Row, measure)
     nears, grids = study
     blocks = [block for grid in grids for block in grid.blocks(nears)]
     with open_workers(engine, len(blocks)) as workers:
@@ -365,12 +395,15 @@ def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> lis
 def _cut(row: Row, rows: Rows, count: int) -> Cell:
     """Return a case with so many cuts, in equal ratios, from the first one up to the reach.
 
-    The first cut lies just under the nearest surface, so that the slab that touches the plate is empty. Where
-    a surface runs through the plate that slab never is: then the near is the largest that does not bend in
-    one pair, whatever depth buffer drew it, and it, the cuts and the reach form one sequence.
+    The first cut lies just under the nearest surface, so that the slab that touches the plate is
+    empty. Where a surface runs through the plate that slab never is: then the near is the largest
+    that does not bend in one pair, whatever depth buffer drew it, and it, the cuts and the reach
+    form one sequence.
     """
     if row.family in _CROSSING:
-        alike = [r for r in rows if (r.picture, r.drawing, r.slabs) == (row.picture, row.drawing, ())]
+        alike = [
+            r for r in rows if (r.picture, r.drawing, r.slabs) == (row.picture, row.drawing, ())
+        ]
         near = max(straight_nears(alike), default=min(r.near for r in alike))
         cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
     else:
@@ -391,10 +424,10 @@ class Suitability(StrEnum):
 def suitability(row: Row, *, predicted: bool = False) -> Suitability:
     """Judge one cell by what was measured, or by the closed forms alone.
 
-    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: what is bent out of the
-    film is not drawn. What the near plane clips, without an offset, counts as displaced. It is starved where
-    more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of depth, or where sheets
-    `ASKED_SEPARATION` apart at the far end are not ordered.
+    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: what is bent
+    out of the film is not drawn. What the near plane clips, without an offset, counts as displaced.
+    It is starved where more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of
+    depth, or where sheets `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
     # The nearest |z| of a row is that of its nearest hundredth.
@@ -404,7 +437,10 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
     else:
         # A picture in which nothing is left to be displaced has lost everything to depth.
         bent = bent or (row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX)
-        starved = row.depth_wrong / row.judged > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
+        starved = (
+            row.depth_wrong / row.judged > MAX_DEPTH_WRONG
+            or row.misordered > MAX_MISORDERED_FRACTION
+        )
     if bent:
         return Suitability.BOTH if starved else Suitability.BENT
     return Suitability.STARVED if starved else Suitability.ENOUGH
@@ -414,7 +450,9 @@ class Outcome(NamedTuple):
     """What is enough in a case."""
 
     nears: tuple[float, ...]  # with any of which one pair of frusta is enough, largest first
-    slabs: tuple[float, ...] | None  # heights of the fewest slabs that were enough; None where none were
+    slabs: (
+        tuple[float, ...] | None
+    )  # heights of the fewest slabs that were enough; None where none were
 
 
 def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
@@ -448,10 +486,15 @@ def record(files: StudyFiles) -> dict[str, Any]:
         "separation": ASKED_SEPARATION,
     }
     cases = [
-        {**asdict(case), "one_pair": bool(one.nears), **one._asdict()} for case, one in outcomes(rows).items()
+        {**asdict(case), "one_pair": bool(one.nears), **one._asdict()}
+        for case, one in outcomes(rows).items()
     ]
     said = {**files.record, "sentence": sentence(rows), "criteria": criteria}
-    said |= {"agreement": agreement(of_family(rows, Family.ONE_SIDE)), "helps": helps(rows), "cases": cases}
+    said |= {
+        "agreement": agreement(of_family(rows, Family.ONE_SIDE)),
+        "helps": helps(rows),
+        "cases": cases,
+    }
     return json_object(said)
 
 
@@ -476,7 +519,9 @@ def sentence(rows: Rows) -> str:
     """Say the result of the first family, which is usually that on one side of the plate, in one sentence."""
     family = rows[0].family
     first = of_family(rows, family)
-    scenes = f"content on {family} of the plate" if family is Family.ONE_SIDE else f"scenes {family}"
+    scenes = (
+        f"content on {family} of the plate" if family is Family.ONE_SIDE else f"scenes {family}"
+    )
     found, measured = outcomes(first), {row.near for row in first if not row.slabs}
     ranked = []
     for place, buffer in enumerate(dict.fromkeys(row.buffer for row in first)):
@@ -490,7 +535,9 @@ def sentence(rows: Rows) -> str:
     said = f"With {scenes}, one pair of frusta is enough in {sum(bool(one.nears) for one in found.values())} "
     said += f"of {len(found)} cases; with {buffer_name(buffer)} depth in {enough} of {cases}"
     if always:
-        said += f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
+        said += (
+            f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
+        )
     return f"{said}."
 
 
@@ -509,8 +556,8 @@ def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, 
 def least_near(buffer: DepthBuffer) -> float | None:
     """Return the smallest near, as a share of the reach, that orders `ASKED_SEPARATION` at the reach.
 
-    By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for their size;
-    None where even a trillionth of the reach does.
+    By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for
+    their size; None where even a trillionth of the reach does.
     """
 
     def excess(logarithm: float) -> float:
@@ -525,11 +572,12 @@ def least_near(buffer: DepthBuffer) -> float | None:
 def agreement(rows: Rows) -> dict[str, float]:
     """Set closed forms beside all rows of one pair of frusta.
 
-    `same` of the settings (`cells`) are measured as closed forms say; of the others some nears are not enough
-    between two that are (`in_gaps`). `lowest` and `highest` are measured over predicted displacement, where a
-    tenth to ten times the tolerance is predicted and depth does no harm. The rule of thumb (`same_by_rule`):
-    displacement is largest in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays under the tolerance
-    for n up to about sqrt(2) TOLERANCE_PX |z| / W, which must not be less than `least_near`.
+    `same` of the settings (`cells`) are measured as closed forms say; of the others some nears are
+    not enough between two that are (`in_gaps`). `lowest` and `highest` are measured over predicted
+    displacement, where a tenth to ten times the tolerance is predicted and depth does no harm. The
+    rule of thumb (`same_by_rule`): displacement is largest in the film's corner, W / 2 sqrt(2) n /
+    (|z| + n), and stays under the tolerance for n up to about sqrt(2) TOLERANCE_PX |z| / W, which
+    must not be less than `least_near`.
     """
     single, found = [row for row in rows if not row.slabs], outcomes(rows)
     measured = {row.near for row in single}
@@ -541,9 +589,12 @@ def agreement(rows: Rows) -> dict[str, float]:
     }
     gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
     # A near of zero, where any is enough, serves every product.
-    least = {buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)}
+    least = {
+        buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)
+    }
     by_rule = sum(
-        bool(one.nears) == (least[case.buffer] * case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX)
+        bool(one.nears)
+        == (least[case.buffer] * case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX)
         for case, one in found.items()
     )
     ratios = [
@@ -568,8 +619,9 @@ def agreement(rows: Rows) -> dict[str, float]:
 def helps(rows: Rows) -> list[dict[str, Any]]:
     """Return what helps in each family, in the order of the rows.
 
-    Of the cases drawn as in the paper in `one_pair` one pair is enough, and of the others in so many another
-    depth buffer is, a fit at the screen, no offset (None where not drawn), and slabs of at most so many cuts.
+    Of the cases drawn as in the paper in `one_pair` one pair is enough, and of the others in so
+    many another depth buffer is, a fit at the screen, no offset (None where not drawn), and slabs
+    of at most so many cuts.
     """
     found, entries = outcomes(rows), []
 
@@ -578,7 +630,9 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
         return sum(bool(way.nears) for way in drawn) if drawn else None
 
     for family in dict.fromkeys(row.family for row in rows):
-        paper = [case for case in found if case.family is family and case.drawing == AS_IN_THE_PAPER]
+        paper = [
+            case for case in found if case.family is family and case.drawing == AS_IN_THE_PAPER
+        ]
         failed = [case for case in paper if not found[case].nears]
         easy = {case.picture for case in paper if found[case].nears}
         cuts = [len(slabs) for case in failed if (slabs := found[case].slabs)]
@@ -600,7 +654,8 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
 def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[str, ...]]]]:
     """Return the study's table: columns of depth buffers that share it; resolutions, depths and advice.
 
-    Advice serves both sides: nears that are enough on each, else the cuts of the side that needs more.
+    Advice serves both sides: nears that are enough on each, else the cuts of the side that needs
+    more.
     """
     found = outcomes(rows)
     kinds = sorted({(case.resolution, case.ratio) for case in found})
@@ -608,18 +663,26 @@ def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[st
 
     def advised(kind: tuple[int, float], buffer: DepthBuffer) -> str:
         asked = (*kind, buffer)
-        sides = [one for case, one in found.items() if (case.resolution, case.ratio, case.buffer) == asked]
+        sides = [
+            one
+            for case, one in found.items()
+            if (case.resolution, case.ratio, case.buffer) == asked
+        ]
         if common := set.intersection(*(set(one.nears) for one in sides)):
             nears = [near_words(near) for near in unbroken(common, measured)]
             return " to ".join(dict.fromkeys((nears[0], nears[-1])))
         cuts = [one.slabs for one in sides if not one.nears]
         if not cuts or None in cuts:
             return "**no**"
-        return "**split** at " + ", ".join(f"{cut:.2g}" for cut in max((c for c in cuts if c), key=len))
+        return "**split** at " + ", ".join(
+            f"{cut:.2g}" for cut in max((c for c in cuts if c), key=len)
+        )
 
     columns: dict[tuple[str, ...], list[str]] = {}
     for buffer in dict.fromkeys(row.buffer for row in rows):
-        columns.setdefault(tuple(advised(kind, buffer) for kind in kinds), []).append(buffer_name(buffer))
+        columns.setdefault(tuple(advised(kind, buffer) for kind in kinds), []).append(
+            buffer_name(buffer)
+        )
     lines = [(*kind, tuple(cells[line] for cells in columns)) for line, kind in enumerate(kinds)]
     return list(columns.values()), lines
 

@@ -1,8 +1,8 @@
 """Cells of a study, measured in blocks that are kept as they come, and rows of a study as Parquet.
 
-A cell is one question of a study, a block the cells that share what takes longest to make. The rows of a
-block are one Parquet file, named by what was asked and what measured it: a study that was stopped, whatever
-ended it, goes on with the blocks whose files are missing.
+A cell is one question of a study, a block the cells that share what takes longest to make. The rows
+of a block are one Parquet file, named by what was asked and what measured it: a study that was
+stopped, whatever ended it, goes on with the blocks whose files are missing.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ class Sweep(Job):
     origin: Origin
 
     @classmethod
-    def of(cls, study: str, out: Path, row: type[Any], measure: Callable[..., Iterable[Any]]) -> Sweep:
+    def from_measure(
+        cls, study: str, out: Path, row: type[Any], measure: Callable[..., Iterable[Any]]
+    ) -> Sweep:
         """Return the work of a study, whose blocks are kept in its folder, measured as here and now."""
         folder = out.absolute() / BLOCKS
         return cls(study=study, folder=folder, row=row, measure=measure, origin=measured_by())
@@ -190,7 +192,9 @@ def write_study(
     """Write figures, data and document; the document last, so that what it refers to is there."""
     pictures: tuple[Path, ...] = ()
     if figures:
-        pictures = write_files(out / IMAGES, {f"{figure}.svg": drawn for figure, drawn in figures.items()})
+        pictures = write_files(
+            out / IMAGES, {f"{figure}.svg": drawn for figure, drawn in figures.items()}
+        )
     text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
     with Staging(out, (text, data)) as staging:
         write_rows(kind, rows, origin, staging.folder / data)
@@ -198,4 +202,6 @@ def write_study(
         filed, origin = read_rows(kind, staging.folder / data)
         staging.write(text, document(filed, origin))
         staging.commit()
-    return StudyFiles(document=out / text, data=out / data, figures=pictures, rows=filed, origin=origin)
+    return StudyFiles(
+        document=out / text, data=out / data, figures=pictures, rows=filed, origin=origin
+    )

@@ -49,7 +49,8 @@ def benchmark_table1(
 ) -> Record:
     """Measure the first databases of table 1 on the project's own car, `repeat` times after a warm-up.
 
-    Images have W = H pixels: the paper does not say what it drew. InputError without a usable OpenGL.
+    Images have W = H pixels: the paper does not say what it drew. InputError without a usable
+    OpenGL.
     """
     with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
         rows = [_row(*row, resolution, repeat, bar) for row in PAPER[:databases]]
@@ -73,7 +74,9 @@ def _row(
 ) -> tuple[Record, str]:
     """Return a row of the table, with reflective triangles submitted twice; and the device."""
     car = tessellated_car(polygons, reflective)
-    scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
+    scene = replace(
+        mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution))
+    )
     settings, (column, row) = settings_of(builtin.build("car")), scene.plate.middle.index
     apertures, few = (
         [scene.plate.aperture(column - count // 2 + place, row) for place in range(count)]
@@ -82,14 +85,20 @@ def _row(
     with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
         runs = {
             "plate": lambda: exhaust(renderer.hogels(apertures)),
-            "one by one": lambda: exhaust(rasterizer.render_color(a, settings, SINGLE_SAMPLE) for a in few),
-            "antialiased": lambda: exhaust(rasterizer.render_color(a, settings, ANTIALIASED) for a in few),
+            "one by one": lambda: exhaust(
+                rasterizer.render_color(a, settings, SINGLE_SAMPLE) for a in few
+            ),
+            "antialiased": lambda: exhaust(
+                rasterizer.render_color(a, settings, ANTIALIASED) for a in few
+            ),
         }
         taken = race(runs, repeat, bar.update)
         submitted = renderer.drawn_triangles(apertures) / len(apertures)
         device = renderer.device["renderer"]
     plate = taken["plate"].divided_by(len(apertures))
-    plain, antialiased = (taken[name].divided_by(len(few)) for name in ("one by one", "antialiased"))
+    plain, antialiased = (
+        taken[name].divided_by(len(few)) for name in ("one by one", "antialiased")
+    )
 
     def rates(frames: float, speed: float) -> Record:
         return {"frames_per_second": frames, "polygons_per_second": speed}
@@ -123,15 +132,21 @@ def _row(
 def table1_table(found: Record) -> str:
     """Return table 1 as text, one line for each machine."""
     machine, rows = found["machine"], found["rows"]
-    lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
-    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+    lines = [
+        f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"
+    ]
+    here = (
+        f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+    )
     for row in rows:
         on = row["antialiased"]
         same = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
         drawn = [(row, "", here), (on, "", same)]
         for name, old in row["paper"].items():
             how = "on" if old["antialiasing"] else "off"
-            drawn.append((old, f"{row['factors'][name]:,.1f}", f"{name} (1996), antialiasing {how}"))
+            drawn.append(
+                (old, f"{row['factors'][name]:,.1f}", f"{name} (1996), antialiasing {how}")
+            )
         begin = f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%"
         for rates, factor, by in drawn:
             frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
@@ -141,7 +156,8 @@ def table1_table(found: Record) -> str:
     return plain_text("table1.txt.j2", values).removesuffix("\n")
 
 
-# The car in as many triangles ------------------------------------------------------------------------------
+# The car in as many triangles
+# ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,8 +171,8 @@ class TessellatedCar:
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
     """Return the car in a number of triangles, or one fewer, a share of them reflective: the paper's table 1.
 
-    Triangles are split in four while that leaves too few, then the largest in three at their centroids.
-    Raises InputError below the built-in car's number, or at a share outside 0 to 1.
+    Triangles are split in four while that leaves too few, then the largest in three at their
+    centroids. Raises InputError below the built-in car's number, or at a share outside 0 to 1.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
@@ -201,4 +217,6 @@ def mirrored(car: TessellatedCar) -> Scene:
             if chosen.any():
                 objects.append(replace(part, faces=part.faces[chosen], material=material))
     materials = MappingProxyType({"paint": paint, "dull": dull})
-    return replace(car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials))
+    return replace(
+        car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials)
+    )

@@ -20,5 +20,6 @@ Words: see the glossary in CONVENTIONS.md.
 
 import lazy_loader
 
-# Names are imported when first used: the command line, which answers `--help` without meshes, imports this.
+# Names are imported when first used: the command line, which answers `--help` without meshes,
+# imports this.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,7 +1,7 @@
 """Arguments of the public dataclasses, taken as numbers, names and programs.
 
-What is no number becomes NaN, and what is no count becomes a number below all counts, so that the class's own
-test refuses both, with a message that shows what was given.
+What is no number becomes NaN, and what is no count becomes a number below all counts, so that the
+class's own test refuses both, with a message that shows what was given.
 """
 
 import math

@@ -59,11 +59,11 @@ def aligned(rows: Sequence[Sequence[str]], others: Callable[[str, int], str] = s
 # Images as pictures
 
 SHADES = (0.35, 0.9)  #: darkest and lightest gray of surfaces in pictures without color, by height
-#: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under marks, and
-#: opacity of the mark of a displaced pixel.
+#: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under
+#: marks, and opacity of the mark of a displaced pixel.
 WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
-#: Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole ones, and the
-#: longest that larger ones are reduced to, so that notebooks stay small.
+#: Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole
+#: ones, and the longest that larger ones are reduced to, so that notebooks stay small.
 MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
 
 
@@ -90,8 +90,8 @@ def _levels(values: Singles | Floats) -> Bytes:
 def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
     """Return a picture (H, W, 3) in dimmed gray, with wrong surfaces red and displaced points blue.
 
-    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None if not
-    known.
+    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None
+    if not known.
     """
     found = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
     share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
@@ -105,7 +105,9 @@ def map_of(values: Floats) -> Bytes:
     """Return numbers (rows, columns) as squares, the largest the brightest; black where there is none."""
     known = np.isfinite(values)
     largest = float(values.max(where=known, initial=0.0))
-    share = np.where(known, SHADES[0] + (1 - SHADES[0]) * np.nan_to_num(values) / (largest or 1.0), 0.0)
+    share = np.where(
+        known, SHADES[0] + (1 - SHADES[0]) * np.nan_to_num(values) / (largest or 1.0), 0.0
+    )
     return _levels(np.repeat(share[..., None], 3, axis=-1))
 
 
@@ -115,7 +117,9 @@ def png(picture: Bytes) -> bytes:
 
     longest = max(picture.shape[:2])
     factor = max(1, MIN_SIDE_PX // longest)
-    image = Image.fromarray(np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1)))
+    image = Image.fromarray(
+        np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))
+    )
     divisor = -(-longest // MAX_SIDE_PX)
     stream = io.BytesIO()
     (image if divisor == 1 else image.reduce(divisor)).save(stream, format="PNG", optimize=True)
@@ -124,7 +128,8 @@ def png(picture: Bytes) -> bytes:
 
 # Images as labelled arrays
 
-#: Unit of lengths where nobody says what a scene's own unit is, and of what has none, as in stored plates.
+#: Unit of lengths where nobody says what a scene's own unit is, and of what has none, as in stored
+#: plates.
 SCENE_UNITS, NO_UNIT = "scene units", "1"
 
 
@@ -146,13 +151,15 @@ class Labelled:
 
 
 def dataset(
-    images: Mapping[str, Labelled | None], places: Mapping[str, Labelled], attributes: Mapping[str, object]
+    images: Mapping[str, Labelled | None],
+    places: Mapping[str, Labelled],
+    attributes: Mapping[str, object],
 ) -> xarray.Dataset:
     """Return arrays of an image as a dataset, with names, units and signs of stored plates.
 
-    Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md, "Plates"). The
-    first of `images` is (H, W); `places` are coordinates of the whole image, `attributes` its facts. None is
-    left out. Raises InputError where xarray is not installed.
+    Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md,
+    "Plates"). The first of `images` is (H, W); `places` are coordinates of the whole image,
+    `attributes` its facts. None is left out. Raises InputError where xarray is not installed.
     """
     try:
         import xarray  # noqa: PLC0415 - it takes a second to load
@@ -161,11 +168,17 @@ def dataset(
             "labelled arrays need the package xarray, which is not installed: "
             "pip install '.[notebook]' in the checkout of xfrustum"
         ) from error
-    known = {n: one.variable for n, one in images.items() if one is not None and one.values is not None}
+    known = {
+        n: one.variable for n, one in images.items() if one is not None and one.values is not None
+    }
     height, width = next(iter(known.values()))[1].shape[:2]
     u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
     film = {
-        name: (name, values, {"long_name": f"film coordinate of the pixel's center, {way}", "units": NO_UNIT})
+        name: (
+            name,
+            values,
+            {"long_name": f"film coordinate of the pixel's center, {way}", "units": NO_UNIT},
+        )
         for name, values, way in (("u", u, "to the right"), ("v", v, "upward"))
     }
     return xarray.Dataset(
@@ -205,7 +218,7 @@ class Figure:
         )
 
 
-class Shown:
+class NotebookRepr:
     """An object that says in a line what it is (`_said`).
 
     Notebooks show its facts (`_facts`) and pictures (`_figures`).
@@ -233,8 +246,16 @@ class Shown:
     def _repr_html_(self) -> str:
         name, said = escape(type(self).__name__), escape(self._said())
         figures = "".join(one.html() for one in self._figures())
-        row = f'<div style="display: flex; flex-wrap: wrap; gap: 12px">{figures}</div>' if figures else ""
-        facts = f'<pre style="white-space: pre-wrap">{escape(text)}</pre>' if (text := self._facts()) else ""
+        row = (
+            f'<div style="display: flex; flex-wrap: wrap; gap: 12px">{figures}</div>'
+            if figures
+            else ""
+        )
+        facts = (
+            f'<pre style="white-space: pre-wrap">{escape(text)}</pre>'
+            if (text := self._facts())
+            else ""
+        )
         return f"<div><p><b>{name}</b>: {said}</p>{row}{facts}</div>"
 
     def _repr_png_(self) -> bytes | None:
@@ -242,7 +263,7 @@ class Shown:
         return found.content if found is not None and found.media_type == "image/png" else None
 
 
-class Brief:
+class ShortRepr:
     """A dataclass whose `repr` names its fields, and of arrays and of other objects the kind alone."""
 
     def __repr__(self) -> str:

@@ -16,21 +16,23 @@ from xfrustum.scenes.library import builtin
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
-HARD = "hard/"  # beginning of the names of hard cases: other names are looked up without loading the suite
+# beginning of the names of hard cases: other names are looked up without loading the suite
+HARD = "hard/"
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
-    A text that ends in .toml, and a `Path`, is a path; a built-in name comes before a file of the same name.
-    Raises InputError where it is neither, or the file is not a valid scene.
+    A text that ends in .toml, and a `Path`, is a path; a built-in name comes before a file of the
+    same name. Raises InputError where it is neither, or the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")
         if build := _builder(text):
             return build(text)
     regular_size(Path(text), "scene file")
-    # Built-in scenes and names of nothing need no reader of tables and meshes, which takes a second to load.
+    # Built-in scenes and names of nothing need no reader of tables and meshes, which takes a second
+    # to load.
     from xfrustum.scenes.files.scene_file import read_scene  # noqa: PLC0415
 
     return read_scene(Path(text))

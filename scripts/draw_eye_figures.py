@@ -39,21 +39,32 @@ FOLDER = Path("docs") / "images"
 MOVED_NEAR, MOVED_EYE = 6.0, Eye(position=(40.0, 20.0, 600.0), resolution=(320, 240))
 """Near offset of the pictures of moved scenes, mm, and their eye."""
 
-PLAN_EYES = tuple(Eye(position=(x, 0.0, 600.0), resolution=(320, 240)) for x in (-150.0, 0.0, 150.0))
+PLAN_EYES = tuple(
+    Eye(position=(x, 0.0, 600.0), resolution=(320, 240)) for x in (-150.0, 0.0, 150.0)
+)
 """Eyes that both plans of the car are shown to."""
 
 CAPTION_PX, GAP_PX = 20, 6
 """Height of a line of words over a picture, and width of the gap between two."""
 
 
-def drawn(scene: Scene, eyes: Sequence[Eye], settings: DoubleFrustum) -> tuple[EyeReference, list[Views]]:
+def drawn(
+    scene: Scene, eyes: Sequence[Eye], settings: DoubleFrustum
+) -> tuple[EyeReference, list[Views]]:
     """Return the three pictures of some eyes."""
     reference = EyeReference(scene)
     takes = [reference.replay(eye) for eye in eyes]
-    collectors = [Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)]
+    collectors = [
+        Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)
+    ]
     images = collected(Drawing(scene, settings).hogels(film_parts(takes)), collectors)
     return reference, [
-        Views(true=reference.true_view(eye), replayed=reference.replayed(eye), drawn=image, taken=taken)
+        Views(
+            true=reference.true_view(eye),
+            replayed=reference.replayed(eye),
+            drawn=image,
+            taken=taken,
+        )
         for eye, image, taken in zip(eyes, images, takes, strict=True)
     ]
 
@@ -112,7 +123,10 @@ def moved_picture(name: str) -> Image.Image:
             [
                 (f"{name}: C, n = {MOVED_NEAR:g} mm", shown(views.drawn)),
                 (f"C against B: {words_of(renderer)} wrong", marked(views.drawn, renderer.wrong)),
-                (f"C against A of the moved scene: {words_of(theorem)}", marked(views.drawn, theorem.wrong)),
+                (
+                    f"C against A of the moved scene: {words_of(theorem)}",
+                    marked(views.drawn, theorem.wrong),
+                ),
                 (f"B against A: {words_of(display)}", marked(views.replayed, display.wrong)),
             ]
         ]
@@ -127,7 +141,9 @@ def plans_picture() -> Image.Image:
         "to pixels": make_plan(scene).settings,
         "to eyes": make_viewer_plan(scouted, Viewer(distance=600.0), Requirement()).plan.settings,
     }
-    return settings_picture(scene, {words: found for words, found in plans.items() if found is not None})
+    return settings_picture(
+        scene, {words: found for words, found in plans.items() if found is not None}
+    )
 
 
 def settings_picture(scene: Scene, plans: Mapping[str, DoubleFrustum]) -> Image.Image:
@@ -136,7 +152,9 @@ def settings_picture(scene: Scene, plans: Mapping[str, DoubleFrustum]) -> Image.
     for words, settings in plans.items():
         reference, views = drawn(scene, PLAN_EYES, settings)
         if not lines:
-            lines.append([(f"true, eye at {v.eye.position[0]:g}, 0, 600", shown(v.true)) for v in views])
+            lines.append(
+                [(f"true, eye at {v.eye.position[0]:g}, 0, 600", shown(v.true)) for v in views]
+            )
             lines.append([("replayed truth", shown(v.replayed)) for v in views])
         near = f"{words}: n = {settings.near:.3g}, {settings.depth_label}"
         lines.append([plan_cell(near, reference, view) for view in views])

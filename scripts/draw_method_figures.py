@@ -34,7 +34,9 @@ class Drawing:
             self._origin[1] - self._scale[1] * point[1],
         )
 
-    def line(self, points: Iterable[Point], color: str = INK, width: float = 1.5, dash: str = "") -> None:
+    def line(
+        self, points: Iterable[Point], color: str = INK, width: float = 1.5, dash: str = ""
+    ) -> None:
         """Draw a line through some points."""
         path = " ".join(f"{x:.2f},{y:.2f}" for x, y in map(self._at, points))
         dashed = f' stroke-dasharray="{dash}"' if dash else ""
@@ -53,7 +55,12 @@ class Drawing:
         self._elements.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="4" fill="{color}"/>')
 
     def text(
-        self, point: Point, words: str, color: str = INK, anchor: str = "middle", shift: Point = (0, 0)
+        self,
+        point: Point,
+        words: str,
+        color: str = INK,
+        anchor: str = "middle",
+        shift: Point = (0, 0),
     ) -> None:
         """Write words at a point, shifted by some pixels."""
         x, y = self._at(point)
@@ -134,7 +141,9 @@ def near_offset() -> Drawing:
     for near, color in ((0.03, BACK), (0.3, "#009e73"), (1.0, FRONT)):
         depths = [4.0 * (step / 200) ** 2 for step in range(1, 201)]
         drawing.line([(z, z / (z + near)) for z in depths], color, 2)
-        drawing.text((4.0, 4.0 / (4.0 + near)), f"n = {near:g}", color, "start", (6, 5 if near > 0.1 else -6))
+        drawing.text(
+            (4.0, 4.0 / (4.0 + near)), f"n = {near:g}", color, "start", (6, 5 if near > 0.1 else -6)
+        )
     return drawing
 
 
@@ -154,7 +163,9 @@ def shear() -> Drawing:
             drawing.line([center, (offset, middle + half)], color, 1)
             drawing.line([center, (offset, middle - half)], color, 1)
             drawing.line(
-                [(offset + side * 0.12, middle - half), (offset + side * 0.12, middle + half)], color, 5
+                [(offset + side * 0.12, middle - half), (offset + side * 0.12, middle + half)],
+                color,
+                5,
             )
             drawing.dot(center, color)
             drawing.text(center, "C" if side < 0 else "C*", color, shift=(-side * 16, 5))
@@ -173,7 +184,9 @@ def slabs() -> Drawing:
     window, first = near * fitted, cuts[0] * SLOPE
     for side, color in ((-1, BACK), (1, FRONT)):
         drawing.area(
-            [(0, window), (side * cuts[0], first), (side * cuts[0], -first), (0, -window)], color, 0.45
+            [(0, window), (side * cuts[0], first), (side * cuts[0], -first), (0, -window)],
+            color,
+            0.45,
         )
         for begin, end in ((cuts[0], cuts[1]), (cuts[1], cuts[2])):
             corners = ((begin, begin), (end, end), (end, -end), (begin, -begin))
@@ -181,7 +194,9 @@ def slabs() -> Drawing:
         for cut in cuts[:-1]:
             drawing.line([(side * cut, -1.6), (side * cut, 1.6)], color, 1, "4 4")
         for sign in (-1, 1):
-            drawing.line([(side * cuts[0], sign * first), (side * REACH, sign * REACH * SLOPE)], color, 1.5)
+            drawing.line(
+                [(side * cuts[0], sign * first), (side * REACH, sign * REACH * SLOPE)], color, 1.5
+            )
             drawing.line([(0, 0), (side * cuts[0], sign * first)], FAINT, 1, "4 4")
         drawing.text((side * cuts[0], 1.6), "z1", color, shift=(0, -6))
         drawing.text((side * cuts[1], 1.6), "z2", color, shift=(0, -6))
@@ -206,7 +221,10 @@ def moved_halves() -> Drawing:
     drawing = Drawing((75, 50))
     _plate(drawing)
     near = 0.7
-    surfaces = {-1: [(-0.6, 0.9), (-1.6, 0.1), (-2.6, 0.5)], 1: [(0.6, -0.6), (1.4, -1.0), (2.2, -0.2)]}
+    surfaces = {
+        -1: [(-0.6, 0.9), (-1.6, 0.1), (-2.6, 0.5)],
+        1: [(0.6, -0.6), (1.4, -1.0), (2.2, -0.2)],
+    }
     apertures = (1.6, -1.3)
     for aperture in apertures:
         drawing.dot((0, aperture))
@@ -220,7 +238,9 @@ def moved_halves() -> Drawing:
         for aperture in apertures:
             # Drawn with the slope (x - a) / (|z| + n), and replayed from the aperture itself.
             slope = (x - aperture) / abs(moved_z)
-            drawing.line([(0, aperture), (moved_z * 1.12, aperture + 1.12 * slope * abs(moved_z))], color, 1)
+            drawing.line(
+                [(0, aperture), (moved_z * 1.12, aperture + 1.12 * slope * abs(moved_z))], color, 1
+            )
         drawing.line([(z, x), (moved_z, x)], INK, 1, "3 3")
         drawing.text(((z + moved_z) / 2, x), "n", shift=(0, 16))
     drawing.text((-2.6, 0.5), "true", FAINT, "end", (-4, -6))
@@ -249,4 +269,8 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[1] / "docs" / "images")
+    main(
+        Path(sys.argv[1])
+        if len(sys.argv) > 1
+        else Path(__file__).resolve().parents[1] / "docs" / "images"
+    )

@@ -3,8 +3,9 @@
     pip install --target build/wgpu wgpu numpy==<that of the environment>
     PYTHONPATH=build/wgpu .venv/bin/python scripts/fingerprint_wgpu.py
 
-Mesa's lavapipe is in the package mesa-vulkan-drivers. Clip depth runs from 0 to 1 for all triangles. WebGPU
-copies no depth of 24 bits, which is left out, and tells no subpixel bits, so that all that are tried compete.
+Mesa's lavapipe is in the package mesa-vulkan-drivers. Clip depth runs from 0 to 1 for all
+triangles. WebGPU copies no depth of 24 bits, which is left out, and tells no subpixel bits, so that
+all that are tried compete.
 """
 
 import json
@@ -25,7 +26,10 @@ from xfrustum.raster.device.fingerprint import (
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
-READ = {DepthFormat.D16: ("depth16unorm", np.uint16), DepthFormat.D32F: ("depth32float", np.float32)}
+READ = {
+    DepthFormat.D16: ("depth16unorm", np.uint16),
+    DepthFormat.D32F: ("depth32float", np.float32),
+}
 OUT = "struct Out { @location(0) o: vec4f, @location(1) q: vec4f"
 PLACE = "let n = i32(at.y) * 64 + i32(at.x);"
 
@@ -63,7 +67,8 @@ class Canvas:
             device.create_texture(size=size, format="rgba32float", usage=usage) for _ in range(2)
         ]
         self.depths = {
-            d: device.create_texture(size=size, format=name, usage=usage) for d, (name, _) in READ.items()
+            d: device.create_texture(size=size, format=name, usage=usage)
+            for d, (name, _) in READ.items()
         }
 
     def pipeline(self, code, depth):
@@ -100,7 +105,12 @@ class Canvas:
         )
         encoder = self.device.create_command_encoder()
         targets = [
-            {"view": one.create_view(), "load_op": "clear", "store_op": "store", "clear_value": (EMPTY,) * 4}
+            {
+                "view": one.create_view(),
+                "load_op": "clear",
+                "store_op": "store",
+                "clear_value": (EMPTY,) * 4,
+            }
             for one in self.pictures
         ]
         into = {"view": self.depths[depth].create_view(), "depth_clear_value": 0.0}
@@ -134,7 +144,9 @@ class Canvas:
         )
         self.device.queue.submit([encoder.finish()])
         buffer.map_sync("READ")
-        rows = np.frombuffer(bytes(buffer.read_mapped()), dtype).reshape(SIZE, -1)[:, : SIZE * channels]
+        rows = np.frombuffer(bytes(buffer.read_mapped()), dtype).reshape(SIZE, -1)[
+            :, : SIZE * channels
+        ]
         buffer.unmap()
         return rows.reshape(SIZE, SIZE, channels)[::-1].copy()
 
@@ -154,7 +166,8 @@ def draw(adapter):
     edges, last = list(edge_triangles()), DepthFormat.D32F
     zeros = np.zeros((3, 2))
     covered = [
-        canvas.draw(pipelines[last], np.hstack([one, zeros]), last)[0][..., 0] != EMPTY for one in edges
+        canvas.draw(pipelines[last], np.hstack([one, zeros]), last)[0][..., 0] != EMPTY
+        for one in edges
     ]
     texture = device.create_texture(
         size=(2, 1, 1),
@@ -166,7 +179,9 @@ def draw(adapter):
     sampler = device.create_sampler(mag_filter="linear", min_filter="linear")
     bound = (texture.create_view(), sampler)
     # Places count from the top here: the first row of the picture is the last of the array.
-    filtered = canvas.draw(canvas.pipeline(FILTERS, last), COVERS, last, bound)[0][::-1, :, 0].ravel()
+    filtered = canvas.draw(canvas.pipeline(FILTERS, last), COVERS, last, bound)[0][
+        ::-1, :, 0
+    ].ravel()
     written = {}
     for depth in READ:
         pipeline, pairs = canvas.pipeline(WRITES, depth), []

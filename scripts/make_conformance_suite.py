@@ -1,7 +1,8 @@
 """Make a suite of conformance cases: its scenes, meshes, and the list of cases with the digests of truths.
 
-A suite that was released is frozen, and never made again: this script shows where its cases came from, and
-begins the next one. `python scripts/make_conformance_suite.py FOLDER` writes cases.toml, scenes and meshes.
+A suite that was released is frozen, and never made again: this script shows where its cases came
+from, and begins the next one. `python scripts/make_conformance_suite.py FOLDER` writes cases.toml,
+scenes and meshes.
 """
 
 import json
@@ -26,9 +27,13 @@ def obj(
     """Write a mesh, and return its name from a scene file."""
     lines = [f"mtllib {name}.mtl", "usemtl picture"] if texture else []
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices, dtype=float).tolist()]
-    lines += [] if uv is None else [f"vt {u!r} {v!r}" for u, v in np.asarray(uv, dtype=float).tolist()]
+    lines += (
+        [] if uv is None else [f"vt {u!r} {v!r}" for u, v in np.asarray(uv, dtype=float).tolist()]
+    )
     for face in np.asarray(faces).tolist():
-        lines.append("f " + " ".join(f"{v + 1}/{v + 1}" if uv is not None else f"{v + 1}" for v in face))
+        lines.append(
+            "f " + " ".join(f"{v + 1}/{v + 1}" if uv is not None else f"{v + 1}" for v in face)
+        )
     (folder / "meshes" / f"{name}.obj").write_text("\n".join(lines) + "\n")
     if texture:
         (folder / "meshes" / f"{name}.mtl").write_text(f"newmtl picture\nmap_Kd {texture}\n")
@@ -40,7 +45,9 @@ F = [(0, 0, 2, 9), (2, 7, 6, 9), (2, 4, 5, 6)]
 P = [(0, 0, 2, 9), (2, 7, 6, 9), (4, 4, 6, 7), (2, 4, 4, 5.5)]
 
 
-def letter(strokes: list[tuple[float, ...]], left: float, bottom: float, size: float, z: float) -> Any:
+def letter(
+    strokes: list[tuple[float, ...]], left: float, bottom: float, size: float, z: float
+) -> Any:
     """Return rectangles of a letter, each two triangles, slanted in depth."""
     vertices, faces = [], []
     for x0, y0, x1, y1 in strokes:
@@ -77,7 +84,9 @@ class Maker:
         for number, part in enumerate(objects):
             lines.append("[[object]]")
             material = part.get("look")
-            lines += [f"{key} = {json.dumps(value)}" for key, value in part.items() if key != "look"]
+            lines += [
+                f"{key} = {json.dumps(value)}" for key, value in part.items() if key != "look"
+            ]
             if material:
                 lines += [f'material = "m{number}"', f"[material.m{number}]"]
                 lines += [f"{key} = {json.dumps(value)}" for key, value in material.items()]
@@ -90,10 +99,11 @@ class Maker:
         """Add a case; it asks for the middle hogel's triangles unless told otherwise."""
         table = {"name": f"{level}-{name}", "level": level, "scene": scene, "why": why}
         more.setdefault("asked", "triangle-id")
-        # L0 fails on conventions alone. Of the wrong renderers of tests/conformance/table.py, those of later
-        # levels get at most 26 % of a case's shown pixels wrong (moved-x), and each wrong convention gets at
-        # least 56 % of some case (farthest): the bound lies between, nearer to the first.
-        # In L4 colors do not tell slivers narrower than a pixel, nor what lies beyond the film's border.
+        # L0 fails on conventions alone. Of the wrong renderers of tests/conformance/table.py, those
+        # of later levels get at most 26 % of a case's shown pixels wrong (moved-x), and each wrong
+        # convention gets at least 56 % of some case (farthest): the bound lies between, nearer to
+        # the first. In L4 colors do not tell slivers narrower than a pixel, nor what lies beyond
+        # the film's border.
         more.setdefault("wrong", {"L0": 0.3, "L4": 0.005}.get(level, 0.0))
         self.cases.append(table | {key: value for key, value in more.items() if value is not None})
 
@@ -157,10 +167,24 @@ def conventions(maker: Maker) -> None:
     maker.scene("letter-behind", [back])
     maker.scene("letter-before", [front])
     add = maker.case
-    add("L0", "behind", "letter-behind", "A letter behind the plate: which way up, and is it mirrored?")
-    add("L0", "before", "letter-before", "A letter before the plate, which C* draws: its picture is turned.")
     add(
-        "L0", "both-sides", "letters", "Both halves in one film: each looks where it should.", hogels=[(1, 0)]
+        "L0",
+        "behind",
+        "letter-behind",
+        "A letter behind the plate: which way up, and is it mirrored?",
+    )
+    add(
+        "L0",
+        "before",
+        "letter-before",
+        "A letter before the plate, which C* draws: its picture is turned.",
+    )
+    add(
+        "L0",
+        "both-sides",
+        "letters",
+        "Both halves in one film: each looks where it should.",
+        hogels=[(1, 0)],
     )
     add(
         "L0",
@@ -169,7 +193,10 @@ def conventions(maker: Maker) -> None:
         "All hogels of a plate: columns from the left, rows from the top.",
         hogels=all_six,
     )
-    for name, resolution, fov in (("wide", (96, 48), (60.0, 30.0)), ("tall", (48, 96), (30.0, 60.0))):
+    for name, resolution, fov in (
+        ("wide", (96, 48), (60.0, 30.0)),
+        ("tall", (48, 96), (30.0, 60.0)),
+    ):
         maker.scene(f"letters-{name}", [back, front], resolution=resolution, fov=fov, hogels=(2, 2))
         add(
             "L0",
@@ -179,7 +206,12 @@ def conventions(maker: Maker) -> None:
             hogels=[(0, 0), (1, 1)],
         )
     maker.scene("letters-anisotropic", [back, front], resolution=(64, 64), fov=(64.0, 40.0))
-    add("L0", "two-angles", "letters-anisotropic", "Both angles of view are used, each along its own axis.")
+    add(
+        "L0",
+        "two-angles",
+        "letters-anisotropic",
+        "Both angles of view are used, each along its own axis.",
+    )
     for name, hogels in (("one-row", (4, 1)), ("one-column", (1, 4))):
         maker.scene(f"letters-{name}", [back, front], hogels=hogels)
         ends = [(0, 0), (hogels[0] - 1, hogels[1] - 1)]
@@ -204,21 +236,47 @@ def conventions(maker: Maker) -> None:
     add("L0", "half-over-half", "covered", "What lies before the plate covers what lies behind it.")
     steps = [
         {"shape": "square", "scale": s, "translate": [x, y, z]}
-        for s, x, y, z in ((26.0, -4.0, 3.0, 20.0), (24.0, 2.0, -4.0, 34.0), (18.0, -5.0, 0.0, 48.0))
+        for s, x, y, z in (
+            (26.0, -4.0, 3.0, 20.0),
+            (24.0, 2.0, -4.0, 34.0),
+            (18.0, -5.0, 0.0, 48.0),
+        )
     ]
     maker.scene("steps-before", steps)
-    add("L0", "farthest-wins", "steps-before", "Before the plate the surface nearest to the viewer wins.")
+    add(
+        "L0",
+        "farthest-wins",
+        "steps-before",
+        "Before the plate the surface nearest to the viewer wins.",
+    )
     below = [
         dict(one, translate=[-one["translate"][0], one["translate"][1], -one["translate"][2]])
         for one in steps
     ]
     maker.scene("steps-behind", below)
-    add("L0", "nearest-wins", "steps-behind", "Behind the plate the surface nearest to the plate wins.")
+    add(
+        "L0",
+        "nearest-wins",
+        "steps-behind",
+        "Behind the plate the surface nearest to the plate wins.",
+    )
     numbered = [{"shape": "sphere", "scale": 2.0, "translate": [900.0, 900.0, -30.0]}] * 30
     maker.scene("many-numbers", [*numbered, back, front])
-    add("L0", "numbers", "many-numbers", "Triangle numbers need 17 bits: 66,240 lie outside of all films.")
+    add(
+        "L0",
+        "numbers",
+        "many-numbers",
+        "Triangle numbers need 17 bits: 66,240 lie outside of all films.",
+    )
     for suffix, asked in (("objects", "object-id"), ("colors", "rgb"), ("srgb", "srgb")):
-        add("L0", suffix, "letters", f"The same film as {asked}.", asked=asked, hogels=[(0, 0), (2, 1)])
+        add(
+            "L0",
+            suffix,
+            "letters",
+            f"The same film as {asked}.",
+            asked=asked,
+            hogels=[(0, 0), (2, 1)],
+        )
     maker.scene("nothing", [{"mesh": behind, "translate": [0.0, 0.0, -400.0]}])
     add("L0", "nothing", "nothing", "A film that shows nothing: the background is 0.", wrong=0.0)
     maker.scene(
@@ -276,7 +334,12 @@ def surfaces(maker: Maker) -> None:
         turned = {"shape": solid, "scale": 26.0, "rotate_deg": [25.0, 35.0, 10.0]}
         maker.scene(f"{solid}-behind", [dict(turned, translate=[3.0, -2.0, -38.0])])
         maker.scene(f"{solid}-before", [dict(turned, translate=[-2.0, 3.0, 38.0])])
-        add("L1", f"{solid}-behind", f"{solid}-behind", "A closed body behind the plate: its near side.")
+        add(
+            "L1",
+            f"{solid}-behind",
+            f"{solid}-behind",
+            "A closed body behind the plate: its near side.",
+        )
         add(
             "L1",
             f"{solid}-before",
@@ -287,7 +350,12 @@ def surfaces(maker: Maker) -> None:
     maker.scene(
         "through",
         [
-            {"shape": "box", "scale": 22.0, "rotate_deg": [20.0, 30.0, 0.0], "translate": [14.0, 2.0, 0.0]},
+            {
+                "shape": "box",
+                "scale": 22.0,
+                "rotate_deg": [20.0, 30.0, 0.0],
+                "translate": [14.0, 2.0, 0.0],
+            },
             {
                 "shape": "cone",
                 "scale": 40.0,
@@ -305,11 +373,28 @@ def surfaces(maker: Maker) -> None:
     )
     for name in ("asymmetric", "large-triangles"):
         add("L1", name, name, "A built-in scene on both sides of the plate.", resolution=[96, 96])
-    add("L1", "car", "car", "41,896 triangles, most of them smaller than a pixel.", resolution=[96, 96])
     add(
-        "L1", "sheets", "sheets", "Parallel sheets from 1e-1 to 1e-6 of the reach apart.", resolution=[96, 96]
+        "L1",
+        "car",
+        "car",
+        "41,896 triangles, most of them smaller than a pixel.",
+        resolution=[96, 96],
     )
-    add("L1", "odd-film", "harbor", "A film of odd width and height.", resolution=[71, 53], hogels=[(1, 1)])
+    add(
+        "L1",
+        "sheets",
+        "sheets",
+        "Parallel sheets from 1e-1 to 1e-6 of the reach apart.",
+        resolution=[96, 96],
+    )
+    add(
+        "L1",
+        "odd-film",
+        "harbor",
+        "A film of odd width and height.",
+        resolution=[71, 53],
+        hogels=[(1, 1)],
+    )
 
 
 DEPTHS = (
@@ -388,7 +473,13 @@ def sheared(maker: Maker) -> None:
     world(maker, made, "attic")
     corners = [(0, 0), (2, 0), (1, 1), (0, 2), (2, 2)]
     for number, index in enumerate(corners):
-        add("L3", f"attic-{number}", "attic", "A screen before the plate, off the center.", hogels=[index])
+        add(
+            "L3",
+            f"attic-{number}",
+            "attic",
+            "A screen before the plate, off the center.",
+            hogels=[index],
+        )
     screens = {
         "behind": (-40.0, 2.0, -1.5, 46.0, 40.0),
         "far-aside": (30.0, 25.0, -20.0, 30.0, 30.0),
@@ -446,19 +537,35 @@ def light(maker: Maker) -> None:
     """L4: shading on both sides, reflection, texture, band limiting."""
     add = maker.case
     rgb: dict[str, Any] = {"asked": "rgb"}
-    add("L4", "harbor", "harbor", "Phong with flat normals, on both sides.", hogels=[(0, 0), (2, 1)], **rgb)
+    add(
+        "L4",
+        "harbor",
+        "harbor",
+        "Phong with flat normals, on both sides.",
+        hogels=[(0, 0), (2, 1)],
+        **rgb,
+    )
     world(maker, worlds.cove(), "cove", smooth=True)
     add("L4", "smooth", "cove", "Interpolated normals.", hogels=[(1, 0), (0, 1)], **rgb)
     add("L4", "smooth-srgb", "cove", "The same, stored as sRGB.", asked="srgb", hogels=[(1, 0)])
     add("L4", "attic", "attic", "Phong through sheared frusta.", hogels=[(0, 0), (2, 2)], **rgb)
     look = {"ambient": 0.05, "diffuse": [0.5, 0.3, 0.2], "specular": 0.4, "exponent": 20.0}
     for side, z in (("behind", -38.0), ("before", 38.0)):
-        ball = {"shape": "sphere", "scale": 28.0, "translate": [2.0, -1.0, z], "smooth": True, "look": look}
+        ball = {
+            "shape": "sphere",
+            "scale": 28.0,
+            "translate": [2.0, -1.0, z],
+            "smooth": True,
+            "look": look,
+        }
         white = (1.0, 1.0, 1.0)
         for name, lights in (
             ("lit-from-viewer", [((-0.4, 0.6, 0.8), white)]),
             ("lit-from-behind", [((0.5, 0.4, -0.7), white)]),
-            ("two-lights", [((-0.7, 0.2, 0.5), (0.6, 0.3, 0.1)), ((0.8, -0.3, 0.4), (0.1, 0.3, 0.6))]),
+            (
+                "two-lights",
+                [((-0.7, 0.2, 0.5), (0.6, 0.3, 0.1)), ((0.8, -0.3, 0.4), (0.1, 0.3, 0.6))],
+            ),
         ):
             maker.scene(f"{name}-{side}", [ball], lights=lights)
             add(
@@ -475,7 +582,9 @@ def light(maker: Maker) -> None:
         x, y = np.meshgrid(np.linspace(-16, 16, 5), np.linspace(-14, 14, 5))
         sheet = np.stack([x, y, z + 0.3 * x], axis=-1).reshape(-1, 3)
         grid = np.arange(25).reshape(5, 5)
-        quads = np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=-1).reshape(-1, 4)
+        quads = np.stack(
+            [grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=-1
+        ).reshape(-1, 4)
         faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
         uv = np.stack([(x + 16) / 24, (y + 14) / 28], axis=-1).reshape(-1, 2)
         file = obj(maker.folder, f"sheet-{side}", sheet, faces, uv, "picture.png")
@@ -489,7 +598,12 @@ def light(maker: Maker) -> None:
             **rgb,
         )
     add(
-        "L4", "reflection", "mirror-sphere", "Mirrors on both sides of the plate.", resolution=[64, 64], **rgb
+        "L4",
+        "reflection",
+        "mirror-sphere",
+        "Mirrors on both sides of the plate.",
+        resolution=[64, 64],
+        **rgb,
     )
     add(
         "L4",
@@ -529,7 +643,9 @@ def plates(maker: Maker) -> None:
             name,
             "A plate of 81 x 61 hogels: corners, edges and middle.",
             hogels=some,
-            resolution=[48, 48] if "recentered" not in name and "transfer" not in name else [48, 36],
+            resolution=[48, 48]
+            if "recentered" not in name and "transfer" not in name
+            else [48, 36],
         )
     maker.case(
         "L5",

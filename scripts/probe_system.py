@@ -32,18 +32,24 @@ def has_opengl() -> bool:
         return False
     egl = ctypes.CDLL(egl_name)
     egl.eglGetProcAddress.restype = ctypes.c_void_p
-    addresses = [egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")]
+    addresses = [
+        egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")
+    ]
     if None in addresses:
         return False
-    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(addresses[0])
-    open_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)(
-        addresses[1]
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(
+        addresses[0]
     )
+    open_display = ctypes.CFUNCTYPE(
+        ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p
+    )(addresses[1])
     devices, count = (ctypes.c_void_p * 16)(), ctypes.c_int()
     if not query(len(devices), devices, ctypes.byref(count)):
         return False
     egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
-    displays = (open_display(EGL_PLATFORM_DEVICE, device, None) for device in devices[: count.value])
+    displays = (
+        open_display(EGL_PLATFORM_DEVICE, device, None) for device in devices[: count.value]
+    )
     return any(display and egl.eglInitialize(display, None, None) for display in displays)
 
 
@@ -54,7 +60,9 @@ def llvm_candidates() -> list[str]:
         return [chosen]
     for ldconfig in ("/sbin/ldconfig", "ldconfig"):
         try:
-            listing = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=True).stdout
+            listing = subprocess.run(
+                [ldconfig, "-p"], capture_output=True, text=True, check=True
+            ).stdout
         except (OSError, subprocess.CalledProcessError):
             continue
         return sorted(set(re.findall(r"^\s*(libLLVM\S*)", listing, re.MULTILINE)))

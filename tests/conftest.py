@@ -11,7 +11,8 @@ from types import ModuleType
 import pytest
 from hypothesis import settings
 
-# NumPy's libraries wait busily for their threads, too, which small matrices do not need (`on_one_thread`).
+# NumPy's libraries wait busily for their threads, too, which small matrices do not need
+# (`on_one_thread`).
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
@@ -32,7 +33,9 @@ def shared_data() -> Path:
     """The folder of test data beside the checkout; tests that need it skip where it is not there."""
     folder = CHECKOUT.parent / "shared"
     if not folder.is_dir():
-        pytest.skip("needs ../shared, the folder of test data beside the checkout, which is not here")
+        pytest.skip(
+            "needs ../shared, the folder of test data beside the checkout, which is not here"
+        )
     return folder
 
 
@@ -40,8 +43,9 @@ def shared_data() -> Path:
 def on_one_thread(drjit: ModuleType) -> None:
     """Let Dr.Jit's kernels run on one thread.
 
-    Its threads wait busily for some 20 ms after each kernel. The kernels of small films take less than one
-    millisecond, so that several threads would take up to four times the processors' time, and save none.
+    Its threads wait busily for some 20 ms after each kernel. The kernels of small films take less
+    than one millisecond, so that several threads would take up to four times the processors' time,
+    and save none.
     """
     drjit.set_thread_count(1)
 

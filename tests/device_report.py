@@ -22,12 +22,19 @@ from typing import Any
 CHECKOUT = Path(__file__).resolve().parents[1]
 RECORDED = CHECKOUT.parent / "shared" / "data" / "devices"
 REPORT = "build/device-report.md"
-LIMIT_S = 470.0  #: of everything: what has not begun by then is skipped, and what still runs is ended
+LIMIT_S = (
+    470.0  #: of everything: what has not begun by then is skipped, and what still runs is ended
+)
 FAILED = "  - failed: "  #: begins the line of a test that failed
-MOST_LISTED = 30  #: of what failed, or was skipped for a reason of its own, in a group of tests: one page
+MOST_LISTED = (
+    30  #: of what failed, or was skipped for a reason of its own, in a group of tests: one page
+)
 
 TESTS = (
-    ("devices, and what was drawn before", "tests/cli/test_device_command.py tests/raster/test_history.py"),
+    (
+        "devices, and what was drawn before",
+        "tests/cli/test_device_command.py tests/raster/test_history.py",
+    ),
     ("rounding and causes", "tests/compare/rounding tests/compare/attribution"),
     ("rasterizer and plate", "tests/raster --ignore tests/raster/test_history.py"),
     ("shares of wrong depth", "tests/compare/prediction/test_depth.py"),
@@ -61,7 +68,9 @@ class Session:
         """Seconds until the limit."""
         return self.limit_s - (time.monotonic() - self.begun)
 
-    def run(self, name: str, *words: str, **environment: str) -> subprocess.CompletedProcess[str] | None:
+    def run(
+        self, name: str, *words: str, **environment: str
+    ) -> subprocess.CompletedProcess[str] | None:
         """Run this Python with some words; None, and a line that says so, where there is no time for it."""
         _say(f"{self.limit_s - self.left_s:5.0f} s  {name}")
         ended = "there was no time left"
@@ -89,12 +98,16 @@ class Session:
         try:
             return json.loads(done.stdout)
         except json.JSONDecodeError:
-            self.skip(name, (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1])
+            self.skip(
+                name, (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+            )
             return None
 
     def command(self, words: str) -> Any:
         """Return the JSON of a command of xfrustum."""
-        return self.asked(f"xfrustum {words}", "-m", "xfrustum", *words.split(), "--json", "--quiet")
+        return self.asked(
+            f"xfrustum {words}", "-m", "xfrustum", *words.split(), "--json", "--quiet"
+        )
 
     def skip(self, name: str, why: str) -> None:
         """Say what was not done."""
@@ -108,7 +121,9 @@ class Session:
     def text(self) -> str:
         """Return the whole report."""
         self.section("Not done", self.skipped or ["Nothing was skipped."])
-        return "\n".join([f"# Device report of xfrustum, {time.strftime('%Y-%m-%d')}", *self.lines, ""])
+        return "\n".join(
+            [f"# Device report of xfrustum, {time.strftime('%Y-%m-%d')}", *self.lines, ""]
+        )
 
 
 def _say(text: str) -> None:
@@ -119,7 +134,9 @@ def _say(text: str) -> None:
 def device(session: Session, out: Path) -> bool:
     """Add how the device draws; return whether it is a card."""
     listed = session.command("device --list") or {"devices": [], "overlooked": None}
-    rows = [f"- EGL {d['index']}: {d['renderer'] or 'none'}, {d['version']}" for d in listed["devices"]]
+    rows = [
+        f"- EGL {d['index']}: {d['renderer'] or 'none'}, {d['version']}" for d in listed["devices"]
+    ]
     session.section("Devices", [*rows, *filter(None, [listed["overlooked"]])])
     # The table is what people read, device.json what programs do.
     table = session.run("xfrustum device", "-m", "xfrustum", "device", "--quiet", "--out", str(out))
@@ -134,7 +151,9 @@ def pictures(session: Session) -> None:
     """Add how many pixels of recorded and of new frames stay unexplained."""
     lines, frames = [], RECORDED / "h100-frames.npz"
     if not frames.exists():
-        session.skip("replay of recorded frames", "../shared/data/devices is not beside the checkout")
+        session.skip(
+            "replay of recorded frames", "../shared/data/devices is not beside the checkout"
+        )
     elif found := session.command(f"device --replay {os.path.relpath(frames, CHECKOUT)}"):
         session.failed |= found["unexplained"] > 0
         lines.append(
@@ -145,7 +164,9 @@ def pictures(session: Session) -> None:
         if found := session.command(f"report {scene} --out build/device/{scene}"):
             wrong = sum(row["unexplained"] for row in found["rows"])
             session.failed |= wrong > 0
-            lines.append(f"- report {scene}: {wrong:,} unexplained pixels in {len(found['rows'])} rows")
+            lines.append(
+                f"- report {scene}: {wrong:,} unexplained pixels in {len(found['rows'])} rows"
+            )
     session.section("Pictures", lines or ["None."])
 
 
@@ -163,7 +184,13 @@ def tests(session: Session, *, card: bool) -> None:
         log = CHECKOUT / "build" / "device-tests.xml"
         log.unlink(missing_ok=True)
         session.run(
-            f"pytest {words}", "-m", "pytest", "-q", *words.split(), f"--junitxml={log}", **environment
+            f"pytest {words}",
+            "-m",
+            "pytest",
+            "-q",
+            *words.split(),
+            f"--junitxml={log}",
+            **environment,
         )
         if log.exists():
             lines += counted(name, log)
@@ -191,8 +218,12 @@ def counted(name: str, log: Path) -> list[str]:
 def truth(session: Session, *, card: bool) -> None:
     """Add whether the truth has the same bits on the card and on the processors."""
     if not card:
-        return session.skip("bits of the truth on CUDA and LLVM", "the device that draws is no card")
-    found = {d: session.asked(f"truth on {d}", "-c", TRUTH, XFRUSTUM_DEVICE=d) for d in ("cuda", "llvm")}
+        return session.skip(
+            "bits of the truth on CUDA and LLVM", "the device that draws is no card"
+        )
+    found = {
+        d: session.asked(f"truth on {d}", "-c", TRUTH, XFRUSTUM_DEVICE=d) for d in ("cuda", "llvm")
+    }
     if all(found.values()):
         differ = [name for name in found["llvm"] if found["llvm"][name] != found["cuda"][name]]
         said = f"differs in {', '.join(differ)}" if differ else "has the same bits in all channels"

@@ -24,11 +24,15 @@ SEED = 20261122
 CONFIDENCE = 0.95
 """Confidence from which on a claim about the share of hogels is refuted."""
 
-FILM = film((60.0, 60.0), hogels=(31, 31), resolution=(96, 96), fov_deg=(60.0, 60.0), reach=(60.0, 60.0))
+FILM = film(
+    (60.0, 60.0), hogels=(31, 31), resolution=(96, 96), fov_deg=(60.0, 60.0), reach=(60.0, 60.0)
+)
 
 SHAPES = {
     "flat square in the plate": part("square", 40.0, (0.0, 0.0, 0.0)),
-    "tilted square through the plate": part("square", 40.0, (0.0, 0.0, 0.0), rotate_deg=[30.0, 0.0, 0.0]),
+    "tilted square through the plate": part(
+        "square", 40.0, (0.0, 0.0, 0.0), rotate_deg=[30.0, 0.0, 0.0]
+    ),
     "sphere across the plate": part("sphere", 30.0, (0.0, 0.0, 0.0)),
     "box standing on the plate": part("box", 20.0, (0.0, 0.0, 10.0)),
     "two sheets near the plate": part("square", 50.0, (0.0, 0.0, -0.02))

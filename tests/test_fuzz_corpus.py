@@ -27,7 +27,9 @@ def replayed() -> dict[str, list[str]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [path.name for path in entries()])
-def test_no_input_of_the_corpus_finds_anything_again(name: str, replayed: dict[str, list[str]]) -> None:
+def test_no_input_of_the_corpus_finds_anything_again(
+    name: str, replayed: dict[str, list[str]]
+) -> None:
     assert replayed[name] == []
 
 
@@ -39,7 +41,12 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
 
 
 def test_every_finding_is_found() -> None:
-    fine: dict[str, Any] = {"status": 2, "errors": b"xfrustum: error: no\n", "peak_bytes": 1, "hung": False}
+    fine: dict[str, Any] = {
+        "status": 2,
+        "errors": b"xfrustum: error: no\n",
+        "peak_bytes": 1,
+        "hung": False,
+    }
     fine |= {"left": frozenset()}
     left = frozenset({"out.exr"})
     cases: list[tuple[dict[str, Any], list[str]]] = [

@@ -48,8 +48,8 @@ def test_the_wheel_of_the_source_distribution_holds_every_file_once(wheel: Path)
 def test_the_installed_command_lists_the_scenes(wheel: Path, tmp_path: Path) -> None:
     """In a fresh environment that sees the dependencies of this one, outside the checkout.
 
-    A path file adds the folders of the dependencies to the search path only: the path files *in* them are not
-    read, so the editable install there stays out of sight.
+    A path file adds the folders of the dependencies to the search path only: the path files *in*
+    them are not read, so the editable install there stays out of sight.
     """
     venv.create(tmp_path / "environment", symlinks=True)
     programs = tmp_path / "environment" / "bin"
@@ -57,8 +57,17 @@ def test_the_installed_command_lists_the_scenes(wheel: Path, tmp_path: Path) -> 
     seen = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
     (site_packages / "dependencies.pth").write_text("\n".join(sorted(seen)))
     clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
-    install: list[str | Path] = [sys.executable, "-m", "pip", "--python", programs / "python", "install"]
+    install: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        programs / "python",
+        "install",
+    ]
     install += ["--no-deps", "--no-build-isolation", "--no-index", wheel]
     subprocess.run(install, cwd=tmp_path, env=clean, check=True, capture_output=True)
-    told = subprocess.check_output([programs / "xfrustum", "scenes"], cwd=tmp_path, env=clean, text=True)
+    told = subprocess.check_output(
+        [programs / "xfrustum", "scenes"], cwd=tmp_path, env=clean, text=True
+    )
     assert "car" in told

@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief, Shown
+from xfrustum.scenes.notebook import NotebookRepr, ShortRepr
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Frustum
 
@@ -34,7 +34,9 @@ class CauseNumbers:
 
     surface: int  #: judged pixels charged to it that show the wrong surface
     triangle: int  #: and another triangle
-    displacement_rms_px: float | None  #: what it adds, where every image shows a surface off the plate
+    displacement_rms_px: (
+        float | None
+    )  #: what it adds, where every image shows a surface off the plate
     displacement_p99_px: float | None
     predicted_displacement_rms_px: float | None
     predicted_surface: float | None
@@ -82,15 +84,17 @@ class BudgetNumbers:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class VectorBudget(Brief):
+class VectorBudget(ShortRepr):
     """What each link adds to a quantity, where every image of the chain shows a surface."""
 
-    steps: Floats  #: (links, H, W, components) differences between neighboring images, NaN elsewhere
+    steps: (
+        Floats  #: (links, H, W, components) differences between neighboring images, NaN elsewhere
+    )
     total: Floats  #: (H, W, components) last image minus first
     elsewhere: int  #: pixels left out, because some image shows no surface or one in the plate
 
     @classmethod
-    def of(cls, values: Floats) -> VectorBudget:
+    def from_values(cls, values: Floats) -> VectorBudget:
         """Take the differences of a quantity (images, H, W, components), NaN where it is undefined."""
         defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
         values = np.where(defined[..., None], values, np.nan)
@@ -100,7 +104,10 @@ class VectorBudget(Brief):
     def rms(self) -> list[float | None]:
         """Return the root mean square length of each link's steps, None where there is none."""
         squared = np.square(self.steps).sum(axis=-1).reshape(len(self.steps), -1)
-        return [float(np.sqrt(np.nanmean(link))) if np.isfinite(link).any() else None for link in squared]
+        return [
+            float(np.sqrt(np.nanmean(link))) if np.isfinite(link).any() else None
+            for link in squared
+        ]
 
 
 Size = tuple[float | None, float | None]
@@ -118,7 +125,7 @@ def _size(steps: Floats | None, known: Mask) -> Size:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ChainStart(Brief):
+class ChainStart(ShortRepr):
     """All images of a chain but the last: what the depth buffers of one pair of cameras share."""
 
     reference: Reference
@@ -168,8 +175,8 @@ class ChainStart(Brief):
     @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
         """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not."""
-        # Traced images are judged at these pixels alone. The truth is right everywhere: until a later image
-        # is, the first link is charged.
+        # Traced images are judged at these pixels alone. The truth is right everywhere: until a
+        # later image is, the first link is charged.
         pixels = np.flatnonzero(self.exact_wrong)
         truth = self.truth.at(pixels)
         first, *later = self.changing
@@ -192,7 +199,9 @@ class ChainStart(Brief):
     def steps(self) -> tuple[Floats | None, ...]:
         """(H W,) lengths in pixels that each link adds to displacement; None for one that changes nothing."""
         pairs = pairwise(self.shifts)
-        return tuple(None if after is before else np.hypot(*(after - before)) for before, after in pairs)
+        return tuple(
+            None if after is before else np.hypot(*(after - before)) for before, after in pairs
+        )
 
     @cached_property
     def known(self) -> Mask:
@@ -227,13 +236,15 @@ class ChainStart(Brief):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Budget(Shown):
+class Budget(NotebookRepr):
     """The error of one image, link by link."""
 
     start: ChainStart
     drawn: HogelImage
     charge: NDArray[np.int8]  #: (H, W) the link that each wrong pixel is charged to, else `RIGHT`
-    surface_charge: NDArray[np.int8]  #: (H, W) the link from which on each pixel shows a wrong surface
+    surface_charge: NDArray[
+        np.int8
+    ]  #: (H, W) the link from which on each pixel shows a wrong surface
     explanation: Causes  #: of the pixels charged to rasterization and depth
     predicted: tuple[LinkPrediction, ...]
     reasons: Reasons  #: why predictions do not hold
@@ -256,15 +267,21 @@ class Budget(Shown):
     @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        shifts = np.stack((*self.start.shifts, error_maps.film_shifts(self.drawn, self.start.truth.camera)))
-        return VectorBudget.of(np.moveaxis(shifts, 1, -1).reshape(len(shifts), *self.charge.shape, 2))
+        shifts = np.stack(
+            (*self.start.shifts, error_maps.film_shifts(self.drawn, self.start.truth.camera))
+        )
+        return VectorBudget.from_values(
+            np.moveaxis(shifts, 1, -1).reshape(len(shifts), *self.charge.shape, 2)
+        )
 
     @cached_property
     def height(self) -> VectorBudget:
         """Budget of height, scene units."""
         images = (*self.start.images, self.drawn)
-        heights = [np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in images]
-        return VectorBudget.of(np.stack(heights)[..., None])
+        heights = [
+            np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in images
+        ]
+        return VectorBudget.from_values(np.stack(heights)[..., None])
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -277,7 +294,9 @@ class Budget(Shown):
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
         start = self.start
-        last = np.hypot(*(error_maps.film_shifts(self.drawn, start.truth.camera) - start.shifts[-1]))
+        last = np.hypot(
+            *(error_maps.film_shifts(self.drawn, start.truth.camera) - start.shifts[-1])
+        )
         known = start.known & np.isfinite(last)
         same = np.array_equal(known, start.known)
         sizes = start.sizes if same else [_size(steps, known) for steps in start.steps]
@@ -310,7 +329,9 @@ class Budget(Shown):
                     height_rms=raised,
                     prediction_reasons=link.reasons,
                 )
-                for cause, raised, link in zip(self.causes, self.height.rms(), self.predicted, strict=True)
+                for cause, raised, link in zip(
+                    self.causes, self.height.rms(), self.predicted, strict=True
+                )
             ),
             unexplained=counts.pop("unexplained"),
             explained=counts,
@@ -362,7 +383,11 @@ def charged(
 
 
 def explain(
-    scene: Scene, model: HogelImage, raster: HogelImage, device: DeviceModel, pixels: Indices | None = None
+    scene: Scene,
+    model: HogelImage,
+    raster: HogelImage,
+    device: DeviceModel,
+    pixels: Indices | None = None,
 ) -> Causes:
     """Find the causes of a change by rounding, at pixels (N,) or wherever the images differ."""
     if pixels is None:
@@ -377,7 +402,7 @@ def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> li
     assert settings is not None
     precision = Precision(device=device, depth=settings.depth, mapping=settings.mapping)
     return [
-        RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
+        RoundingCamera(bundle=camera.bundle, precision=precision, heights=camera.heights)
         for camera in model_cameras(scene.frustum, raster.camera.aperture, settings)
     ]
 
@@ -386,7 +411,8 @@ def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> li
 class ShearNumbers:
     """How far surface points are drawn from where cameras that are sheared about the aperture draw them.
 
-    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns and rows.
+    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns and
+    rows.
     """
 
     pixels: int  #: that show a surface off the plate: all are measured
@@ -400,20 +426,24 @@ class ShearNumbers:
 def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
     """Measure the shear of T2, a traced model whose cameras are sheared about their own centers.
 
-    Points are compared with themselves, so that nothing depends on which surfaces come into view. None where
-    there is no such shear (another pivot, no offset, a centered frustum), and where no surface off the plate
-    is shown.
+    Points are compared with themselves, so that nothing depends on which surfaces come into view.
+    None where there is no such shear (another pivot, no offset, a centered frustum), and where no
+    surface off the plate is shown.
     """
     settings, shown = model.camera.settings, model.off_plate
     assert settings is not None, "a model says whose cameras it shows"
-    sheared = settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE and frustum.recentered
+    sheared = (
+        settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE and frustum.recentered
+    )
     if not sheared or not shown.any():
         return None
     points = model.position[shown].astype(np.float64)
     about_aperture = np.empty((len(points), 2))
-    for camera in model_cameras(frustum, model.camera.aperture, replace(settings, pivot=Pivot.APERTURE)):
+    for camera in model_cameras(
+        frustum, model.camera.aperture, replace(settings, pivot=Pivot.APERTURE)
+    ):
         side: Mask = (points[:, 2] < 0) == camera.orthoscopic
-        about_aperture[side] = pixel_places(points[side], camera.pencil)
+        about_aperture[side] = pixel_places(points[side], camera.bundle)
     moved = error_maps.pixel_centers(model.camera)[shown] - about_aperture
     shear, half_extent = (np.asarray(pair) for pair in film_window(frustum, model.camera.aperture))
     width, height = model.camera.resolution

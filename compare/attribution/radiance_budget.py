@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
-In the chain's own links, from near offset to depth, the surface points of every image are shaded as the true
-frustum shows them. So each link tells what *showing another point* costs, and the eye vector's bend, which
-belongs to a point and not to a pixel, is counted once:
+In the chain's own links, from near offset to depth, the surface points of every image are shaded as
+the true frustum shows them. So each link tells what *showing another point* costs, and the eye
+vector's bend, which belongs to a point and not to a pixel, is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
@@ -28,7 +28,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -36,7 +36,8 @@ EYE_VECTOR, SHADING = "eye vector", "shading"
 CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
 """Names of links. `EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn.
-`SHADING` leaves double precision: the device interpolates normals, colors and texture coordinates, and
+`SHADING` leaves double precision: the device interpolates normals, colors and texture coordinates,
+and
 evaluates the light model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
@@ -50,7 +51,9 @@ class RadianceChange:
     mean: float | None  #: over all judged pixels, like the next two
     rms: float | None
     max: float | None
-    rms_same_triangle: float | None  #: over those in which all images of the chain show the same triangle
+    rms_same_triangle: (
+        float | None
+    )  #: over those in which all images of the chain show the same triangle
     max_same_triangle: float | None
 
 
@@ -72,11 +75,13 @@ class RadianceNumbers:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RadianceBudget(Brief):
+class RadianceBudget(ShortRepr):
     """The radiance error of one image, link by link."""
 
     links: tuple[str, ...]
-    change: VectorBudget  #: linear RGB; nothing is left out, for a pixel that shows no surface is black
+    change: (
+        VectorBudget  #: linear RGB; nothing is left out, for a pixel that shows no surface is black
+    )
     judged: Mask  #: (H, W) pixels whose truth is no tie
     same: Mask  #: (H, W) judged pixels that show the same triangle in all images of the chain
     errors: dict[str, float]  #: by link that is measured against samples, their rms standard error
@@ -109,9 +114,9 @@ class RadianceBudget(Brief):
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
 
-    The chain's images are sampled once per pixel: T0 to R1 shaded truly, R1 with the eye vector of the camera
-    that drew each point, R1 as the device shaded it. Each color is the mean over `side` x `side` of their
-    pixels.
+    The chain's images are sampled once per pixel: T0 to R1 shaded truly, R1 with the eye vector of
+    the camera that drew each point, R1 as the device shaded it. Each color is the mean over `side`
+    x `side` of their pixels.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -163,7 +168,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
     judged, numbers = judged_pixels(truth), np.stack([image.triangle for image in chain.images])
     return RadianceBudget(
         links=(*links, CLIPPING, OUTPUT),
-        change=VectorBudget.of(np.concatenate((colors, clipped, through_8_bits(clipped)))),
+        change=VectorBudget.from_values(np.concatenate((colors, clipped, through_8_bits(clipped)))),
         judged=judged,
         same=judged & truth.covered & (numbers == numbers[0]).all(axis=0),
         errors=errors,
@@ -177,11 +182,13 @@ def steps(scene: Scene) -> int:
     return points * averages + (points > 1) + 2 * points * transport.simulated
 
 
-def averaged_colors(scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Done) -> Floats:
+def averaged_colors(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Done
+) -> Floats:
     """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
 
-    The device's own samples (multisample) are in the link from here to its image. Raises InputError where a
-    chain would have more than `MAX_CHAIN_PIXELS`.
+    The device's own samples (multisample) are in the link from here to its image. Raises InputError
+    where a chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution
@@ -196,6 +203,8 @@ def averaged_colors(scene: Scene, aperture: Aperture, settings: DoubleFrustum, d
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     with Rasterizer(fine) as rasterizer:
         for point in points:
-            total = total + local_colors(fine, make_chain(reference, rasterizer, point, settings), side)
+            total = total + local_colors(
+                fine, make_chain(reference, rasterizer, point, settings), side
+            )
             done()
     return total / len(points)

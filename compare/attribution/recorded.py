@@ -96,11 +96,17 @@ def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
         device = _Device.model_validate_json(str(found.pop("device", None)))
     except ValidationError as error:
         reason = error.errors(include_url=False)[0]["msg"]
-        raise InputError(f"{path} is no recording of frames: it names no device ({reason})") from error
+        raise InputError(
+            f"{path} is no recording of frames: it names no device ({reason})"
+        ) from error
     if not found:
         raise InputError(f"{path} has no frames")
     for triangle in found.values():
-        if triangle.ndim != 2 or triangle.dtype.kind != "i" or triangle.min(initial=NOTHING) < NOTHING:
+        if (
+            triangle.ndim != 2
+            or triangle.dtype.kind != "i"
+            or triangle.min(initial=NOTHING) < NOTHING
+        ):
             raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
         check_picture_size(path, triangle.shape[1], triangle.shape[0])
     frames = [RecordedFrame(name=name, triangle=triangle) for name, triangle in found.items()]
@@ -127,7 +133,9 @@ def replay(
             references[opened] = Reference(replace(scene, frustum=frustum))
         reference = references[opened]
         aperture, settings = frame.asked(reference.scene)
-        if (most := int(frame.triangle.max(initial=NOTHING))) >= (known := len(reference.scene.faces)):
+        if (most := int(frame.triangle.max(initial=NOTHING))) >= (
+            known := len(reference.scene.faces)
+        ):
             raise InputError(
                 f"{frame.name} shows triangle {most}, and the scene has {known}: record that scene anew"
             )
@@ -160,25 +168,33 @@ def recorded_image(
 ) -> HogelImage:
     """Return a frame as an image with the surface points (H, W, 3) that it shows, NaN where nothing is.
 
-    A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the triangle
-    covers the pixel as C* sees it; else the camera by which the pixel lies least outside of the triangle.
+    A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the
+    triangle covers the pixel as C* sees it; else the camera by which the pixel lies least outside
+    of the triangle.
     """
     camera = replace(expected.camera, settings=frame.asked(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
-    found, (rows, columns) = np.full(frame.triangle.shape, NOTHING), np.nonzero(frame.triangle != NOTHING)
+    found, (rows, columns) = (
+        np.full(frame.triangle.shape, NOTHING),
+        np.nonzero(frame.triangle != NOTHING),
+    )
     found[rows, columns] = scene.object_of_triangle[frame.triangle[rows, columns]]
-    image = replace(expected, camera=camera, triangle=frame.triangle, object=found, position=position)
+    image = replace(
+        expected, camera=camera, triangle=frame.triangle, object=found, position=position
+    )
     cameras = drawing_cameras(scene, image, model)
     slots = np.arange(len(cameras) * len(rows))
     number = frame.triangle[rows, columns].astype(np.int64)
-    drawn = PixelTriangles.of(scene.triangles, cameras, number, (columns, rows), slots)
+    drawn = PixelTriangles.from_pixels(scene.triangles, cameras, number, (columns, rows), slots)
     film, side = drawn.film, np.where(drawn.film.orthoscopic, 1.0, -1.0)
     edges, (plane,) = (drawn.linear_at(one, drawn.points) for one in (film.lines, film.plane[None]))
     first, last = map(drawn.each, film.planes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = plane * drawn.each(side / film.volume)
         w = np.clip(1 / inverse, first, last)
-        inside = edges * drawn.each(side * np.sign(film.volume) / per_pixel(film.lines, film.resolution))
+        inside = edges * drawn.each(
+            side * np.sign(film.volume) / per_pixel(film.lines, film.resolution)
+        )
         beyond = drawn.each(np.abs(film.volume) / per_pixel(film.plane, film.resolution))
         least = np.minimum(np.minimum(inside.min(axis=0), 0.0), -beyond * np.abs(1 / w - inverse))
     least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf).reshape(len(cameras), -1)
@@ -186,8 +202,8 @@ def recorded_image(
     best, point = np.full(len(rows), -np.inf), np.full((len(rows), 3), np.nan)
     for place, one in reversed(list(enumerate(cameras))):
         taken = (least[place] > best + BESIDE_PX) | np.isnan(point[:, 2])
-        line = np.stack((one.pencil.dx[columns], one.pencil.dy[rows], -np.ones(len(rows))), axis=-1)
-        point[taken] = (one.pencil.center + forward[place][:, None] * line)[taken]
+        line = np.stack((one.bundle.dx[columns], one.bundle.dy[rows], -np.ones(len(rows))), axis=-1)
+        point[taken] = (one.bundle.center + forward[place][:, None] * line)[taken]
         best[taken] = least[place][taken]
     position[rows, columns] = point
     return image

@@ -62,9 +62,10 @@ class _Sum:
 def sums_by_link(budgets: Iterable[Budget]) -> tuple[LinkSum, ...]:
     """Sum measured and predicted wrong surfaces of each link over hogels and settings.
 
-    Few pixels in a hogel are no reason for which the sum does not hold: chance is that of the sum. An
-    edge parallel to the plate lies at the same place between two rows in all hogels of a row, and between
-    two columns in all of a column: their deviations add up. Those of other hogels are independent.
+    Few pixels in a hogel are no reason for which the sum does not hold: chance is that of the sum.
+    An edge parallel to the plate lies at the same place between two rows in all hogels of a row,
+    and between two columns in all of a column: their deviations add up. Those of other hogels are
+    independent.
     """
     sums: dict[str, _Sum] = defaultdict(_Sum)
     for budget in budgets:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.diagnosis.faults import FLAT, HYPOTHESES, NEAREST, NOT_OVERLAID, Hypothesis
-from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
     Layers,
@@ -22,23 +22,28 @@ from xfrustum.compare.renderer_model.pictures import (
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-# Smallest number of pixels in which two ways of putting the halves together must differ for images to tell
-# them apart: fewer may be outlines that rounding has moved.
+# Smallest number of pixels in which two ways of putting the halves together must differ for images
+# to tell them apart: fewer may be outlines that rounding has moved.
 MIN_DIFFERING_PIXELS = 20
 
-# Smallest gain of a way, as a share of the best way's gain in right pixels, with which images cannot tell it
-# from the best. Two ways can be alike: on closed bodies, leaving out the faces toward the viewer leaves the
-# surface nearest to the plate. Two percent leave room for outlines, which rounding moves.
+# Smallest gain of a way, as a share of the best way's gain in right pixels, with which images
+# cannot tell it from the best. Two ways can be alike: on closed bodies, leaving out the faces
+# toward the viewer leaves the surface nearest to the plate. Two percent leave room for outlines,
+# which rounding moves.
 MIN_ALIKE_FRACTION = 0.98
 
-# The ways to put the halves together, the right one first. One test of the depth, taken for the other, makes
-# two mistakes.
-WAYS: tuple[tuple[Hypothesis, ...], ...] = ((), *((one,) for one in HYPOTHESES), (NEAREST, NOT_OVERLAID))
+# The ways to put the halves together, the right one first. One test of the depth, taken for the
+# other, makes two mistakes.
+WAYS: tuple[tuple[Hypothesis, ...], ...] = (
+    (),
+    *((one,) for one in HYPOTHESES),
+    (NEAREST, NOT_OVERLAID),
+)
 
 
 def find_composition(
-    reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
-) -> tuple[DrawnModel, ...]:
+    reference: Reference, model: RendererModel, images: Sequence[HogelImage]
+) -> tuple[RendererModel, ...]:
     """Return a guess with the way of putting halves together that images agree with best, then its equals."""
     # Step 1: nothing is to be found where the right way explains nearly every pixel.
     right = [compared(reference, [model], image) for image in images]
@@ -59,8 +64,8 @@ def find_composition(
     for shown, made in (compared(reference, ways, image) for image in images):
         wrong += [_differing(picture, shown) for picture in made]
         differing += [_differing(picture, made[0]) for picture in made]
-    # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
-    # right way. If it is the renderer's own, it makes all of them right.
+    # Step 2: a way is better where it makes more than half of the pixels right in which it differs
+    # from the right way. If it is the renderer's own, it makes all of them right.
     gained = wrong[0] - wrong
     telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
     if not telling.any():
@@ -71,7 +76,7 @@ def find_composition(
 
 
 def compared(
-    reference: Reference, ways: Sequence[DrawnModel], image: HogelImage
+    reference: Reference, ways: Sequence[RendererModel], image: HogelImage
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
     """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
     scene, upright = reference.scene, ways[0].upright

@@ -1,9 +1,9 @@
 """The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
 Readings are found by trying. Numbers of triangles are judged by the claims that they make
-(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Everything else is compared
-with what the truth would have stored, and with the damage that explains the difference. Another reading is a
-finding only where it holds and the stated one fails.
+(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Everything else is
+compared with what the truth would have stored, and with the damage that explains the difference.
+Another reading is a finding only where it holds and the stated one fails.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from functools import cache, partial
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.diagnosis.geometry_fit import Claims, claims_of, fit_geometry, outside_px
+from xfrustum.compare.diagnosis.faults import Defect
+from xfrustum.compare.diagnosis.geometry_fit import PixelClaims, claims_of, fit_geometry, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
     as_gray,
@@ -42,10 +42,16 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
-# Colors are stored through another curve than was stated; the last name is that of curves without a name.
+# Colors are stored through another curve than was stated; the last name is that of curves without a
+# name.
 SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
-WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
+WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = (
+    "wrong-encoding",
+    "8-bit-overflow",
+    "resampled",
+    "lossy",
+)
 RESTARTING = "numbers-restarting"
 ENCODING_FAULTS = (
     *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
@@ -54,61 +60,66 @@ ENCODING_FAULTS = (
 )
 """Names of the faults; after the last four numbers are lost."""
 
-TRUE = DrawnModel()  #: the renderer that draws the true crossed frustum
+TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
 # The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-_ENCODING_WORDS = dict(zip(NUMBER_ENCODINGS, ("numbers of triangles", "numbers of objects"), strict=True))
+_ENCODING_WORDS = dict(
+    zip(NUMBER_ENCODINGS, ("numbers of triangles", "numbers of objects"), strict=True)
+)
 
-# Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the one that
-# comes first here is named first.
+# Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the
+# one that comes first here is named first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
-# Largest mean distance by which the claims of a right reading fail: about 20 times that by which rasterizers
-# snap edges (`geometry_fit.SNAP_PX`). A pixel off, even claims at the other side of a triangle fail. One
-# claim counts with the cap at most, as does that of a triangle that does not exist.
+# Largest mean distance by which the claims of a right reading fail: about 20 times that by which
+# rasterizers snap edges (`geometry_fit.SNAP_PX`). A pixel off, even claims at the other side of a
+# triangle fail. One claim counts with the cap at most, as does that of a triangle that does not
+# exist.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
-# Smallest ratio of the misfit of the stated reading to that of a better one. Most wrong numbers belong to a
-# triangle within a pixel or two, so that even a wrong reading has a small misfit on a fine mesh; but that of
-# the right reading is that of rounding alone.
+# Smallest ratio of the misfit of the stated reading to that of a better one. Most wrong numbers
+# belong to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a
+# fine mesh; but that of the right reading is that of rounding alone.
 MIN_IMPROVEMENT = 4.0
 
-# Smallest share of the stored integers that name something in the scene under a right reading; one in a
-# hundred may be damaged.
+# Smallest share of the stored integers that name something in the scene under a right reading; one
+# in a hundred may be damaged.
 MIN_VALID_FRACTION = 0.99
 
-# Smallest number of claims by which readings are told apart; numbers of claims and of hogels, and rows and
-# columns of each, with more of which the same reading or damage is found; near offsets that are tried, as
-# parts of the reach.
+# Smallest number of claims by which readings are told apart; numbers of claims and of hogels, and
+# rows and columns of each, with more of which the same reading or damage is found; near offsets
+# that are tried, as parts of the reach.
 MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600, 3, 100
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 
-# Smallest shares of pixels that agree with the truth to within a pixel under a right reading, or for which a
-# kind of damage accounts, as `diagnosis.MIN_EXPLAINED_FRACTION`. The second one applies to objects of a
-# renderer that may draw with another near offset or a moved scene, which change them.
+# Smallest shares of pixels that agree with the truth to within a pixel under a right reading, or
+# for which a kind of damage accounts, as `diagnosis.MIN_EXPLAINED_FRACTION`. The second one applies
+# to objects of a renderer that may draw with another near offset or a moved scene, which change
+# them.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
 # Smallest share of pixels with a number between those around them in a resampled picture; fewer are
-# accidents. And the smallest ratio of the number of different integers to that in the truth: values between
-# two numbers are new, while merely wrong numbers, such as those of objects in another order, are as many as
-# the right ones.
+# accidents. And the smallest ratio of the number of different integers to that in the truth: values
+# between two numbers are new, while merely wrong numbers, such as those of objects in another
+# order, are as many as the right ones.
 MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 
 # Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
 # brightness in steps of at most 16, and chroma adds half a step of its own.
 MAX_LOSSY_STEPS = 24
 
-# Smallest number of gray values in a shaded picture, where masks and outlines have fewer, and correlation of
-# brightness with the truth's, where that of numbers is random. And the share of pixels as bright as the truth
-# for pictures to be read as sRGB: under the right reading nearly all are, under another light few.
+# Smallest number of gray values in a shaded picture, where masks and outlines have fewer, and
+# correlation of brightness with the truth's, where that of numbers is random. And the share of
+# pixels as bright as the truth for pictures to be read as sRGB: under the right reading nearly all
+# are, under another light few.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
 
-# Largest distance of the quantiles of brightness from the truth's under another transfer function, as a part
-# of that under the stated one. Quantiles do not depend on geometry that shows much the same surfaces; the
-# diagnosis of the pictures in this reading is the test.
+# Largest distance of the quantiles of brightness from the truth's under another transfer function,
+# as a part of that under the stated one. Quantiles do not depend on geometry that shows much the
+# same surfaces; the diagnosis of the pictures in this reading is the test.
 MAX_TRANSFER_DISTANCE = 0.5
 
 # The encodings that are transfer functions: `--encoding` states them.
@@ -122,12 +133,12 @@ _TRANSFER_FAULTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Restoring:
+class IdRepair:
     """A way to restore damaged numbers with the help of the truth, and the share of pixels that it explains.
 
-    Restored numbers serve the figures after correction only; no image passes because of them. `bits` are the
-    low bits of each number that `OVERFLOW` has kept, `first` the first number of each object, from which
-    `RESTARTING` counts.
+    Restored numbers serve the figures after correction only; no image passes because of them.
+    `bits` are the low bits of each number that `OVERFLOW` has kept, `first` the first number of
+    each object, from which `RESTARTING` counts.
     """
 
     kind: str
@@ -137,24 +148,31 @@ class Restoring:
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    nominal: DrawnModel = TRUE  # the renderer by its author's statements
+    nominal: RendererModel = TRUE  # the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
         plate, name = reference.scene.plate, _name(self.reading)
         aperture = plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels))
         truth = _stated(reference, self.nominal, aperture)
-        beside, as_read = _Beside.of(truth, image, self.orientation), read_again(image, self.reading)
+        beside, as_read = (
+            _Beside.from_images(truth, image, self.orientation),
+            read_again(image, self.reading),
+        )
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
         # The pixel's own number is tried last, and wins.
         meant = getattr(beside, name)
         for mask, number in reversed(list(zip(beside.explained(self), meant, strict=False))):
             numbers[mask] = number[mask]
         restored = self.orientation.applied(numbers)
-        return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
+        return (
+            replace(as_read, object=restored)
+            if name == "object"
+            else replace(as_read, triangle=restored)
+        )
 
 
-def _stated(reference: Reference, nominal: DrawnModel, aperture: Aperture) -> HogelImage:
+def _stated(reference: Reference, nominal: RendererModel, aperture: Aperture) -> HogelImage:
     """Return what a renderer should draw by its author's statements: the truth, or with a near offset."""
     if nominal == TRUE:
         return reference.trace(aperture)
@@ -171,12 +189,16 @@ class _Beside:
     """The stored bytes of an image, upright, beside the truth's numbers and brightness."""
 
     rgb: Bytes  # (h, w, 3)
-    triangle: Numbers  # (9, h, w): first the number of the pixel itself, then those of its neighbors
+    triangle: (
+        Numbers  # (9, h, w): first the number of the pixel itself, then those of its neighbors
+    )
     object: Numbers
     gray: Floats  # (h, w)
 
     @classmethod
-    def of(cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0) -> _Beside:
+    def from_images(
+        cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0
+    ) -> _Beside:
         """Return an image beside the truth; with `lines`, about so many rows and columns of both."""
         height, width = truth.triangle.shape
         step = max(1, min(height, width) // lines) if lines else 1
@@ -202,7 +224,7 @@ class _Beside:
         """Return where pixels store the truth's number of the same pixel or of a neighbor, (9, h, w)."""
         return np.asarray(reading.packed(self.rgb) == self.stored(reading))
 
-    def explained(self, damage: Restoring) -> Mask:
+    def explained(self, damage: IdRepair) -> Mask:
         """Return where damage turns the truth's own and neighbors' numbers into the bytes, (n, h, w).
 
         Where numbers are mixed, n is 1: bytes lie in the range of those around them.
@@ -232,10 +254,11 @@ class _Beside:
 class FoundEncoding:
     """The way to read a renderer's images; without a reading the stated one holds."""
 
-    faults: tuple[Fault, ...] = ()  # its differences from the stated one
+    faults: tuple[Defect, ...] = ()  # its differences from the stated one
     reading: Reading | None = None
-    # Puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after correction.
-    restoring: Restoring | None = None
+    # Puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after
+    # correction.
+    restoring: IdRepair | None = None
 
     @property
     def as_colors(self) -> bool:
@@ -245,14 +268,18 @@ class FoundEncoding:
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image read in this way, with lost numbers restored."""
-        return self.plainly(image) if self.restoring is None else self.restoring.read(reference, image)
+        return (
+            self.plainly(image) if self.restoring is None else self.restoring.read(reference, image)
+        )
 
     def plainly(self, image: HogelImage) -> HogelImage:
         """Return an image read in this way, without restoring lost numbers."""
         return image if self.reading is None else read_again(image, self.reading)
 
 
-def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> FoundEncoding:
+def find_encoding(
+    reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
+) -> FoundEncoding:
     """Find the way to read a renderer's images, where the stated way does not hold.
 
     `nominal` is the model of the renderer by its author's statements.
@@ -287,7 +314,9 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     chosen = np.unique(np.linspace(0, len(images) - 1, MAX_COMPARED_HOGELS).astype(int))
     stored = [radiance(stored_rgb(images[index]), Encoding.RGB) for index in chosen]
     truths = [reference.trace(images[index].camera.aperture).color for index in chosen]
-    expected = np.sort(np.clip(np.concatenate([one.ravel() for one in truths if one is not None]), 0.0, 1.0))
+    expected = np.sort(
+        np.clip(np.concatenate([one.ravel() for one in truths if one is not None]), 0.0, 1.0)
+    )
     values = np.sort(np.concatenate([one.ravel() for one in stored]))
     # Transfer functions rise: the order of the values is that of the radiance.
     distances = {one: float(np.abs(one.linear(values) - expected).mean()) for one in Transfer}
@@ -303,16 +332,25 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
         value = str(STATED_TRANSFERS[best])
         words += f" values: --encoding {value}"
     name = _TRANSFER_FAULTS.get(best, WRONG_TRANSFER)
-    return FoundEncoding(faults=(Fault(fault=name, value=value, words=words),), reading=reading)
+    return FoundEncoding(faults=(Defect(fault=name, value=value, words=words),), reading=reading)
 
 
 class _Search:
     """The search for another reading of images that are stated to hold something."""
 
     def __init__(
-        self, reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
+        self,
+        reference: Reference,
+        images: Sequence[HogelImage],
+        nominal: RendererModel,
+        stated: Reading,
     ) -> None:
-        self.scene, self.images, self.nominal, self.stated = reference.scene, images, nominal, stated
+        self.scene, self.images, self.nominal, self.stated = (
+            reference.scene,
+            images,
+            nominal,
+            stated,
+        )
         count = min(MAX_COMPARED_HOGELS, len(images))
         chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
         # The images that are compared with the truth, under any orientation and order.
@@ -342,13 +380,13 @@ class _Search:
                 return None
             found = self._by_claims(stated, left)
             found = found or self._restarting()
-            # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel, and are
-            # explained by their film (`film_faults`).
+            # Enlarged pictures claim triangles beside the right ones: they fail by less than a
+            # pixel, and are explained by their film (`film_faults`).
             if found is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
             found = found or self._by_objects(objects, 0.0)
-            # Numbers that lie where some camera draws their triangles are whole; of few triangles, damage
-            # would account for nearly any.
+            # Numbers that lie where some camera draws their triangles are whole; of few triangles,
+            # damage would account for nearly any.
             found = found or self._drawn()
         # What is left is compared with the truth.
         found = found or self._spoiled()
@@ -360,39 +398,53 @@ class _Search:
         return found
 
     def _best(
-        self, damage: Restoring, matching: Callable[[_Beside], Mask] | None = None, background: int = 0
-    ) -> tuple[Restoring, list[_Beside]]:
+        self,
+        damage: IdRepair,
+        matching: Callable[[_Beside], Mask] | None = None,
+        background: int = 0,
+    ) -> tuple[IdRepair, list[_Beside]]:
         """Return damage with the conventions under which most pixels match, and the images beside truth."""
         matching = matching or partial(_Beside.explained, damage=damage)
         damage = replace(damage, nominal=self.nominal)
         best: list[_Beside] = []
-        for order, orientation in itertools.product(self.orders, orientations(self.scene.frustum.resolution)):
+        for order, orientation in itertools.product(
+            self.orders, orientations(self.scene.frustum.resolution)
+        ):
             parts, shown, matched = [], 0, 0
             for image in self.compared:
-                truth = self.truth(order.index(image.camera.aperture.index, self.scene.plate.hogels))
-                beside = _Beside.of(truth, image, orientation, COMPARED_LINES)
+                truth = self.truth(
+                    order.index(image.camera.aperture.index, self.scene.plate.hogels)
+                )
+                beside = _Beside.from_images(truth, image, orientation, COMPARED_LINES)
                 some = beside.triangle[0] != NOTHING
                 some |= not background and beside.lit
-                shown, matched = shown + some.sum(), matched + (matching(beside).any(axis=0) & some).sum()
+                shown, matched = (
+                    shown + some.sum(),
+                    matched + (matching(beside).any(axis=0) & some).sum(),
+                )
                 parts.append(beside)
             share = float(matched / shown) if shown else 0.0
             best = best or parts
             # Where conventions agree equally well, the first one, no change, wins.
             if share > damage.share + 1e-6:
-                damage, best = replace(damage, share=share, orientation=orientation, order=order), parts
+                damage, best = (
+                    replace(damage, share=share, orientation=orientation, order=order),
+                    parts,
+                )
         return damage, best
 
-    def agreement(self, reading: Reading, kind: str = RESAMPLED) -> Restoring:
+    def agreement(self, reading: Reading, kind: str = RESAMPLED) -> IdRepair:
         """Return the conventions under which most pixels store the number of the same pixel or a neighbor."""
         same = partial(_Beside.same, reading=reading)
-        return self._best(Restoring(kind=kind, reading=reading), same, reading.background)[0]
+        return self._best(IdRepair(kind=kind, reading=reading), same, reading.background)[0]
 
     def _colors(self) -> Reading | None:
         """Return how to read pixels that are colors of the scene; None where they are not."""
         colors = Reading(encoding=Encoding.RGB)
         # Pixels are lit where the truth around them shows a surface, and black where not.
         found, parts = self._best(
-            Restoring(kind=WRONG_ENCODING, reading=colors), lambda one: (one.triangle != NOTHING) == one.lit
+            IdRepair(kind=WRONG_ENCODING, reading=colors),
+            lambda one: (one.triangle != NOTHING) == one.lit,
         )
         if found.share < MIN_AGREEING_FRACTION:
             return None
@@ -403,11 +455,16 @@ class _Search:
         if len(np.unique(shades)) < MIN_SHADES:
             return None
         colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_AGREEING_FRACTION
-        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
+        if not colorless and (
+            np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION
+        ):
             return None
         # The shares of pixels that are as bright as the truth in either encoding.
         linear, encoded = (
-            np.mean(np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0)) <= COLOR_TOLERANCE)
+            np.mean(
+                np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0))
+                <= COLOR_TOLERANCE
+            )
             for one in (Encoding.RGB, Encoding.SRGB)
         )
         is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
@@ -417,18 +474,23 @@ class _Search:
         """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
         count, stated = len(self.scene.faces), self.stated
         for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID and count >= 2**8 else ():
-            found, _ = self._best(Restoring(kind=OVERFLOW, reading=stated, bits=bits))
+            found, _ = self._best(IdRepair(kind=OVERFLOW, reading=stated, bits=bits))
             if count >= 2**bits and found.share >= MIN_AGREEING_FRACTION:
-                words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
+                words = (
+                    f"only the low {bits} bits of each number are stored, of {count:,} triangles"
+                )
                 words += ": others are lost"
-                fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
+                fault = Defect(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
                 return FoundEncoding(faults=(fault,), restoring=found)
         stored_as = [getattr(image, "stored", None) for image in self.compared]
         named_lossy = any(one is not None and one.lossy for one in stored_as)
         for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
-            found, parts = self._best(Restoring(kind=kind, reading=stated))
+            found, parts = self._best(IdRepair(kind=kind, reading=stated))
             shown = [part.lit | (part.triangle[0] != NOTHING) for part in parts]
-            same = [part.same(stated)[:, some].any(axis=0) for part, some in zip(parts, shown, strict=True)]
+            same = [
+                part.same(stated)[:, some].any(axis=0)
+                for part, some in zip(parts, shown, strict=True)
+            ]
             mixed = 1 - float(np.concatenate(same).mean())
             stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
             should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
@@ -439,7 +501,7 @@ class _Search:
                 words += "by filtering, resizing or anti-aliasing: numbers have no averages"
                 if kind == LOSSY:
                     words = "numbers went through lossy compression, such as JPEG: write PNG"
-                fault = Fault(fault=kind, value=mixed, unit="share", words=words)
+                fault = Defect(fault=kind, value=mixed, unit="share", words=words)
                 return FoundEncoding(faults=(fault,), restoring=found)
         return None
 
@@ -454,19 +516,20 @@ class _Search:
     def _restarting(self) -> FoundEncoding | None:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
         _, first = np.unique(self.scene.object_of_triangle, return_index=True)
-        damage = Restoring(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
+        damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
         found, parts = self._best(damage)
-        # The first object has the same numbers either way: the others must say that theirs begin anew.
+        # The first object has the same numbers either way: the others must say that theirs begin
+        # anew.
         telling = np.concatenate([(part.object[0] > 0).ravel() for part in parts])
         matching = np.concatenate([part.explained(found).any(axis=0).ravel() for part in parts])
         if not telling.any() or min(found.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
             return None
         words = f"numbers of triangles begin anew with each of {len(first)} objects, as gl_PrimitiveID does: "
         words += "add the number of each object's first triangle"
-        fault = Fault(fault=RESTARTING, value=float(len(first)), unit="number", words=words)
+        fault = Defect(fault=RESTARTING, value=float(len(first)), unit="number", words=words)
         return FoundEncoding(faults=(fault,), restoring=found)
 
-    def _read(self, reading: Reading) -> Claims:
+    def _read(self, reading: Reading) -> PixelClaims:
         """Return what the images claim in some reading."""
         return claims_of(self.scene, [read_again(image, reading) for image in self.images])
 
@@ -505,7 +568,8 @@ class _Search:
         same = [
             one
             for one in others
-            if one in readings and all(np.array_equal(one.packed(rgb), best.packed(rgb)) for rgb in stored)
+            if one in readings
+            and all(np.array_equal(one.packed(rgb), best.packed(rgb)) for rgb in stored)
         ]
         return FoundEncoding(faults=_faults(self.stated, best, same), reading=best)
 
@@ -515,8 +579,11 @@ class _Search:
         for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
             for offset in (1, 0, 2):
                 plain = replace(start, channels=channels, offset=offset)
-                # Nothing may be stored as the most frequent integer that names nothing in the scene.
-                packed = np.concatenate([stored_integers(one, plain).ravel() for one in self.images])
+                # Nothing may be stored as the most frequent integer that names nothing in the
+                # scene.
+                packed = np.concatenate(
+                    [stored_integers(one, plain).ravel() for one in self.images]
+                )
                 strange = packed[plain.numbers(packed) >= self._count(plain)]
                 values, counts = np.unique(strange, return_counts=True)
                 common = [int(values[np.argmax(counts)])] if len(values) else []
@@ -526,7 +593,11 @@ class _Search:
                         yield reading
 
     def _count(self, reading: Reading) -> int:
-        return len(self.scene.objects) if reading.encoding is Encoding.OBJECT_ID else len(self.scene.faces)
+        return (
+            len(self.scene.objects)
+            if reading.encoding is Encoding.OBJECT_ID
+            else len(self.scene.faces)
+        )
 
     def _valid_share(self, reading: Reading) -> float:
         """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
@@ -543,36 +614,49 @@ class _Search:
         if claims is None or not len(claims):
             return MISFIT_CAP_PX
 
-        def failing(model: DrawnModel) -> float:
+        def failing(model: RendererModel) -> float:
             return float(outside_px(claims, model, MISFIT_CAP_PX).mean())
 
         held = failing(nominal)
         if held > MAX_HELD_MISFIT_PX:
             nears = {nominal.near, *(part * scene.frustum.longest_reach for part in NEAR_FRACTIONS)}
-            tried = itertools.product(orientations(scene.frustum.resolution), self.orders, sorted(nears))
-            models = (replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried)
+            tried = itertools.product(
+                orientations(scene.frustum.resolution), self.orders, sorted(nears)
+            )
+            models = (
+                replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried
+            )
             held = min(held, *map(failing, models))
         return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
-def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Fault, ...]:
+def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
     """Return the differences between a reading and the stated one as faults."""
-    faults, (letters, *others) = [], ["".join("RGB"[one] for one in way.channels) for way in (found, *same)]
+    faults, (letters, *others) = (
+        [],
+        ["".join("RGB"[one] for one in way.channels) for way in (found, *same)],
+    )
     if found.encoding is not stated.encoding:
         now, then = (_ENCODING_WORDS.get(one.encoding, "colors") for one in (found, stated))
         words = f"pixels hold {now}, not {then}: "
         words += f"--encoding {found.encoding}"
-        faults.append(Fault(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
+        faults.append(Defect(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
     if found.channels != stated.channels:
         words = f"channels are in another order: numbers are stored as {letters}, not as RGB"
-        words += f" (or as {' or '.join(others)}: with so few numbers images cannot tell)" if others else ""
-        faults.append(Fault(fault=CHANNEL_ORDER, value=letters, words=words))
+        words += (
+            f" (or as {' or '.join(others)}: with so few numbers images cannot tell)"
+            if others
+            else ""
+        )
+        faults.append(Defect(fault=CHANNEL_ORDER, value=letters, words=words))
     if found.offset != stated.offset:
         kept = f"number + {found.offset}" if found.offset else "the number itself"
         words = f"{kept} is stored, not number + {stated.offset}: all are off by one"
         value = float(found.offset - stated.offset)
-        faults.append(Fault(fault=ID_OFFSET, value=value, unit="number", words=words))
+        faults.append(Defect(fault=ID_OFFSET, value=value, unit="number", words=words))
     if found.background != stated.background:
         words = f"nothing is stored as {found.background}, not as {stated.background}"
-        faults.append(Fault(fault=BACKGROUND_ID, value=float(found.background), unit="number", words=words))
+        faults.append(
+            Defect(fault=BACKGROUND_ID, value=float(found.background), unit="number", words=words)
+        )
     return tuple(faults)

@@ -1,8 +1,8 @@
 """The faults of a renderer: the table of mistakes without numbers, and the words of all.
 
-A `Hypothesis` says which fields of `DrawnModel` differ, and the fault in words. Every one is tried on the
-images by itself (`find_composition`), and found again in a guess (`found_in`). Faults with numbers
-are the groups of `xfrustum.compare.renderer_model.drawn_model`.
+A `Hypothesis` says which fields of `RendererModel` differ, and the fault in words. Every one is
+tried on the images by itself (`find_composition`), and found again in a guess (`found_in`). Faults
+with numbers are the groups of `xfrustum.compare.renderer_model.drawn_model`.
 """
 
 import math
@@ -12,7 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, UNSEEN_NEAR_PER_REACH, GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import (
+    CORNER_PITCHES,
+    UNSEEN_NEAR_PER_REACH,
+    GeometryFit,
+)
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
     FAULT_NAMES,
@@ -20,13 +24,13 @@ from xfrustum.compare.renderer_model.drawn_model import (
     KINDS,
     Back,
     Culled,
-    DrawnModel,
     Film,
     Front,
     Kind,
     Normals,
     OneCamera,
     Recentering,
+    RendererModel,
     places,
     smallest_named,
 )
@@ -53,7 +57,7 @@ MISTAKEN_UNITS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault:
+class Defect:
     """One fault that was found; its fields are those of the JSON object, in this order."""
 
     fault: str
@@ -72,14 +76,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One mistake: the fault's name, value and words, and the fields of `DrawnModel` by which it draws."""
+    """One mistake: the fault's name, value and words, and the fields of `RendererModel` by which it draws."""
 
     fault: str
     value: str
     words: str
     fields: Mapping[str, Any] = field(hash=False)
 
-    def of(self, model: DrawnModel) -> DrawnModel:
+    def of(self, model: RendererModel) -> RendererModel:
         """Return a guess with this mistake."""
         fields = dict(self.fields)
         if "one_camera" in fields:
@@ -165,73 +169,89 @@ HYPOTHESES = (
 )
 """All of them; of those that images cannot tell apart, the one that comes first here is named first."""
 
-FIELDS = tuple(dict.fromkeys(name for one in HYPOTHESES for name in one.fields if name != "one_camera"))
-"""Fields of `DrawnModel` that say how the halves are put together and lit."""
+FIELDS = tuple(
+    dict.fromkeys(name for one in HYPOTHESES for name in one.fields if name != "one_camera")
+)
+"""Fields of `RendererModel` that say how the halves are put together and lit."""
 
 
-def found_in(model: DrawnModel) -> list[Hypothesis]:
+def found_in(model: RendererModel) -> list[Hypothesis]:
     """Return the mistakes that a guess has."""
     one = model.one_camera
     # The near offset of the camera that is right is no mistake.
     plain = replace(model, one_camera=one and replace(one, other_near=0.0))
     return [
-        one for one in HYPOTHESES if all(getattr(plain, name) == value for name, value in one.fields.items())
+        one
+        for one in HYPOTHESES
+        if all(getattr(plain, name) == value for name, value in one.fields.items())
     ]
 
 
-def faults_of(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+def faults_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[Defect, ...]:
     """Return the differences between a guess and the nominal model as faults.
 
-    A number is a fault if its interval leaves out the nominal value, and if it is large enough to have a
-    name.
+    A number is a fault if its interval leaves out the nominal value, and if it is large enough to
+    have a name.
     """
     found, names = fit.model, [_names(scene, nominal, model) for model in fit.alternatives]
     witnesses = ("object numbers" if fit.by_objects else "colors") if fit.by_color else "images"
     faults = []
     if found.orientation != nominal.orientation:
         words = found.orientation.words[0]
-        faults.append(Fault(fault=ORIENTATION, value=words, words=f"images are {words}"))
+        faults.append(Defect(fault=ORIENTATION, value=words, words=f"images are {words}"))
     if found.order != nominal.order:
         words = found.order.words[1]
-        faults.append(Fault(fault=ORDER, value=words, words=f"apertures are in another order: {words}"))
+        faults.append(
+            Defect(fault=ORDER, value=words, words=f"apertures are in another order: {words}")
+        )
     if found.near and found.pivot is not nominal.pivot:
         words = f"the shear is centered in the {found.pivot}, not in the {nominal.pivot}"
-        faults.append(Fault(fault=PIVOT, value=str(found.pivot), words=words))
+        faults.append(Defect(fault=PIVOT, value=str(found.pivot), words=words))
     if found.near and found.fit is not nominal.fit:
         words = f"the film is fitted to the {found.fit}, not to the {nominal.fit}"
-        faults.append(Fault(fault=FIT, value=str(found.fit), words=words))
+        faults.append(Defect(fault=FIT, value=str(found.fit), words=words))
     if found.recentering is not nominal.recentering:
         name, words = _shear_words(found.recentering)
         shears = dict.fromkeys(model.recentering for model in fit.alternatives)
-        reversed_too = [f"of {one}" for one in shears if one not in (nominal.recentering, found.recentering)]
+        reversed_too = [
+            f"of {one}" for one in shears if one not in (nominal.recentering, found.recentering)
+        ]
         if reversed_too:
-            words += f" (or the shear {', or '.join(reversed_too)} is reversed: {witnesses} cannot tell)"
+            words += (
+                f" (or the shear {', or '.join(reversed_too)} is reversed: {witnesses} cannot tell)"
+            )
         # A guess that has this fault too is no alternative to it; so it is below.
         others = tuple(dict.fromkeys(other for of in names if name not in of for other in of))
         words += f"; or {', '.join(others)}: {witnesses} cannot tell" if others else ""
         value = "no shear" if name == NOT_RECENTERED else str(found.recentering)
-        faults.append(Fault(fault=name, value=value, words=words, alternatives=others))
+        faults.append(Defect(fault=name, value=value, words=words, alternatives=others))
     if found.film != nominal.film:
         faults += _of_film(found.film)
     faults += _numbers(scene, nominal, fit, witnesses)
     for one in found_in(found):
         of_ways = [[other.fault for other in found_in(model)] for model in fit.alternatives]
-        others = tuple(dict.fromkeys(other for of in of_ways if one.fault not in of for other in of))
+        others = tuple(
+            dict.fromkeys(other for of in of_ways if one.fault not in of for other in of)
+        )
         also = f"; or {', '.join(others)}: images cannot tell" if others else ""
-        faults.append(Fault(fault=one.fault, value=one.value, words=one.words + also, alternatives=others))
+        faults.append(
+            Defect(fault=one.fault, value=one.value, words=one.words + also, alternatives=others)
+        )
     return tuple(faults)
 
 
-def _of_film(film: Film) -> Iterator[Fault]:
+def _of_film(film: Film) -> Iterator[Defect]:
     """Yield the faults of a film on which pixels are not spaced evenly."""
     if film.angles:
         value = "x and y" if film.angles == "xy" else film.angles
         words = f"pixels are spaced by equal angles along {value}: a flat film has equal tangents"
-        yield Fault(fault=EQUAL_ANGLES, value=value, words=words)
+        yield Defect(fault=EQUAL_ANGLES, value=value, words=words)
     if film.distortion:
         way = "farther out" if film.distortion > 0 else "farther in"
-        words = f"a lens distorts the film: lines of its corners lie {abs(film.distortion):.3%} {way}"
-        yield Fault(fault=DISTORTION, value=film.distortion, unit="ratio", words=words)
+        words = (
+            f"a lens distorts the film: lines of its corners lie {abs(film.distortion):.3%} {way}"
+        )
+        yield Defect(fault=DISTORTION, value=film.distortion, unit="ratio", words=words)
     if film.unsheared or any(film.rolled):
         (x, y), told = film.rolled, "in place of the frustum's shear"
         if not film.unsheared:
@@ -239,22 +259,22 @@ def _of_film(film: Film) -> Iterator[Fault]:
             sides += [f"{abs(y)} px {'down' if y > 0 else 'up'}"] if y else []
             told = "by " + " and ".join(sides)
         words = f"images are rolled {told}: what leaves on one side comes in on the other"
-        yield Fault(fault=WRAPPED, value=told, words=words)
+        yield Defect(fault=WRAPPED, value=told, words=words)
     if film.size != 1:
         how = "interpolated" if film.smooth else "the nearest pixel was taken"
         words = f"images were drawn at {film.size:.4g} of their resolution and enlarged: {how}"
-        yield Fault(fault=RESAMPLED, value=film.size, unit="ratio", words=words)
+        yield Defect(fault=RESAMPLED, value=film.size, unit="ratio", words=words)
 
 
 def with_joint_numbers(
-    faults: Sequence[Fault], groups: Sequence[str], model: DrawnModel
-) -> tuple[Fault, ...]:
+    faults: Sequence[Defect], groups: Sequence[str], model: RendererModel
+) -> tuple[Defect, ...]:
     """Return faults with the numbers of some groups as one finding, for none explains anything alone."""
     names = [one_camera_name(FAULT_NAMES[place], model) for place in places(*groups)]
     joint = [fault for fault in faults if fault.fault in names]
     if len(joint) < 2:
         return tuple(faults)
-    together = Fault(
+    together = Defect(
         fault=TOGETHER,
         value=", ".join(f"{fault.fault} {fault.value:.4g}" for fault in joint),
         words="only together these numbers explain, and may stand for something else: "
@@ -264,7 +284,7 @@ def with_joint_numbers(
     return (*(fault for fault in faults if fault not in joint), together)
 
 
-def one_camera_name(name: str, model: DrawnModel) -> str:
+def one_camera_name(name: str, model: RendererModel) -> str:
     """Return the name of a fault of a guess's number: that of one camera alone says so."""
     one = model.one_camera
     if one is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
@@ -278,13 +298,16 @@ def _shear_words(recentering: Recentering) -> tuple[str, str]:
         words = "frusta are not recentered: every aperture looks straight ahead, not at the projection screen"
         return NOT_RECENTERED, words
     if recentering is Recentering.BOTH_REVERSED:
-        return SHEAR_SIGN, "C and C* are sheared the wrong way, as for a screen on the plate's other side"
+        return (
+            SHEAR_SIGN,
+            "C and C* are sheared the wrong way, as for a screen on the plate's other side",
+        )
     other = "C" if recentering is Recentering.C_STAR_REVERSED else "C*"
     words = f"{recentering} is sheared the way of {other}; with respect to the plate the two are sheared in "
     return SHEAR_SIGN, words + "opposite directions"
 
 
-def _names(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
+def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[str]:
     """Return the names of the faults of a guess in its shear, its mirrored films and its numbers."""
     off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
     names = [] if model.recentering is nominal.recentering else [_shear_words(model.recentering)[0]]
@@ -292,7 +315,9 @@ def _names(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
     return names + [one_camera_name(FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
 
 
-def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str) -> Iterator[Fault]:
+def _numbers(
+    scene: Scene, nominal: RendererModel, fit: GeometryFit, witnesses: str
+) -> Iterator[Defect]:
     """Yield the faults of numbers that are off, with their intervals."""
     found, asked, least, most = fit.model.parameters, nominal.parameters, fit.low, fit.high
     odd = np.flatnonzero(
@@ -301,7 +326,11 @@ def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str
     named = [one_camera_name(FAULT_NAMES[place], fit.model) for place in odd]
     others_named = [(model, _names(scene, nominal, model)) for model in fit.alternatives]
     pivots = {model.pivot for model, names in others_named if NEAR in names}
-    pivoted = f" with the shear centered in the {', or '.join(pivots)}" if nominal.pivot not in pivots else ""
+    pivoted = (
+        f" with the shear centered in the {', or '.join(pivots)}"
+        if nominal.pivot not in pivots
+        else ""
+    )
     for place, own in zip(odd.tolist(), named, strict=True):
         name, kind, numbers = (
             FAULT_NAMES[place],
@@ -323,12 +352,17 @@ def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str
             words = alone if name == NEAR else f"by {camera} alone, {words}"
         if name == "scene-scale":
             within = (low, high) if math.isfinite(low + high) else (value, value)
-            units = [units for factor, units in MISTAKEN_UNITS.items() if within[0] <= factor <= within[1]]
+            units = [
+                units
+                for factor, units in MISTAKEN_UNITS.items()
+                if within[0] <= factor <= within[1]
+            ]
             words += "".join(f": {one}" for one in units[:1])
         others: dict[str, None] = {}
         for _, names in others_named:
             if own not in names:
-                # If a guess has several, a ratio replaces a ratio, and a length one along the same axis.
+                # If a guess has several, a ratio replaces a ratio, and a length one along the same
+                # axis.
                 rest = [one for one in names if one not in named]
                 rest = [one for one in rest if _is_ratio(one) == _is_ratio(own)] or rest
                 along = [one for one in rest if _axis(one) in ("", _axis(own)) or not _axis(own)]
@@ -337,7 +371,7 @@ def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str
             said = ", or ".join(one + (pivoted if one == NEAR else "") for one in others)
             words += f"; or {said}: {witnesses} cannot tell"
         unit = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}.get(kind, scene.units)
-        yield Fault(
+        yield Defect(
             fault=own,
             value=value,
             low=low if math.isfinite(low) else None,
@@ -350,9 +384,17 @@ def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str
 
 def moved_words(scene: Scene, offset: Sequence[float], smallest: float) -> str:
     """Return a move in words, such as `0.6 mm to the right`, without components below the smallest."""
-    sides = (("to the left", "to the right"), ("downward", "upward"), ("to the back", "toward the viewer"))
+    sides = (
+        ("to the left", "to the right"),
+        ("downward", "upward"),
+        ("to the back", "toward the viewer"),
+    )
     moves = zip(offset, sides, strict=True)
-    found = [f"{abs(one):.3g} {scene.units} {side[one > 0]}" for one, side in moves if abs(one) > smallest]
+    found = [
+        f"{abs(one):.3g} {scene.units} {side[one > 0]}"
+        for one, side in moves
+        if abs(one) > smallest
+    ]
     return " and ".join(found) or "not moved"
 
 
@@ -368,8 +410,16 @@ def _axis(fault: str) -> str:
 def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
     """Return a number that is off in words; `value` and `should` are as a fault states them."""
     letter, units, sign = _axis(name) or "x", scene.units, value > 0
-    axis, group, size = "xyz".index(letter), name.removesuffix(f"-{_axis(name)}"), f"{abs(value):.5g} {units}"
-    sides = (("to the left", "to the right"), ("downward", "upward"), ("to the back", "toward the viewer"))
+    axis, group, size = (
+        "xyz".index(letter),
+        name.removesuffix(f"-{_axis(name)}"),
+        f"{abs(value):.5g} {units}",
+    )
+    sides = (
+        ("to the left", "to the right"),
+        ("downward", "upward"),
+        ("to the back", "toward the viewer"),
+    )
     side = sides[axis][sign]
     # The plate has no third side.
     film, plate, hogels = "", (*scene.plate.size, 0.0)[axis], (*scene.plate.hogels, 1)[axis]
@@ -378,10 +428,14 @@ def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
         made = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
         film = f": {made:.4g} degrees instead of {math.degrees(angle):.4g}"
     at_corner = abs(abs(value) - plate / hogels / 2) <= CORNER_PITCHES * plate / hogels
-    corner = ": half a pitch, as at the corners of hogels instead of their centers" if at_corner else ""
+    corner = (
+        ": half a pitch, as at the corners of hogels instead of their centers" if at_corner else ""
+    )
     sampled = ("to the left of", "to the right of")[sign] if axis == 0 else ("above", "below")[sign]
     unseen = value < UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach
-    near = "nothing that can be seen" if unseen and should else f"a near offset of {value:.5g} {units}"
+    near = (
+        "nothing that can be seen" if unseen and should else f"a near offset of {value:.5g} {units}"
+    )
     stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
     return {
         "shift": f"pixels are sampled {abs(value):.3f} px {sampled} their centers (images upright)",

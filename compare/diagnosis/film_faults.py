@@ -15,20 +15,23 @@ from xfrustum.compare.renderer_model.drawn_model import Film
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 if TYPE_CHECKING:  # it tests what is found here
-    from xfrustum.compare.diagnosis.diagnosis import Evidence
+    from xfrustum.compare.diagnosis.diagnosis import TestSet
 
 Picture = NDArray[Any]
 """Numbers (H, W) or colors (H, W, 3) of an upright image."""
 
-# Resolutions, over those asked for, at which pictures may have been drawn before they were enlarged.
+# Resolutions, over those asked for, at which pictures may have been drawn before they were
+# enlarged.
 DRAWN_SIZES = (3 / 4, 2 / 3, 1 / 2, 1 / 3, 1 / 4)
 
-# Numbers of distortions of a lens that are tried at a time, and how often finer ones follow: each time about
-# the best, within its two neighbors. The last ones are 1e-4 apart.
+# Numbers of distortions of a lens that are tried at a time, and how often finer ones follow: each
+# time about the best, within its two neighbors. The last ones are 1e-4 apart.
 DISTORTION_TRIALS, FINER_DISTORTIONS = 17, 4
 
 
-def films_of(evidence: Evidence, pictures: Sequence[tuple[Picture, list[Picture]]]) -> Iterator[Film]:
+def films_of(
+    evidence: TestSet, pictures: Sequence[tuple[Picture, list[Picture]]]
+) -> Iterator[Film]:
     """Yield films on which pixels may lie, by some images; `pictures` are these beside what was asked for."""
     images, nominal, reference = evidence.images, evidence.nominal, evidence.reference
     rolls = []
@@ -55,6 +58,8 @@ def films_of(evidence: Evidence, pictures: Sequence[tuple[Picture, list[Picture]
             return  # None makes more pixels right than a film without a lens.
         step /= DISTORTION_TRIALS - 1
         tried = (best + step * (np.arange(DISTORTION_TRIALS) - DISTORTION_TRIALS // 2)).tolist()
-        best = min(tried, key=lambda one: evidence.wrong(replace(nominal, film=Film(distortion=one))))
+        best = min(
+            tried, key=lambda one: evidence.wrong(replace(nominal, film=Film(distortion=one)))
+        )
         step *= 2
     yield Film(distortion=best)

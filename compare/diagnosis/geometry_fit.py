@@ -1,12 +1,13 @@
 """Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
-A claim says: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer shows a
-triangle only where the triangle projects to. Therefore conventions and geometry can be found without knowing
-which surface is visible: under the right guess every claim holds, under a wrong one many fail, each by a
-distance in pixels. First come the discrete conventions: those under which claims fail least on average. Then
-the numbers of `drawn_model.GROUPS` are fitted by robust least squares, with as few groups of them off their
-nominal values as suffice; other sets of groups that suffice as well are alternatives. Last comes an interval
-for each number: all values under which no claim fails by more than the rounding of drawing.
+A claim says: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer
+shows a triangle only where the triangle projects to. Therefore conventions and geometry can be
+found without knowing which surface is visible: under the right guess every claim holds, under a
+wrong one many fail, each by a distance in pixels. First come the discrete conventions: those under
+which claims fail least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust
+least squares, with as few groups of them off their nominal values as suffice; other sets of groups
+that suffice as well are alternatives. Last comes an interval for each number: all values under
+which no claim fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ from xfrustum.compare.renderer_model.drawn_model import (
     SMALLEST_FACTOR,
     SMALLEST_SHIFT_PX,
     TOLD_APART_PER_REACH,
-    DrawnModel,
     Film,
     OneCamera,
     Recentering,
+    RendererModel,
     places,
     screen_lengths,
     smallest_named,
@@ -47,95 +48,109 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
-# Size of the triangle that stands for a claimed point, relative to the point's largest coordinate: the
-# rounding to float32, in which images store points.
+# Size of the triangle that stands for a claimed point, relative to the point's largest coordinate:
+# the rounding to float32, in which images store points.
 POINT_SIZE = 2.0**-24
 
-# Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels give more
-# than `MAX_BOUNDING_CLAIMS`.
+# Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels
+# give more than `MAX_BOUNDING_CLAIMS`.
 MAX_HOGEL_CLAIMS = 6000
 
-# Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between the near
-# plane, where drawing ends, and the camera, where projection ends.
+# Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between
+# the near plane, where drawing ends, and the camera, where projection ends.
 MIN_DEPTH_PER_NEAR = 0.5
 
-# Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
-# bits that graphics hardware has.
+# Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8
+# subpixel bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the intervals.
-# The search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the
-# intervals are bounded by the few claims nearest to an edge, and are computed once.
-MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 600, 2500, 16000
+# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the
+# intervals. The search tries hundreds of guesses and only ranks them; the fit needs more for its
+# precision; the intervals are bounded by the few claims nearest to an edge, and are computed once.
+MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = (
+    1200,
+    600,
+    2500,
+    16000,
+)
 
-# Largest share of claims that may fail under the right guess: damaged pixels, and edges that anti-aliasing or
-# rounding has moved. The noise of a guess is the distance that this share of claims exceeds; a convention
-# that is off by more than a pixel explains no image.
+# Largest share of claims that may fail under the right guess: damaged pixels, and edges that
+# anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of
+# claims exceeds; a convention that is off by more than a pixel explains no image.
 MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
-# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good, and of the
-# noise on few claims to that on all: the comparison has two noises of the same size.
+# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good,
+# and of the noise on few claims to that on all: the comparison has two noises of the same size.
 NOISE_FACTOR = 2.0
 
-# Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is left out: ten
-# times the share that may fail under the right guess. And the largest share of the hogels that may be left
-# out: a rule that holds in fewer than half of them is no convention.
+# Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
+# left out: ten times the share that may fail under the right guess. And the largest share of the
+# hogels that may be left out: a rule that holds in fewer than half of them is no convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
-# Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of groups that
-# may be off nominal together: with more of them free, the fit follows noise.
+# Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of
+# groups that may be off nominal together: with more of them free, the fit follows noise.
 USUAL_GROUPS, MAX_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS), 4
 
-# Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
-# are about that far apart. Larger failures count linearly.
+# Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring
+# outlines are about that far apart. Larger failures count linearly.
 ATTRACTION_PX = 1.0
 
-# Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows the same
-# images: a pixel is sampled within itself, and the rest is what a shift must have to be noticed.
+# Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows
+# the same images: a pixel is sampled within itself, and the rest is what a shift must have to be
+# noticed.
 MAX_SAMPLING_PX = 0.5 + SMALLEST_SHIFT_PX
 
-# Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches.
+# Largest distance from the corner of a hogel at which an aperture counts as being there, in
+# pitches.
 CORNER_PITCHES = 0.01
 
-# Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels. The fit is
-# right to a fraction of a pixel, so that edges farther away bound nothing.
+# Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels.
+# The fit is right to a fraction of a pixel, so that edges farther away bound nothing.
 NEIGHBORHOOD_PX = 0.5
 
-# Movement of outlines, in pixels, from which on a number is not bounded, and the one at which numbers are
-# held: so far beyond the neighborhood that none which is bounded comes near.
+# Movement of outlines, in pixels, from which on a number is not bounded, and the one at which
+# numbers are held: so far beyond the neighborhood that none which is bounded comes near.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
-# Movement of outlines by a step, in pixels, below which it is noise of the differences. HiGHS takes so small
-# numbers for zero.
+# Movement of outlines by a step, in pixels, below which it is noise of the differences. HiGHS takes
+# so small numbers for zero.
 SMALLEST_SLOPE_PX = 1e-9
 
-# Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
-# are told apart it widens the film by the smallest factor that has a name.
+# Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at
+# which offsets are told apart it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
-# Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with which wrong
-# shears are tried, as smaller ones move pictures less; sizes of the scene, larger ones of which look like the
-# last; extents of the film, a field of view taken for half of it or half for all; heights of the screen.
+# Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with
+# which wrong shears are tried, as smaller ones move pictures less; sizes of the scene, larger ones
+# of which look like the last; extents of the film, a field of view taken for half of it or half for
+# all; heights of the screen.
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
-# Lenses that are tried: spacings by equal angles, and distortions of a film's corners. The precision of the
-# latter moves the corner of a film of 2000 pixels by a thousandth of one. Then come steps about the
-# best one.
-ANGLES, DISTORTIONS, DISTORTION_PRECISION = ("xy", "x", "y", RADIUS), np.linspace(-0.4, 0.4, 81), 1e-6
-MAX_LENS_RATIO = 0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
+# Lenses that are tried: spacings by equal angles, and distortions of a film's corners. The
+# precision of the latter moves the corner of a film of 2000 pixels by a thousandth of one. Then
+# come steps about the best one.
+ANGLES, DISTORTIONS, DISTORTION_PRECISION = (
+    ("xy", "x", "y", RADIUS),
+    np.linspace(-0.4, 0.4, 81),
+    1e-6,
+)
+MAX_LENS_RATIO = (
+    0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
+)
 DISTORTION_STEPS = np.linspace(-2e-3, 2e-3, 81)
 
-Found = list[tuple[DrawnModel, tuple[str, ...]]]
+Found = list[tuple[RendererModel, tuple[str, ...]]]
 """Guesses, the preferred one first, each with the names of its groups that were fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Claims:
+class PixelClaims:
     """Pixels and the triangles that they claim to show.
 
-    Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved or scaled;
-    triangles lie in the scene as it was asked for.
+    Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved
+    or scaled; triangles lie in the scene as it was asked for.
     """
 
     scene: Scene
@@ -149,19 +164,21 @@ class Claims:
         """Return the number of claims."""
         return len(self.hogel)
 
-    def chosen(self, index: Indices | Mask) -> Claims:
+    def chosen(self, index: Indices | Mask) -> PixelClaims:
         """Return some of the claims."""
         names = ("hogel", "pixel", "corners", "part")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
-    def thinned(self, count: int) -> Claims:
+    def thinned(self, count: int) -> PixelClaims:
         """Return at most `count` claims, drawn at random with a fixed seed."""
         if len(self) <= count:
             return self
-        return self.chosen(np.sort(np.random.default_rng(0).choice(len(self), count, replace=False)))
+        return self.chosen(
+            np.sort(np.random.default_rng(0).choice(len(self), count, replace=False))
+        )
 
 
-def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
+def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
     """Collect the claims of images at the outlines of triangles, where a small move of the geometry shows.
 
     From an image that names no triangles the surface points are taken as claims.
@@ -179,7 +196,9 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
             asked = named & np.any([image.triangle != other for other in beside], axis=0)
         rows, columns = np.nonzero(asked)
         if len(rows) > MAX_HOGEL_CLAIMS:
-            some = np.random.default_rng(len(rows)).choice(len(rows), MAX_HOGEL_CLAIMS, replace=False)
+            some = np.random.default_rng(len(rows)).choice(
+                len(rows), MAX_HOGEL_CLAIMS, replace=False
+            )
             rows, columns = rows[np.sort(some)], columns[np.sort(some)]
         if points:
             there = image.position[rows, columns].astype(np.float64)
@@ -194,22 +213,28 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
         hogel = np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1))
         parts.append((hogel, np.stack((columns, rows), axis=-1), corners, part))
     hogel, pixel, corners, part = (np.concatenate(some) for some in zip(*parts, strict=True))
-    return Claims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, part=part, of_points=of_points)
+    return PixelClaims(
+        scene=scene, hogel=hogel, pixel=pixel, corners=corners, part=part, of_points=of_points
+    )
 
 
-def outside_px(claims: Claims, model: DrawnModel, cap: float) -> Floats:
+def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:
     """Return the distance by which each pixel's center lies outside its triangle, at most `cap` px, (N,)."""
     _, outside = inside_px(claims, model)
     return np.asarray(np.minimum(outside.min(axis=0), cap))
 
 
-def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
+def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats]:
     """Return signed distances of pixels' centers from their triangles' edges under a guess, and outside.
 
-    The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N), infinite
-    behind the camera.
+    The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N),
+    infinite behind the camera.
     """
-    scene, (width, height), (sx, sy) = claims.scene, claims.scene.frustum.resolution, claims.scene.plate.size
+    scene, (width, height), (sx, sy) = (
+        claims.scene,
+        claims.scene.frustum.resolution,
+        claims.scene.plate.size,
+    )
     columns, rows = scene.plate.hogels
     column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], (columns, rows))
     apertures = (column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows
@@ -222,20 +247,25 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
     distance = depth = np.empty(0)
     for side in (1, -1):
         if side < 0 and model.one_pencil:
-            # The same lines, run through the other way: all homogeneous coordinates change their sign.
+            # The same lines, run through the other way: all homogeneous coordinates change their
+            # sign.
             distance, depth = -distance, -depth
         else:
-            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a pencil are
-            # affine in the aperture's place along the same axis: two pencils say those of all.
-            one, other = (model.pencil(scene, aperture, side) for aperture in two)
+            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a
+            # pencil are affine in the aperture's place along the same axis: two pencils say those
+            # of all.
+            one, other = (model.bundle(scene, aperture, side) for aperture in two)
             w = side * (one.center[2] - z)
-            lines = zip(one.center, other.center, one.shear, other.shear, one.half_extent, strict=False)
+            lines = zip(
+                one.center, other.center, one.shear, other.shear, one.half_extent, strict=False
+            )
             x, y = (
                 (side * (p - c - (c1 - c) * a) - (k + (k1 - k) * a) * w) / t
                 for p, a, (c, c1, k, k1, t) in zip((px, py), apertures, lines, strict=True)
             )
-            # Step 2: the three edges as lines on the film, by cross products of corners; `values` is each
-            # line's equation at the pixel's center, and `volume` the determinant of the corners.
+            # Step 2: the three edges as lines on the film, by cross products of corners; `values`
+            # is each line's equation at the pixel's center, and `volume` the determinant of the
+            # corners.
             line_x = y * w[following] - w * y[following]
             line_y = w * x[following] - x * w[following]
             line_1 = x * y[following] - y * x[following]
@@ -245,8 +275,9 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
                 across, up = model.film.bent(u, v, one.half_extent)
                 values = line_x * across + line_y * up + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
-            # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at
-            # the point follows from the same quantities. The determinant's sign says which side is inside.
+            # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's
+            # plane at the point follows from the same quantities. The determinant's sign says which
+            # side is inside.
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
                 depth = volume / values.sum(axis=0) * model.scene_scale
@@ -262,12 +293,15 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
 class GeometryFit:
     """A guess about a renderer that was fitted to claims, with intervals and alternatives."""
 
-    model: DrawnModel  # the simplest guess under which the claims hold
-    low: Floats  # (P,) ends of the intervals of its numbers; the nominal value where a number was not free
+    model: RendererModel  # the simplest guess under which the claims hold
+    # (P,) ends of the intervals of its numbers; the nominal value where a number was not free
+    low: Floats
     high: Floats
     noise_px: float = 0.0  # largest failure of a claim, the worst `MAX_MISPLACED_FRACTION` left out
-    alternatives: tuple[DrawnModel, ...] = ()  # as simple, with other groups off nominal
-    spoiled: frozenset[tuple[int, int]] = frozenset()  # hogels that were left out, as their files are named
+    alternatives: tuple[RendererModel, ...] = ()  # as simple, with other groups off nominal
+    spoiled: frozenset[tuple[int, int]] = (
+        frozenset()
+    )  # hogels that were left out, as their files are named
     by_color: bool = False  # whether the guess rests on pictures that were registered,
     by_objects: bool = False  # and whether these name objects, all of them
 
@@ -276,19 +310,21 @@ class GeometryFit:
         """Whether the claims hold at all."""
         return self.noise_px <= MAX_NOISE_PX
 
-    def unbounded(self, nominal: DrawnModel) -> GeometryFit:
+    def unbounded(self, nominal: RendererModel) -> GeometryFit:
         """Return the guess without intervals of what is off nominal: its numbers were not fitted so."""
         values, asked = self.model.parameters, nominal.parameters
         unknown = np.where(values == asked, asked, np.nan)
         return replace(self, low=unknown, high=unknown)
 
 
-def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -> GeometryFit:
+def fit_geometry(
+    claims: PixelClaims, nominal: RendererModel, *, simple: bool = False
+) -> GeometryFit:
     """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
 
-    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements. A
-    `simple` fit has a lens and one group of numbers off nominal at most, and is nominal where no such guess
-    holds.
+    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's
+    statements. A `simple` fit has a lens and one group of numbers off nominal at most, and is
+    nominal where no such guess holds.
     """
     fitting = _Fitting(scene=claims.scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
@@ -303,8 +339,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
         if not found and simple:
             found = [(nominal, ())]
         if not found:
-            # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
-            # for the simplest guess.
+            # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as
+            # the limit for the simplest guess.
             freest = fitting.freest(few, [one for one in starts if not _alone(one)])
             claims, spoiled = _without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
@@ -315,7 +351,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
                 alone = [one for one in starts if one.one_camera is not None]
                 found = fitting.simplest(some, [freest, *alone], counts, limit)
             if not found:
-                # The best guess with at most one group off nominal, to be told where no guess is good.
+                # The best guess with at most one group off nominal, to be told where no guess is
+                # good.
                 sets = ((), *((name,) for name in fitting.groups(some)))
                 ways = [(one, free) for free in sets for one in fitting.variants([freest], free)]
                 fits = [(fitting.fitted(some, one, free), free) for one, free in ways]
@@ -335,38 +372,45 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
     )
 
 
-def fit_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> DrawnModel:
+def fit_alone(claims: PixelClaims, model: RendererModel, groups: Sequence[str]) -> RendererModel:
     """Return a guess with some groups of numbers fitted to claims, and all else as it is."""
     return _Fitting(scene=claims.scene, nominal=model).fitted(claims, model, groups)
 
 
-def interval_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> tuple[Floats, Floats]:
+def interval_alone(
+    claims: PixelClaims, model: RendererModel, groups: Sequence[str]
+) -> tuple[Floats, Floats]:
     """Return the lowest and highest values (P,) of some groups of numbers under which claims hold as well."""
-    _, low, high = _interval(claims, model, _determined(claims.scene, groups), _noise(claims, model))
+    _, low, high = _interval(
+        claims, model, _determined(claims.scene, groups), _noise(claims, model)
+    )
     return low, high
 
 
 def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
     """Return the places of the numbers of some groups that images determine.
 
-    Along an axis with a single pixel nothing shows where on the film an outline lies: numbers of it are held.
+    Along an axis with a single pixel nothing shows where on the film an outline lies: numbers of it
+    are held.
     """
     held = {axis for axis, count in zip("xy", scene.frustum.resolution, strict=True) if count == 1}
     return [place for place in places(*groups) if NUMBERS[place][1] not in held]
 
 
-def _misfit(claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
+def _misfit(claims: PixelClaims, model: RendererModel, cap: float = 1.0) -> float:
     """Return the mean distance by which claims fail, px; each counts `cap` at most."""
     return float(outside_px(claims, model, cap).mean())
 
 
-def _noise(claims: Claims, model: DrawnModel) -> float:
+def _noise(claims: PixelClaims, model: RendererModel) -> float:
     """Return the distance, px, that no more than `MAX_MISPLACED_FRACTION` of the claims exceed."""
     outside = outside_px(claims, model, max(claims.scene.frustum.resolution))
     return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
 
-def _without_spoiled(claims: Claims, model: DrawnModel) -> tuple[Claims, frozenset[tuple[int, int]]]:
+def _without_spoiled(
+    claims: PixelClaims, model: RendererModel
+) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
     """Return the claims of the hogels in which nearly all hold, and the indices of the others.
 
     Where most hogels would be left out, the guess is wrong and not the hogels: then all are kept.
@@ -380,13 +424,13 @@ def _without_spoiled(claims: Claims, model: DrawnModel) -> tuple[Claims, frozens
     return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
 
 
-def _alone(model: DrawnModel) -> bool:
+def _alone(model: RendererModel) -> bool:
     """Return whether one camera alone has other numbers, its film being mirrored nowhere."""
     one = model.one_camera
     return one is not None and not (one.flip_x or one.flip_y)
 
 
-def _changes(model: DrawnModel) -> tuple[int, int]:
+def _changes(model: RendererModel) -> tuple[int, int]:
     """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
     one = model.one_camera
     flips = 0 if one is None else 1 + one.flip_x + one.flip_y
@@ -394,9 +438,11 @@ def _changes(model: DrawnModel) -> tuple[int, int]:
     return changes, tuple(Recentering).index(model.recentering)
 
 
-def _with_pivots(model: DrawnModel) -> list[DrawnModel]:
+def _with_pivots(model: RendererModel) -> list[RendererModel]:
     """Return a guess with every pivot and fit of its offset cameras."""
-    return [replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)]
+    return [
+        replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -404,26 +450,28 @@ class _Fitting:
     """The search for the guess under which claims about a scene hold."""
 
     scene: Scene
-    nominal: DrawnModel
+    nominal: RendererModel
 
-    def groups(self, claims: Claims, *, together: bool = False) -> tuple[str, ...]:
+    def groups(self, claims: PixelClaims, *, together: bool = False) -> tuple[str, ...]:
         """Return the groups that claims can determine, one by one or all of them free `together`."""
-        # Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
-        # To move the apertures is to move scene and film.
+        # Claimed points move with the scene, and do not show it; a centered frustum has no
+        # projection screen. To move the apertures is to move scene and film.
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
         unseen |= {"aperture-offset"} if together and not claims.of_points else set()
         return tuple(group for group in GROUPS if group not in unseen)
 
-    def starts(self, claims: Claims) -> list[DrawnModel]:
+    def starts(self, claims: PixelClaims) -> list[RendererModel]:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
         several = len(np.unique(claims.hogel, axis=0)) > 1
         sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
 
-        def hypotheses(upright: DrawnModel) -> Iterator[DrawnModel]:
-            yield from (replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]})
+        def hypotheses(upright: RendererModel) -> Iterator[RendererModel]:
+            yield from (
+                replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]}
+            )
             for one, part in itertools.product(sides, START_NEARS[4::4]):
                 yield replace(upright, near=reach * part, one_camera=one)
             for one in FLIPPED:
@@ -438,7 +486,7 @@ class _Fitting:
                 for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
                     yield replace(upright, near=near, recentering=shear)
 
-        def ranked(models: Iterable[DrawnModel]) -> list[DrawnModel]:
+        def ranked(models: Iterable[RendererModel]) -> list[RendererModel]:
             found = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
             return [model for *_, model in sorted(found, key=lambda one: one[:2])]
 
@@ -449,13 +497,21 @@ class _Fitting:
         tried = ranked(itertools.chain.from_iterable(map(hypotheses, upright)))
         # Step 2: the best conventions, each with all values of near.
         conventions = {
-            (one.orientation, one.order, one.recentering, one.one_camera): one for one in reversed(tried[:6])
+            (one.orientation, one.order, one.recentering, one.one_camera): one
+            for one in reversed(tried[:6])
         }
         nears = dict.fromkeys((nominal.near, *(reach * part for part in START_NEARS)))
         best = ranked(replace(one, near=near) for one in conventions.values() for near in nears)
         # Step 3: the best starts, and the best one of each group that was searched.
-        plain = [one for one in tried if one.recentering is nominal.recentering and one.one_camera is None]
-        alone = [ranked(replace(plain[0], near=near, one_camera=one) for near in nears)[0] for one in sides]
+        plain = [
+            one
+            for one in tried
+            if one.recentering is nominal.recentering and one.one_camera is None
+        ]
+        alone = [
+            ranked(replace(plain[0], near=near, one_camera=one) for near in nears)[0]
+            for one in sides
+        ]
         of_groups = [
             next((one for one in tried if getattr(one, name) != getattr(nominal, name)), tried[0])
             for name in ("scene_scale", "fov", "screen_height")
@@ -463,10 +519,18 @@ class _Fitting:
         return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain[0], *alone]))
 
     def fitted(
-        self, claims: Claims, start: DrawnModel, free: Sequence[str], *, roughly: bool = False
-    ) -> DrawnModel:
+        self,
+        claims: PixelClaims,
+        start: RendererModel,
+        free: Sequence[str],
+        *,
+        roughly: bool = False,
+    ) -> RendererModel:
         """Return a guess with some groups fitted and the others nominal; `roughly` ends at about a pixel."""
-        values, index = self.nominal.parameters, np.array(_determined(self.scene, free), dtype=np.int64)
+        values, index = (
+            self.nominal.parameters,
+            np.array(_determined(self.scene, free), dtype=np.int64),
+        )
         if not len(index):
             return start.with_parameters(values)
         values[index] = start.parameters[index]
@@ -478,16 +542,24 @@ class _Fitting:
             values[index] = scaled * scales
             return outside_px(claims, start.with_parameters(values), cap)
 
-        # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels
-        # apart attract each other. The second one, with the scale of snapping, is precise.
+        # The first fit counts failures of up to a pixel by their squares, so that outlines that are
+        # pixels apart attract each other. The second one, with the scale of snapping, is precise.
         scaled, bounds = np.clip(values[index], low, high) / scales, (low / scales, high / scales)
-        options = {"bounds": bounds, "x_scale": "jac", "loss": "soft_l1", "ftol": 1e-6, "xtol": 1e-7}
+        options = {
+            "bounds": bounds,
+            "x_scale": "jac",
+            "loss": "soft_l1",
+            "ftol": 1e-6,
+            "xtol": 1e-7,
+        }
         for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
-            scaled = least_squares(failures, scaled, f_scale=attraction_px, max_nfev=trials, **options).x
+            scaled = least_squares(
+                failures, scaled, f_scale=attraction_px, max_nfev=trials, **options
+            ).x
         values[index] = scaled * scales
         return start.with_parameters(values)
 
-    def bent(self, claims: Claims, starts: Sequence[DrawnModel]) -> Found:
+    def bent(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> Found:
         """Return the guess with a lens before the film, and one group off nominal at most, that holds."""
         few, films = claims.thinned(MAX_SCREENED_CLAIMS), [Film(angles=angles) for angles in ANGLES]
         films += [Film(distortion=distortion) for distortion in DISTORTIONS.tolist()]
@@ -503,17 +575,20 @@ class _Fitting:
 
             step, options = float(np.ptp(DISTORTIONS[:2])), {"xatol": DISTORTION_PRECISION}
             within = best.film.distortion - step, best.film.distortion + step
-            finest = float(minimize_scalar(misfit, bounds=within, method="bounded", options=options).x)
-            # Where several hold equally well, as all of them may on a coarse film, the middle is taken.
+            finest = float(
+                minimize_scalar(misfit, bounds=within, method="bounded", options=options).x
+            )
+            # Where several hold equally well, as all of them may on a coarse film, the middle is
+            # taken.
             failures = {one: misfit(one) for one in (finest + DISTORTION_STEPS).tolist()}
             held = [one for one, failure in failures.items() if failure == min(failures.values())]
             best = replace(best, film=Film(distortion=(min(held) + max(held)) / 2))
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
-    def freest(self, claims: Claims, starts: Sequence[DrawnModel]) -> DrawnModel:
+    def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:
         """Return the best guess with everything free, the usual, better conditioned groups first."""
         groups = self.groups(claims, together=True)
-        fits: list[DrawnModel] = []
+        fits: list[RendererModel] = []
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
             for start in starts:
                 fits.append(self.fitted(claims, start, free))
@@ -528,11 +603,15 @@ class _Fitting:
         return min(tried, key=lambda model: _misfit(claims, model))
 
     def simplest(
-        self, claims: Claims, starts: Sequence[DrawnModel], counts: Iterable[int], limit_px: float
+        self,
+        claims: PixelClaims,
+        starts: Sequence[RendererModel],
+        counts: Iterable[int],
+        limit_px: float,
     ) -> Found:
         """Return guesses with the fewest groups off nominal whose noise keeps a limit, preferred first."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
-        passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
+        passing: dict[object, tuple[tuple[float, ...], RendererModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
             (few, True, max(MAX_NOISE_PX, limit_px)),
@@ -556,36 +635,47 @@ class _Fitting:
                             passing[key] = rank, model, free
             if passing:
                 break
-        found = [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
+        found = [
+            (one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])
+        ]
         # A picture that is mirrored with the other half is the same, and no explanation of its own.
         turned = {(one.orientation, one.order) for one, _ in found[:1]}
         return [(one, free) for one, free in found if (one.orientation, one.order) in turned]
 
-    def _rank(self, claims: Claims, model: DrawnModel, free: tuple[str, ...]) -> tuple[float, ...]:
+    def _rank(
+        self, claims: PixelClaims, model: RendererModel, free: tuple[str, ...]
+    ) -> tuple[float, ...]:
         """Return the sort key of a guess: the preferred one, with fewest numbers, has the smallest."""
         off = np.abs(model.parameters - self.nominal.parameters) > smallest_named(self.scene)
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
         preference = sum(PREFERENCE.index(name) for name in free)
-        # Apertures at corners or edges of hogels, half a pitch off center, are what a renderer rather does.
+        # Apertures at corners or edges of hogels, half a pitch off center, are what a renderer
+        # rather does.
         pitch = np.divide(self.scene.plate.size, self.scene.plate.hogels)
         offset = np.abs(model.aperture_offset)
         at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
         if "aperture-offset" in free and at_corner and (offset > CORNER_PITCHES * pitch).any():
             preference = -1
-        if "shift" in free and self.scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
+        if (
+            "shift" in free
+            and self.scene.frustum.recentered
+            and np.abs(model.shift).max() > MAX_SAMPLING_PX
+        ):
             preference += len(PREFERENCE)
         return int(off.sum()), choices, *_changes(model), preference, _misfit(claims, model)
 
-    def variants(self, starts: Sequence[DrawnModel], free: tuple[str, ...]) -> list[DrawnModel]:
+    def variants(
+        self, starts: Sequence[RendererModel], free: tuple[str, ...]
+    ) -> list[RendererModel]:
         """Return the start values of fits of some groups, taken from the starting points.
 
-        A fault that a starting point states in another group is translated: the freest guess has a moved
-        scene in place of moved apertures, may have another pitch in place of another size, and may have a
-        part of a moved screen as a shift of the sampling points, or the reverse.
+        A fault that a starting point states in another group is translated: the freest guess has a
+        moved scene in place of moved apertures, may have another pitch in place of another size,
+        and may have a part of a moved screen as a shift of the sampling points, or the reverse.
         """
         nominal, index = self.nominal, _determined(self.scene, free)
-        variants: dict[DrawnModel, None] = {}
+        variants: dict[RendererModel, None] = {}
         for start in starts:
             if _alone(start) and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
                 continue
@@ -612,22 +702,23 @@ class _Fitting:
 
 
 def _interval(
-    claims: Claims, model: DrawnModel, free: Sequence[int], noise_px: float
+    claims: PixelClaims, model: RendererModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
     """Return middle, lowest and highest values (P,) of a guess under which no claim fails by more than noise.
 
-    Each claim gives an inequality: the distance of the pixel's center from each edge of its triangle, counted
-    inward, is at least zero, rounding and noise allowed. After linearizing, the guesses that satisfy all
-    claims form a convex cell; linear programming finds its extent along each axis. A renderer without a near
-    offset may have one that is too small to be seen, because no camera has its near plane in its center: all
-    values are allowed that some such offset allows.
+    Each claim gives an inequality: the distance of the pixel's center from each edge of its
+    triangle, counted inward, is at least zero, rounding and noise allowed. After linearizing, the
+    guesses that satisfy all claims form a convex cell; linear programming finds its extent along
+    each axis. A renderer without a near offset may have one that is too small to be seen, because
+    no camera has its near plane in its center: all values are allowed that some such offset allows.
     """
     values = model.parameters
     middle, low, high = values.copy(), values.copy(), values.copy()
     if not free or not len(claims):
         return values, low, high
-    # Step 1: the distances that can bound the fit, and how fast each changes with each number that may move,
-    # by finite differences. An unseen near offset moves too; it has no interval of its own.
+    # Step 1: the distances that can bound the fit, and how fast each changes with each number that
+    # may move, by finite differences. An unseen near offset moves too; it has no interval of its
+    # own.
     allowed = SNAP_PX + noise_px
     distance, outside = inside_px(claims, model)
     camera, number = np.argmin(outside, axis=0), np.arange(len(claims))
@@ -645,14 +736,16 @@ def _interval(
         slopes[:, column] = there[rows] - distance[rows]
     kept = np.isfinite(slopes).all(axis=1)
     # Step 2: distance + slopes . x >= -allowed, with x in steps, and each number within its bounds.
-    box = np.stack([(end[moving] - values[moving]) / steps for end in (numbers.low, numbers.high)], axis=1)
+    box = np.stack(
+        [(end[moving] - values[moving]) / steps for end in (numbers.low, numbers.high)], axis=1
+    )
     if unseen:
         box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
         # Surfaces in the plate itself move by any distance, and not in proportion.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
-    # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in pixels by
-    # which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no bounds, the solver
-    # failed, and said so on standard output, among the JSON.
+    # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in
+    # pixels by which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no
+    # bounds, the solver failed, and said so on standard output, among the JSON.
     known = np.where(np.abs(slopes[kept]) < SMALLEST_SLOPE_PX, 0.0, slopes[kept])
     largest = np.abs(known).max(axis=0, initial=0.0)
     largest[largest == 0] = 1.0

@@ -1,8 +1,9 @@
 """Conventions and geometry from pictures without numbers of triangles: registered with the reference's own.
 
-Orientation and order are found by normalized correlation. The sampling point and the field of view are found
-by moving a finer picture of the reference until its difference from the image is least. Other numbers, such
-as the place of one object, are found by drawing again until the pictures agree (`fit_drawn`).
+Orientation and order are found by normalized correlation. The sampling point and the field of view
+are found by moving a finer picture of the reference until its difference from the image is least.
+Other numbers, such as the place of one object, are found by drawing again until the pictures agree
+(`fit_drawn`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from skimage.registration import phase_cross_correlation
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS, GeometryFit
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, places, screen_lengths
+from xfrustum.compare.renderer_model.drawn_model import RendererModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import (
     as_gray,
     as_stored,
@@ -37,38 +38,39 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 if TYPE_CHECKING:  # it tests what is found here
-    from xfrustum.compare.diagnosis.diagnosis import Evidence
+    from xfrustum.compare.diagnosis.diagnosis import TestSet
 
-# Reference pixels for each pixel of an image, along each side; values between them are interpolated. Its
-# picture is wider than the film: a wider field of view finds surfaces there.
+# Reference pixels for each pixel of an image, along each side; values between them are
+# interpolated. Its picture is wider than the film: a wider field of view finds surfaces there.
 SUPERSAMPLING, PICTURE_FILMS = 8, 1.25
 
-# Confidence of the intervals, which are estimated from the spread over hogels, and the smallest number of
-# these: two give a spread with one degree of freedom, whose interval at 99 % is 64 standard errors wide to
-# either side. More hogels than the largest number do not change the result.
+# Confidence of the intervals, which are estimated from the spread over hogels, and the smallest
+# number of these: two give a spread with one degree of freedom, whose interval at 99 % is 64
+# standard errors wide to either side. More hogels than the largest number do not change the result.
 INTERVAL_CONFIDENCE, MIN_INTERVAL_HOGELS, MAX_REGISTERED_HOGELS = 0.99, 3, 16
 
-# Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no slope; the
-# reference's own pixels are half as large.
+# Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no
+# slope; the reference's own pixels are half as large.
 DERIVATIVE_STEP_PX = 0.25
 
-# Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
-# smallest shift that has a name (`drawn_model.SMALLEST_SHIFT_PX`).
+# Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of
+# the smallest shift that has a name (`drawn_model.SMALLEST_SHIFT_PX`).
 SHIFT_TOLERANCE_PX = 1e-3
 
 # Relative precision of a near offset.
 NEAR_PRECISION = 1e-3
 
-# Standard deviation of the filter under which outlines that lie pixels apart still attract each other. Those
-# of drawn pictures begin farther apart: each filter leads to within the next one's range.
+# Standard deviation of the filter under which outlines that lie pixels apart still attract each
+# other. Those of drawn pictures begin farther apart: each filter leads to within the next one's
+# range.
 BLUR_PX, BLURS_PX = 1.5, (4.0, 1.0)
 
-# Largest numbers of fits with each filter, and of the search without, for each number; and step by which
-# drawn places are told to move, in units of the number.
+# Largest numbers of fits with each filter, and of the search without, for each number; and step by
+# which drawn places are told to move, in units of the number.
 DRAWN_TRIALS, CLOSEST_TRIALS, UNIT_STEP = 6, 30, 1e-4
 
-# Largest difference in brightness that is taken for a small error. A pixel with a larger one shows another
-# surface, and how much brighter this surface is says nothing about the geometry.
+# Largest difference in brightness that is taken for a small error. A pixel with a larger one shows
+# another surface, and how much brighter this surface is says nothing about the geometry.
 MAX_BRIGHTNESS_DIFFERENCE = 0.05
 
 
@@ -76,8 +78,9 @@ MAX_BRIGHTNESS_DIFFERENCE = 0.05
 class _Pair:
     """Brightness (H, W) of an image, upright, and a finer and wider picture of the hogel by the reference.
 
-    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, another one for
-    each hogel: without them, the best shift would always be a whole number of the picture's pixels.
+    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, another
+    one for each hogel: without them, the best shift would always be a whole number of the picture's
+    pixels.
     """
 
     image: Floats
@@ -88,19 +91,30 @@ class _Pair:
         """Return the reference's picture at the image's pixels with some shift and fov, minus the image."""
         fine = []
         for count, total, shift, factor, offset in zip(
-            self.image.shape, self.wide.shape, values[1::-1], values[:1:-1], self.offset[::-1], strict=True
+            self.image.shape,
+            self.wide.shape,
+            values[1::-1],
+            values[:1:-1],
+            self.offset[::-1],
+            strict=True,
         ):
-            # Factors act on pixels from the film's middle; the result is in the fine picture's pixels.
+            # Factors act on pixels from the film's middle; the result is in the fine picture's
+            # pixels.
             place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
             fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
         places = np.meshgrid(*fine, indexing="ij")
-        return np.asarray(map_coordinates(self.wide, places, order=order, mode="nearest") - self.image)
+        return np.asarray(
+            map_coordinates(self.wide, places, order=order, mode="nearest") - self.image
+        )
 
 
-def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> GeometryFit:
+def register(
+    reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
+) -> GeometryFit:
     """Find orientation, order, shift and field of view of pictures, which have colors or name objects.
 
-    A single hogel leaves order and intervals open. `nominal` is the renderer by its author's statements.
+    A single hogel leaves order and intervals open. `nominal` is the renderer by its author's
+    statements.
     """
     # Step 1: leave out pictures of one brightness, which show nothing to register.
     by_objects = all(image.color is None for image in images)
@@ -111,17 +125,21 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         return fit
     # Step 2: orientation and order by correlation.
     model = _conventions(reference, images, nominal)
-    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own. Halton's
-    # sequence covers the square evenly, and has no period.
+    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
+    # Halton's sequence covers the square evenly, and has no period.
     chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int)).tolist()
     pairs = []
-    for index, offset in zip(chosen, Halton(2, scramble=False).random(len(chosen)) - 0.5, strict=True):
+    for index, offset in zip(
+        chosen, Halton(2, scramble=False).random(len(chosen)) - 0.5, strict=True
+    ):
         image, (x, y) = images[index], (offset / SUPERSAMPLING).tolist()
         aperture = model.answers(reference.scene, image.camera.aperture)
         shifted = replace(model, shift=(x, y))
         wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
         upright = model.orientation.upright(as_gray(image))
-        gray = as_gray(as_stored(wide, image) if image.color is not None else replace(wide, color=None))
+        gray = as_gray(
+            as_stored(wide, image) if image.color is not None else replace(wide, color=None)
+        )
         pairs.append(_Pair(image=upright, wide=gray, offset=offset / SUPERSAMPLING))
     # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
     blurred = [
@@ -133,8 +151,8 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         for pair in pairs
     ]
     best = _closest(pairs, _least(pairs, _least(blurred, _start(pairs))))
-    # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose interval holds
-    # the nominal value keeps the nominal value.
+    # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose
+    # interval holds the nominal value keeps the nominal value.
     half = _uncertainty(pairs, best)
     low[:4], high[:4] = best - half, best + half
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
@@ -142,11 +160,14 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
 
 
-def with_near(evidence: Evidence, model: DrawnModel) -> DrawnModel:
+def with_near(evidence: TestSet, model: RendererModel) -> RendererModel:
     """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
     # A few hogels choose the offset, which all of them test.
     few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
-    plain, reach = replace(model, fov=evidence.nominal.fov), evidence.reference.scene.frustum.longest_reach
+    plain, reach = (
+        replace(model, fov=evidence.nominal.fov),
+        evidence.reference.scene.frustum.longest_reach,
+    )
 
     def wrong(power: float) -> int:
         return few.wrong(replace(plain, near=reach * float(np.exp(power))))
@@ -154,7 +175,9 @@ def with_near(evidence: Evidence, model: DrawnModel) -> DrawnModel:
     powers = np.log(START_NEARS[1:])
     first = int(np.argmin([wrong(power) for power in powers.tolist()]))
     around = tuple(powers[np.clip((first - 1, first + 1), 0, len(powers) - 1)].tolist())
-    found = minimize_scalar(wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION})
+    found = minimize_scalar(
+        wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION}
+    )
     return replace(plain, near=reach * float(np.exp(found.x)))
 
 
@@ -175,12 +198,16 @@ def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     if (np.abs(shift) - half <= MAX_SAMPLING_PX).all():
         return replace(fit, alternatives=(moved,))
     low, high = fit.low.copy(), fit.high.copy()
-    low[of_screen], high[of_screen] = np.sort((low[of_shift] * per_px, high[of_shift] * per_px), axis=0)
+    low[of_screen], high[of_screen] = np.sort(
+        (low[of_shift] * per_px, high[of_shift] * per_px), axis=0
+    )
     low[of_shift] = high[of_shift] = 0.0
     return replace(fit, model=moved, low=low, high=high, alternatives=(fit.model,))
 
 
-def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> DrawnModel:
+def _conventions(
+    reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
+) -> RendererModel:
     """Return the orientation and order under which images correlate best with the reference."""
     scene = reference.scene
     several = len({image.camera.aperture.index for image in images}) > 1
@@ -193,7 +220,9 @@ def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: Dr
 
     best, found = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
-    for order, orientation in itertools.product(orders, list(orientations(scene.frustum.resolution))):
+    for order, orientation in itertools.product(
+        orders, list(orientations(scene.frustum.resolution))
+    ):
         model, agreement = replace(nominal, orientation=orientation, order=order), 0.0
         for image in images:
             mine = orientation.upright(as_gray(image))
@@ -201,7 +230,8 @@ def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: Dr
             # A uniform picture agrees with none.
             if np.ptp(its) > 0:
                 agreement += float(np.corrcoef(mine.ravel(), its.ravel())[0, 1])
-        # Pictures of a symmetric scene agree equally well: the first convention, no change, wins then.
+        # Pictures of a symmetric scene agree equally well: the first convention, no change, wins
+        # then.
         if agreement > best + 1e-6 * len(images):
             best, found = agreement, model
     return found
@@ -211,13 +241,17 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
     """Return the start values of shift (columns, rows) and fov (x, y), the shift by phase correlation."""
     nominal = np.array([0.0, 0.0, 1.0, 1.0])
     moved = [
-        phase_cross_correlation(pair.image, pair.difference(nominal) + pair.image, upsample_factor=20)[0]
+        phase_cross_correlation(
+            pair.image, pair.difference(nominal) + pair.image, upsample_factor=20
+        )[0]
         for pair in pairs
     ]
-    # A picture that moved to the right was sampled to the left. Larger shifts than an eighth of the film are
-    # false peaks of the correlation.
+    # A picture that moved to the right was sampled to the left. Larger shifts than an eighth of the
+    # film are false peaks of the correlation.
     shift = -np.median(moved, axis=0)[::-1]
-    return np.append(np.where(np.abs(shift) < min(pairs[0].image.shape) / 8, shift, 0.0), nominal[2:])
+    return np.append(
+        np.where(np.abs(shift) < min(pairs[0].image.shape) / 8, shift, 0.0), nominal[2:]
+    )
 
 
 def _per_px(pairs: Sequence[_Pair]) -> Floats:
@@ -239,14 +273,16 @@ def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
     """Return shift and fov (4,) at which fewest pixels show another surface, from a start nearly right.
 
-    The search needs no derivatives, which discontinuous outlines do not have, and does not interpolate
-    between surfaces.
+    The search needs no derivatives, which discontinuous outlines do not have, and does not
+    interpolate between surfaces.
     """
     scales = _per_px(pairs)
 
     def different(units: Floats) -> float:
         errors = [np.abs(pair.difference(start + units * scales, 0)) for pair in pairs]
-        return float(np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors]))
+        return float(
+            np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors])
+        )
 
     return np.asarray(start + _closest_units(different, 4, 300) * scales)
 
@@ -255,7 +291,9 @@ def _least_units(errors: Callable[[Floats], Floats], count: int, trials: int) ->
     """Return the numbers (count,) near zero at which errors are least, with derivatives by steps of one."""
 
     def slopes(units: Floats) -> Floats:
-        return np.stack([(errors(units + step) - errors(units - step)) / 2 for step in np.eye(count)], axis=1)
+        return np.stack(
+            [(errors(units + step) - errors(units - step)) / 2 for step in np.eye(count)], axis=1
+        )
 
     options = {"loss": "soft_l1", "f_scale": MAX_BRIGHTNESS_DIFFERENCE, "max_nfev": trials}
     return np.asarray(least_squares(errors, np.zeros(count), slopes, **options).x)
@@ -264,17 +302,28 @@ def _least_units(errors: Callable[[Floats], Floats], count: int, trials: int) ->
 def _closest_units(different: Callable[[Floats], float], count: int, trials: int) -> Floats:
     """Return the numbers (count,), in pixels, near zero at which a difference without slopes is least."""
     simplex = np.vstack([np.zeros(count), DERIVATIVE_STEP_PX * np.eye(count)])
-    settings = {"initial_simplex": simplex, "xatol": SHIFT_TOLERANCE_PX, "fatol": 1e-9, "maxfev": trials}
-    return np.asarray(minimize(different, np.zeros(count), method="Nelder-Mead", options=settings).x)
+    settings = {
+        "initial_simplex": simplex,
+        "xatol": SHIFT_TOLERANCE_PX,
+        "fatol": 1e-9,
+        "maxfev": trials,
+    }
+    return np.asarray(
+        minimize(different, np.zeros(count), method="Nelder-Mead", options=settings).x
+    )
 
 
 def fit_drawn(
-    evidence: Evidence, model_of: Callable[[Floats], DrawnModel], start: Floats, *, roughly: bool = False
+    evidence: TestSet,
+    model_of: Callable[[Floats], RendererModel],
+    start: Floats,
+    *,
+    roughly: bool = False,
 ) -> Floats:
     """Return the numbers (K,) of a guess under which its drawn pictures differ least from all of some images.
 
-    `model_of` returns the guess with some numbers, of which `start` is within `BLURS_PX` of the right ones;
-    `roughly` ends within some tenths of a pixel.
+    `model_of` returns the guess with some numbers, of which `start` is within `BLURS_PX` of the
+    right ones; `roughly` ends within some tenths of a pixel.
     """
     values, scales = start, DERIVATIVE_STEP_PX / px_per_unit(evidence, model_of, start)
     objects = len(evidence.reference.scene.objects)
@@ -286,7 +335,9 @@ def fit_drawn(
         model, found = model_of(values), []
         reference = changed(evidence.reference, model.changes)
         for image in evidence.images:
-            drawn = trace_drawn(reference, model, model.answers(reference.scene, image.camera.aperture))
+            drawn = trace_drawn(
+                reference, model, model.answers(reference.scene, image.camera.aperture)
+            )
             drawn = drawn if image.color is None else reference_colors(reference, model, drawn)
             drawn = as_stored(drawn, image)
             found.append(gaussian_filter(gray(drawn) - model.upright(gray(image)), blur_px).ravel())
@@ -310,7 +361,9 @@ def fit_drawn(
     return np.asarray(values + found * scales / DERIVATIVE_STEP_PX)
 
 
-def px_per_unit(evidence: Evidence, model_of: Callable[[Floats], DrawnModel], values: Floats) -> Floats:
+def px_per_unit(
+    evidence: TestSet, model_of: Callable[[Floats], RendererModel], values: Floats
+) -> Floats:
     """Return by how many pixels (K,) the vertices that each number of a guess moves are drawn elsewhere."""
 
     def drawn(values: Floats) -> Floats:
@@ -335,6 +388,9 @@ def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
     # Step 1: the jackknife's variance, from fits that leave out one hogel each.
     without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
     variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
-    # Step 2: each fine picture places outlines to within half of its pixels, independently of the others.
+    # Step 2: each fine picture places outlines to within half of its pixels, independently of the
+    # others.
     grid = _per_px(pairs) / (2 * SUPERSAMPLING * np.sqrt(count))
-    return np.asarray(grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
+    return np.asarray(
+        grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance)
+    )

@@ -1,7 +1,7 @@
 """Mistakes of the scene: axes exchanged or negated, and single objects left out, moved, turned or resized.
 
-An object is fitted to its own claims alone, under a guess about the cameras that the other objects' claims
-hold under: an object that is off does not mislead the fit of the others.
+An object is fitted to its own claims alone, under a guess about the cameras that the other objects'
+claims hold under: an object that is off does not mislead the fit of the others.
 """
 
 from __future__ import annotations
@@ -17,18 +17,23 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from xfrustum.compare.diagnosis import geometry_fit
-from xfrustum.compare.diagnosis.faults import Fault, moved_words
+from xfrustum.compare.diagnosis.faults import Defect, moved_words
 from xfrustum.compare.diagnosis.registration import fit_drawn
 from xfrustum.compare.renderer_model.changed_scene import Matrix, SceneChange, changed, middle_of
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
-from xfrustum.compare.renderer_model.drawn_model import SMALLEST_SHIFT_PX, DrawnModel, places, smallest_named
+from xfrustum.compare.renderer_model.drawn_model import (
+    SMALLEST_SHIFT_PX,
+    RendererModel,
+    places,
+    smallest_named,
+)
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 if TYPE_CHECKING:  # it tests what is found here
-    from xfrustum.compare.diagnosis.diagnosis import Evidence
+    from xfrustum.compare.diagnosis.diagnosis import TestSet
 
 Z_NEGATED, AXES_EXCHANGED, OBJECT_MISSING, OBJECT_MOVED = (
     "z-negated",
@@ -50,43 +55,48 @@ EXCHANGED_AXES = {
     "-x, y, -z": "x and z are negated: the scene is seen from behind",
 }
 
-# Largest number of objects that are tried to be missing, or to be off by themselves: more of them that images
-# do not show are hidden.
+# Largest number of objects that are tried to be missing, or to be off by themselves: more of them
+# that images do not show are hidden.
 MAX_TRIED_OBJECTS = 12
 
 # Smallest number of claims of one object, or of one hogel, that are fitted by themselves.
 MIN_PART_CLAIMS = 30
 
-# Largest distance, in pixels, by which claims may fail under the numbers of one object or hogel: the shift
-# that is too small to have a name, for these claims have no other fault left to stand for.
+# Largest distance, in pixels, by which claims may fail under the numbers of one object or hogel:
+# the shift that is too small to have a name, for these claims have no other fault left to stand
+# for.
 MAX_PART_NOISE_PX = SMALLEST_SHIFT_PX
 
-# Turns, in degrees, about each axis from which fits start, and smallest turn and factor that have a name.
+# Turns, in degrees, about each axis from which fits start, and smallest turn and factor that have a
+# name.
 START_TURNS = (0.0, -150.0, -90.0, -45.0, -15.0, 15.0, 45.0, 90.0, 150.0, 180.0)
 TURNS = [np.eye(3)[axis] * np.radians(angle) for axis in range(3) for angle in START_TURNS]
 SMALLEST_TURN_DEG = 0.05
 
-# Factors of an object's size from which fits to pictures start; and the largest numbers of objects that are
-# fitted to pictures, and of these: one hogel and another tell how far away an object is.
+# Factors of an object's size from which fits to pictures start; and the largest numbers of objects
+# that are fitted to pictures, and of these: one hogel and another tell how far away an object is.
 START_FACTORS, MAX_DRAWN_OBJECTS, MAX_DRAWN_HOGELS = (1.0, 0.25, 0.5, 0.7, 1.4, 2.0, 4.0), 3, 2
 
-# Numbers of a change: a move (3), a turn (3), the logarithm of a factor (1). The simplest kinds come first.
+# Numbers of a change: a move (3), a turn (3), the logarithm of a factor (1). The simplest kinds
+# come first.
 MOVE, TURN, SIZE = slice(0, 3), slice(3, 6), slice(6, 7)
 KINDS_OF_CHANGE = ((MOVE,), (TURN,), (SIZE,), (SIZE, MOVE), (TURN, MOVE))
 
-Guess = tuple[geometry_fit.GeometryFit, tuple[Fault, ...]]
+Guess = tuple[geometry_fit.GeometryFit, tuple[Defect, ...]]
 """A guess about cameras and scene, and the faults beside those of the cameras."""
 
 
 def scene_guesses(
-    evidence: Evidence, claims: geometry_fit.Claims | None, fits: Sequence[geometry_fit.GeometryFit]
+    evidence: TestSet,
+    claims: geometry_fit.PixelClaims | None,
+    fits: Sequence[geometry_fit.GeometryFit],
 ) -> Iterator[Guess]:
     """Yield guesses that have changes of the scene, from fits of the cameras without; likely ones first."""
     # One mistake that turns everything comes before many that turn or leave out each object.
     yield from with_axes(evidence, fits[-1])
     others = _without_one_object(claims, evidence.nominal) if claims is not None else iter(())
-    # An object that is off misleads a fit to all claims, which then does not hold: those to the claims of the
-    # other objects come before it.
+    # An object that is off misleads a fit to all claims, which then does not hold: those to the
+    # claims of the other objects come before it.
     asked = evidence.nominal.parameters
     sure = [fit for fit in fits if fit.holds or np.array_equal(fit.model.parameters, asked)]
     for fit in itertools.chain(sure, others, [fit for fit in fits if fit not in sure]):
@@ -95,7 +105,7 @@ def scene_guesses(
             yield found
 
 
-def _named_objects(evidence: Evidence) -> set[int] | None:
+def _named_objects(evidence: TestSet) -> set[int] | None:
     """Return the numbers of the objects that images name; None where they name none."""
     scene, found = evidence.reference.scene, set[int]()
     for image in evidence.images:
@@ -106,21 +116,25 @@ def _named_objects(evidence: Evidence) -> set[int] | None:
 
 
 def _with_objects(
-    evidence: Evidence, claims: geometry_fit.Claims | None, fit: geometry_fit.GeometryFit
+    evidence: TestSet, claims: geometry_fit.PixelClaims | None, fit: geometry_fit.GeometryFit
 ) -> Guess | None:
     """Return a guess with the objects that are missing, and those that are off by themselves."""
     scene, named = evidence.reference.scene, _named_objects(evidence)
     model, faults = fit.model, []
     # Black images name no object: that all are missing would explain any of them.
-    shown = named is not None or any(one.color is not None and one.color.any() for one in evidence.images)
+    shown = named is not None or any(
+        one.color is not None and one.color.any() for one in evidence.images
+    )
     unnamed = [number for number in range(len(scene.objects)) if number not in (named or ())]
     for number in unnamed[:MAX_TRIED_OBJECTS] if shown and len(scene.objects) > 1 else ():
         without = replace(model, changes=(*model.changes, SceneChange(part=number, missing=True)))
         if evidence.pays(without, model):
             words = f"{_called(scene, number)} is missing: it is not drawn"
-            faults.append(Fault(fault=OBJECT_MISSING, value=_called(scene, number), words=words))
+            faults.append(Defect(fault=OBJECT_MISSING, value=_called(scene, number), words=words))
             model = without
-    for number in _wrong_objects(evidence, model) if claims is None else _off_by_themselves(claims, model):
+    for number in (
+        _wrong_objects(evidence, model) if claims is None else _off_by_themselves(claims, model)
+    ):
         if claims is None:
             change = _fitted_to_pictures(evidence, model, number)
         else:
@@ -132,7 +146,7 @@ def _with_objects(
     return (replace(fit, model=model), tuple(faults)) if faults else None
 
 
-def _off_by_themselves(claims: geometry_fit.Claims, model: DrawnModel) -> list[int]:
+def _off_by_themselves(claims: geometry_fit.PixelClaims, model: RendererModel) -> list[int]:
     """Return the objects many of whose claims fail, where those of some other object hold."""
     off: Mask = geometry_fit.outside_px(claims, model, np.inf) > MAX_PART_NOISE_PX
     numbers, which, counts = np.unique(claims.part, return_inverse=True, return_counts=True)
@@ -141,24 +155,28 @@ def _off_by_themselves(claims: geometry_fit.Claims, model: DrawnModel) -> list[i
     return numbers[wanted].tolist()[:MAX_TRIED_OBJECTS] if not odd.all() else []
 
 
-def _wrong_objects(evidence: Evidence, model: DrawnModel) -> list[int]:
+def _wrong_objects(evidence: TestSet, model: RendererModel) -> list[int]:
     """Return the objects that most wrong pixels of pictures show, or should show."""
     reference = changed(evidence.reference, model.changes)
     counts = np.zeros(len(reference.scene.objects) + 1, dtype=np.int64)
     for image, wrong in zip(evidence.tested, evidence.mask(model), strict=True):
-        answer = trace_drawn(reference, model, model.answers(reference.scene, image.camera.aperture))
+        answer = trace_drawn(
+            reference, model, model.answers(reference.scene, image.camera.aperture)
+        )
         for objects in (model.applied(answer.object), image.object):
             counts += np.bincount(objects[wrong] + 1, minlength=len(counts))[: len(counts)]
     order = np.argsort(-counts[1:], kind="stable").tolist()
     return [number for number in order if counts[number + 1]][:MAX_DRAWN_OBJECTS]
 
 
-def _fitted_to_pictures(evidence: Evidence, model: DrawnModel, number: int) -> SceneChange | None:
+def _fitted_to_pictures(evidence: TestSet, model: RendererModel, number: int) -> SceneChange | None:
     """Return the simplest change of an object under which pictures are as drawn; None where there is none."""
-    odd = sorted(evidence.tested, key=lambda one: -evidence.of([one]).wrong(model))[:MAX_DRAWN_HOGELS]
+    odd = sorted(evidence.tested, key=lambda one: -evidence.of([one]).wrong(model))[
+        :MAX_DRAWN_HOGELS
+    ]
     few = evidence.of(odd)
 
-    def of(values: Floats) -> DrawnModel:
+    def of(values: Floats) -> RendererModel:
         return replace(model, changes=(*model.changes, _change(number, values)))
 
     starts = [np.append(np.zeros(6), np.log(factor)) for factor in START_FACTORS]
@@ -169,7 +187,7 @@ def _fitted_to_pictures(evidence: Evidence, model: DrawnModel, number: int) -> S
     for kind in KINDS_OF_CHANGE:
         places = np.eye(7)[np.concatenate([np.arange(7)[numbers] for numbers in kind])]
 
-        def only(values: Floats, places: Floats = places) -> DrawnModel:
+        def only(values: Floats, places: Floats = places) -> RendererModel:
             return of(values @ places)
 
         values = fit_drawn(few, only, places @ whole)
@@ -179,17 +197,21 @@ def _fitted_to_pictures(evidence: Evidence, model: DrawnModel, number: int) -> S
 
 
 def _without_one_object(
-    claims: geometry_fit.Claims, nominal: DrawnModel
+    claims: geometry_fit.PixelClaims, nominal: RendererModel
 ) -> Iterator[geometry_fit.GeometryFit]:
     """Yield fits of the cameras to the claims of all objects but one, where these hold."""
     numbers, counts = np.unique(claims.part, return_counts=True)
-    for number in numbers[np.argsort(-counts)].tolist()[:MAX_TRIED_OBJECTS] if len(numbers) > 1 else ():
+    for number in (
+        numbers[np.argsort(-counts)].tolist()[:MAX_TRIED_OBJECTS] if len(numbers) > 1 else ()
+    ):
         fit = geometry_fit.fit_geometry(claims.chosen(claims.part != number), nominal, simple=True)
         if fit.noise_px <= MAX_PART_NOISE_PX and fit.model != nominal:
             yield fit
 
 
-def _changed_claims(claims: geometry_fit.Claims, change: SceneChange) -> geometry_fit.Claims:
+def _changed_claims(
+    claims: geometry_fit.PixelClaims, change: SceneChange
+) -> geometry_fit.PixelClaims:
     middle = np.zeros(3) if change.part is None else middle_of(claims.scene, change.part)
     return replace(claims, corners=change.applied(claims.corners, middle))
 
@@ -201,7 +223,9 @@ def _change(number: int, values: Floats) -> SceneChange:
     return SceneChange(part=number, matrix=_rows(matrix), offset=(x, y, z))
 
 
-def _fitted(claims: geometry_fit.Claims, model: DrawnModel, number: int) -> SceneChange | None:
+def _fitted(
+    claims: geometry_fit.PixelClaims, model: RendererModel, number: int
+) -> SceneChange | None:
     """Return the simplest change of an object under which its claims hold; None where there is none."""
     scene, cap = claims.scene, max(claims.scene.frustum.resolution) / 2
     few, some = (
@@ -212,7 +236,7 @@ def _fitted(claims: geometry_fit.Claims, model: DrawnModel, number: int) -> Scen
     size = float(np.ptp(scene.objects[number].vertices, axis=0).max())
     scales = np.array([0.01 * size] * 3 + [0.01] * 4)
 
-    def failing(of: geometry_fit.Claims, values: Floats) -> Floats:
+    def failing(of: geometry_fit.PixelClaims, values: Floats) -> Floats:
         return geometry_fit.outside_px(_changed_claims(of, _change(number, values)), model, cap)
 
     for kind in KINDS_OF_CHANGE:
@@ -230,14 +254,19 @@ def _fitted(claims: geometry_fit.Claims, model: DrawnModel, number: int) -> Scen
 
                 def misfit(
                     scaled: Floats,
-                    of: geometry_fit.Claims = of,
+                    of: geometry_fit.PixelClaims = of,
                     values: Floats = values,
                     free: Indices = free,
                 ) -> Floats:
                     values[free] = scaled * scales[free]
                     return failing(of, values)
 
-                options = {"loss": "soft_l1", "f_scale": attraction, "x_scale": "jac", "max_nfev": trials}
+                options = {
+                    "loss": "soft_l1",
+                    "f_scale": attraction,
+                    "x_scale": "jac",
+                    "max_nfev": trials,
+                }
                 found = least_squares(misfit, values[free] / scales[free], **options)
                 values[free] = found.x * scales[free]
             if (
@@ -252,7 +281,7 @@ def _called(scene: Scene, number: int) -> str:
     return f"object {number} ({PurePath(scene.objects[number].name).stem})"
 
 
-def _fault(scene: Scene, change: SceneChange) -> Fault:
+def _fault(scene: Scene, change: SceneChange) -> Defect:
     """Return the fault of an object that is off by itself."""
     assert change.part is not None
     called, matrix = _called(scene, change.part), np.array(change.matrix)
@@ -269,14 +298,14 @@ def _fault(scene: Scene, change: SceneChange) -> Fault:
         if np.abs(along).max() > np.cos(np.radians(SMALLEST_TURN_DEG * 10)):
             words, angle = axis, angle * float(np.sign(along["xyz".index(axis)]))
         words = f"{called} is turned by {angle:.3g} degrees about {words}, through its middle{also}"
-        return Fault(fault=OBJECT_TURNED, value=angle, unit="degrees", words=words)
+        return Defect(fault=OBJECT_TURNED, value=angle, unit="degrees", words=words)
     if abs(factor - 1) > float(smallest_named(scene)[places("scene-scale")].min()):
         words = f"{called} is {factor:.4g} times as large as asked, about its middle{also}"
-        return Fault(fault=OBJECT_SCALE, value=factor, unit="ratio", words=words)
-    return Fault(fault=OBJECT_MOVED, value=length, unit=scene.units, words=f"{called} is {moved}")
+        return Defect(fault=OBJECT_SCALE, value=factor, unit="ratio", words=words)
+    return Defect(fault=OBJECT_MOVED, value=length, unit=scene.units, words=f"{called} is {moved}")
 
 
-def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[Guess]:
+def with_axes(evidence: TestSet, plain: geometry_fit.GeometryFit) -> Iterator[Guess]:
     """Yield guesses with other axes, those with fewest other mistakes first, then those that hold best."""
     nominal, reference = evidence.nominal, evidence.reference
     claiming = [one for one in evidence.images if (one.triangle != NOTHING).any()]
@@ -290,7 +319,9 @@ def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[G
     for value, words in EXCHANGED_AXES.items():
         change = SceneChange(matrix=_matrix(value))
         name = Z_NEGATED if value == "x, y, -z" else AXES_EXCHANGED
-        fault = Fault(fault=name, value=value, words=f"axes are wrong: {words} ({value} in place of x, y, z)")
+        fault = Defect(
+            fault=name, value=value, words=f"axes are wrong: {words} ({value} in place of x, y, z)"
+        )
         if not claiming:
             # Registration may have turned pictures to suit other axes, and found the order rightly.
             as_found = itertools.product(
@@ -300,7 +331,9 @@ def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[G
             for one, two in as_found:
                 model = replace(nominal, orientation=one, order=two, changes=(change,))
                 also = (one != nominal.orientation) + (two != nominal.order)
-                found.append((also, float(evidence.wrong(model)), (replace(plain, model=model), (fault,))))
+                found.append(
+                    (also, float(evidence.wrong(model)), (replace(plain, model=model), (fault,)))
+                )
             continue
         claims = geometry_fit.claims_of(changed(reference, (change,)).scene, claiming)
         few, cap = claims.thinned(geometry_fit.MAX_SEARCHED_CLAIMS), resolution[0] / 2
@@ -309,8 +342,11 @@ def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[G
         left = [float(geometry_fit.outside_px(few, way, cap).mean()) for way in ways]
         if min(left) <= geometry_fit.MAX_NOISE_PX:
             fit = geometry_fit.fit_geometry(claims, nominal, simple=True)
-            # A turned scene in turned pictures shows the same as other axes alone: fewer mistakes come first.
-            also = (fit.model.orientation != nominal.orientation) + (fit.model.order != nominal.order)
+            # A turned scene in turned pictures shows the same as other axes alone: fewer mistakes
+            # come first.
+            also = (fit.model.orientation != nominal.orientation) + (
+                fit.model.order != nominal.order
+            )
             fit = replace(fit, model=replace(fit.model, changes=(change,)))
             found.append((also, min(left), (fit, (fault,))))
     yield from (guess for *_, guess in sorted(found, key=lambda one: one[:2]))

@@ -1,8 +1,8 @@
 """The way to an eye: pixels of hogels that it is shown, and what the display and the renderer lose on it.
 
-The display's loss is that of the replayed truth against the true view (A against B), the renderer's that of
-drawn hogels against true ones (B against C). Two eyes lose disparity besides: they see surface points at
-other depths than their own.
+The display's loss is that of the replayed truth against the true view (A against B), the renderer's
+that of drawn hogels against true ones (B against C). Two eyes lose disparity besides: they see
+surface points at other depths than their own.
 """
 
 import math
@@ -28,7 +28,7 @@ from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief, digits
+from xfrustum.scenes.notebook import ShortRepr, digits
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 T = TypeVar("T")
@@ -44,11 +44,13 @@ HEIGHT_TOLERANCE = 2.0**-16
 are made in float32, on slopes that make a rounding of 2^-24 some hundred times as large."""
 
 
-def drawn_points(scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers) -> Floats:
+def drawn_points(
+    scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers
+) -> Floats:
     """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN where nothing is shown.
 
-    Each lies where the line of the camera that drew it meets the plane of its triangle. Of several cameras
-    between whose ends that is, the one drawn last shows.
+    Each lies where the line of the camera that drew it meets the plane of its triangle. Of several
+    cameras between whose ends that is, the one drawn last shows.
     """
     found = np.full((*triangle.shape, 3), np.nan)
     rows, columns = np.nonzero(triangle != NOTHING)
@@ -81,12 +83,12 @@ def _camera_lines(
         aperture = scene.plate.aperture(*((number, 0) if axis == 0 else (0, number)))
         here = np.flatnonzero((hogel == number) & (pixel >= 0))
         for index, camera in enumerate(model_cameras(scene.frustum, aperture, settings)):
-            pencil = camera.pencil
+            bundle = camera.bundle
             if index == len(lines):
                 none = np.full(len(hogel), np.nan)
-                lines.append((none, none.copy(), pencil.center[2], camera.heights))
-            lines[index][0][here] = pencil.center[axis]
-            lines[index][1][here] = (pencil.dx, pencil.dy)[axis][pixel[here]]
+                lines.append((none, none.copy(), bundle.center[2], camera.heights))
+            lines[index][0][here] = bundle.center[axis]
+            lines[index][1][here] = (bundle.dx, bundle.dy)[axis][pixel[here]]
     return lines
 
 
@@ -95,7 +97,9 @@ class DrawnHogel:
     """The image of one hogel by any renderer; None for what it does not say."""
 
     index: tuple[int, int]  #: column and row on the plate
-    color: NDArray[Any] | None = None  #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
+    color: NDArray[Any] | None = (
+        None  #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
+    )
     triangle: Numbers | None = None
     object: Numbers | None = None
     position: NDArray[np.floating] | None = None  #: (H, W, 3) surface points, scene units
@@ -107,7 +111,9 @@ class Collector:
     Pixels have their triangles' surface points by the cameras' settings, where these are known.
     """
 
-    def __init__(self, scene: Scene, eye: Eye, taken: Replay, settings: DoubleFrustum | None) -> None:
+    def __init__(
+        self, scene: Scene, eye: Eye, taken: Replay, settings: DoubleFrustum | None
+    ) -> None:
         self._scene, self._eye, self._taken, self._settings = scene, eye, taken, settings
         width, height = eye.resolution
         self._triangle = np.full((height, width), NOTHING, dtype=np.int32)
@@ -134,7 +140,9 @@ class Collector:
             for pixels in self._taken.colors:
                 here, there = _blocks(pixels, hogel.index)
                 weight = pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
-                self._color[here] += (scale * weight)[..., None] * hogel.color[there].astype(np.float64)
+                self._color[here] += (scale * weight)[..., None] * hogel.color[there].astype(
+                    np.float64
+                )
 
     def finish(self) -> EyeImage:
         """Return the picture of all hogels that were added."""
@@ -157,7 +165,10 @@ def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
     """Return the places of a hogel's pixels in the eye's picture, and in the hogel's."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
-    return (rows[:, None], columns[None]), (pixels.film_row[rows][:, None], pixels.film_column[columns][None])
+    return (rows[:, None], columns[None]), (
+        pixels.film_row[rows][:, None],
+        pixels.film_column[columns][None],
+    )
 
 
 def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> list[EyeImage]:
@@ -189,10 +200,14 @@ def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
     def ends(pixels: list[int]) -> tuple[int, int]:
         return min(pixels), max(pixels)
 
-    return {(i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(every)}
+    return {
+        (i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(every)
+    }
 
 
-def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+def drawn_hogels(
+    renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]
+) -> Iterator[DrawnHogel]:
     """Draw parts of hogels and yield them in order; pixels outside of the parts mean nothing."""
     plate = renderer.scene.plate
     for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
@@ -238,18 +253,25 @@ class Loss:
     """How one view differs from the one that it stands for, in numbers."""
 
     judged: int  #: pixels that are no ties, and of these
-    wrong: int | None  #: those with a wrong surface; None where the shown view does not say what it shows
+    wrong: (
+        int | None
+    )  #: those with a wrong surface; None where the shown view does not say what it shows
     fraction: float | None
-    displacement_arcmin: Quantiles | None  #: angle between where a point is shown and where it belongs
-    depth_error: Quantiles | None  #: distance in depth of points of one object on the same ray, scene units
+    displacement_arcmin: (
+        Quantiles | None
+    )  #: angle between where a point is shown and where it belongs
+    depth_error: (
+        Quantiles | None
+    )  #: distance in depth of points of one object on the same ray, scene units
     flip: float | None  #: mean FLIP at the eye's pixels per degree; None where there are no colors
     color_fraction: float | None  #: share of the judged pixels whose color differs
-    #: Of these the share whose color is nowhere within `SHIFT_PX`: other shading, for nothing has moved there
+    #: Of these the share whose color is nowhere within `SHIFT_PX`: other shading, for nothing has
+    #: moved there
     shading: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LossMaps(Brief):
+class LossMaps(ShortRepr):
     """The same pixel by pixel, (H, W); NaN where there is no such error."""
 
     judged: Mask
@@ -269,7 +291,9 @@ class LossMaps(Brief):
             judged=judged,
             wrong=wrong,
             fraction=None if wrong is None else wrong / judged if judged else 0.0,
-            displacement_arcmin=_spread(Quantiles, self.displacement_arcmin[self.judged], 50, 99, 100),
+            displacement_arcmin=_spread(
+                Quantiles, self.displacement_arcmin[self.judged], 50, 99, 100
+            ),
             depth_error=_spread(Quantiles, self.depth_error[self.judged], 50, 99, 100),
             flip=None if self.flip is None else float(self.flip.mean()),
             color_fraction=None if self.recolored is None else differ / max(judged, 1),
@@ -278,7 +302,7 @@ class LossMaps(Brief):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Views(Brief):
+class Views(ShortRepr):
     """The pictures of one eye: A, the true view; B, the replayed truth; C, the replayed drawn hogels."""
 
     true: EyeImage
@@ -298,13 +322,13 @@ Pair = tuple[EyeImage, EyeImage]  #: an expected and a shown view
 def display_loss(reference: EyeReference, views: Views) -> LossMaps:
     """Return what a plate of true hogels loses against the scene itself (A against B).
 
-    A pixel is wrong if only one of the views shows a surface there, if they show different objects, or if the
-    eye could not see the point that is shown: something else is in front of it. Rays that meet no pixel of a
-    hogel are shown black.
+    A pixel is wrong if only one of the views shows a surface there, if they show different objects,
+    or if the eye could not see the point that is shown: something else is in front of it. Rays that
+    meet no pixel of a hogel are shown black.
     """
     true, shown = views.true, views.replayed
     wrong = (true.object != shown.object) | _hidden(reference, shown)
-    rays = reference.pencil(views.eye).directions()
+    rays = reference.bundle(views.eye).directions()
     moved = _angle(rays, shown.position - np.array(views.eye.position))
     return _maps(reference.scene, (true, shown), np.ones_like(wrong), wrong, moved)
 
@@ -312,10 +336,11 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
     """Return what a renderer's hogels lose against true ones (B against C).
 
-    A pixel is wrong as for `display_loss`, but points that true hogels show although the eye could not see
-    them are not charged to the renderer. A displacement is the angle between the point that a hogel's pixel
-    shows and the place on that pixel's line, at the same height, at which it shows it. So neither pitch nor
-    pixels of hogels are in it. `numbered` says whether the drawn picture says what it shows.
+    A pixel is wrong as for `display_loss`, but points that true hogels show although the eye could
+    not see them are not charged to the renderer. A displacement is the angle between the point that
+    a hogel's pixel shows and the place on that pixel's line, at the same height, at which it shows
+    it. So neither pitch nor pixels of hogels are in it. `numbered` says whether the drawn picture
+    says what it shows.
     """
     true, shown = views.replayed, views.drawn
     assert shown is not None
@@ -339,13 +364,17 @@ def _maps(scene: Scene, pair: Pair, asked: Mask, wrong: Mask | None, moved: Floa
     flip = recolored = None
     if expected.color is not None and shown.color is not None:
         per_degree = pixels_per_degree(scene, shown.eye)
-        flip = perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(np.float64)
+        flip = perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(
+            np.float64
+        )
         recolored = _recolored(expected.color, shown.color)
     return LossMaps(
         judged=judged,
         wrong=None if wrong is None else wrong & judged,
         displacement_arcmin=moved * ARCMIN_PER_RADIAN,
-        depth_error=np.where(same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan),
+        depth_error=np.where(
+            same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan
+        ),
         flip=flip,
         recolored=recolored,
     )
@@ -357,10 +386,12 @@ SHIFT_PX = 2  #: displacement on an eye's film, of which a color tells nothing o
 def _recolored(expected: ArrayLike, shown: ArrayLike) -> tuple[Mask, Mask]:
     """Return which pixels (H, W) have another color than expected, and which of them by other shading.
 
-    The color of the latter lies outside the colors that are expected up to `SHIFT_PX` away. Near outlines
-    these reach from one surface to the other, so that there all may be displacement.
+    The color of the latter lies outside the colors that are expected up to `SHIFT_PX` away. Near
+    outlines these reach from one surface to the other, so that there all may be displacement.
     """
-    true, found = (np.clip(np.asarray(one, dtype=np.float64), 0.0, 1.0) for one in (expected, shown))
+    true, found = (
+        np.clip(np.asarray(one, dtype=np.float64), 0.0, 1.0) for one in (expected, shown)
+    )
     size = (2 * SHIFT_PX + 1, 2 * SHIFT_PX + 1, 1)
     low, high = minimum_filter(true, size), maximum_filter(true, size)
     differ = np.abs(found - true).max(axis=-1) > COLOR_TOLERANCE
@@ -401,10 +432,14 @@ def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
 
 def _angle(a: Floats, b: Floats) -> Floats:
     """Return the angles between vectors (H, W, 3), radians, exact also where they are tiny."""
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b)))
+    return np.asarray(
+        np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b))
+    )
 
 
-Sloped = list[tuple[EyeImage, Floats]]  #: the shown view of each eye, with its errors of slope (H, W)
+Sloped = list[
+    tuple[EyeImage, Floats]
+]  #: the shown view of each eye, with its errors of slope (H, W)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -414,16 +449,20 @@ class Disparity:
     matched: int  #: pixels of the left eye whose surface point the right eye is shown too
     disparity_arcmin: Quantiles | None  #: absolute error of the disparity
     depth: DepthShift | None  #: shown minus true distance from the eyes that follows, scene units
-    change_arcsec: DepthShift | None = None  #: shown minus true disparity, negative where seen too far away
+    change_arcsec: DepthShift | None = (
+        None  #: shown minus true disparity, negative where seen too far away
+    )
 
 
-def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Disparity, Disparity | None]:
+def disparity(
+    reference: EyeReference, left: Views, right: Views
+) -> tuple[Disparity, Disparity | None]:
     """Return what the display and what the renderer does to the disparity of two eyes.
 
-    The error of one eye is the slope under which it is shown a point minus that of the point itself; for the
-    renderer it is measured along the lines of hogels' pixels, so that pitch and pixels are not in it. The
-    difference of both eyes' errors is that of disparity. InputError where the eyes are not side by side: at
-    one height, and at different x.
+    The error of one eye is the slope under which it is shown a point minus that of the point
+    itself; for the renderer it is measured along the lines of hogels' pixels, so that pitch and
+    pixels are not in it. The difference of both eyes' errors is that of disparity. InputError where
+    the eyes are not side by side: at one height, and at different x.
     """
     (x, y, height), other = left.eye.position, right.eye.position
     if not (x < other[0] and y == other[1] and height == other[2]):
@@ -439,7 +478,7 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
     for views in (left, right):
         replayed, drawn = views.replayed, views.drawn
         own = slope(views, replayed.position, replayed.position)
-        by_display.append((replayed, reference.pencil(views.eye).dx - own))
+        by_display.append((replayed, reference.bundle(views.eye).dx - own))
         if drawn is not None:
             at, own = shown_at(reference.scene, views.taken, drawn), drawn.position
             by_renderer.append((drawn, slope(views, at, own) - slope(views, own, own)))
@@ -451,18 +490,25 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
 def _disparity(reference: EyeReference, eyes: tuple[Eye, Eye], shown: Sloped) -> Disparity:
     """Return the disparity that the errors of slope of two shown views make."""
     (left, left_error), (right, right_error) = shown
-    base, pencil = eyes[1].position[0] - eyes[0].position[0], reference.pencil(eyes[1])
+    base, bundle = eyes[1].position[0] - eyes[0].position[0], reference.bundle(eyes[1])
     # Where the right eye has the pixel that truly shows each point of the left one.
-    place = np.nan_to_num(pixel_places(left.position, pencil), nan=-1.0, posinf=-1.0, neginf=-1.0)
-    column, row = (np.floor(np.clip(place[..., axis], -1.0, 1e6) + 0.5).astype(int) for axis in range(2))
+    place = np.nan_to_num(pixel_places(left.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
+    column, row = (
+        np.floor(np.clip(place[..., axis], -1.0, 1e6) + 0.5).astype(int) for axis in range(2)
+    )
     width, rows = eyes[1].resolution
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     distance = eyes[0].position[2] - left.position[..., 2]
     pitch = reference.scene.plate.size[0] / reference.scene.plate.hogels[0]
-    near = SAME_PLACE * (distance * 2 * pencil.half_extent[0] / width + pitch)
+    near = SAME_PLACE * (distance * 2 * bundle.half_extent[0] / width + pitch)
     apart = np.linalg.norm(left.position - right.position[row, column], axis=-1)
-    same = inside & (left.object != NOTHING) & (left.object == right.object[row, column]) & (apart <= near)
+    same = (
+        inside
+        & (left.object != NOTHING)
+        & (left.object == right.object[row, column])
+        & (apart <= near)
+    )
     error = np.where(same, left_error - right_error[row, column], np.nan)
     # Disparity is base / distance; the shown one belongs to another distance.
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,13 +1,13 @@
 """What an eye notices of a near offset and of a depth buffer: where points are replayed, and closed forms.
 
-By the theorem of docs/method.md, "What the near offset looks like to a viewer", all lines on which hogels
-replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and P - m (kx, ky,
--1) before it, at the distance D = |z| + m from the plate:
+By the theorem of docs/method.md, "What the near offset looks like to a viewer", all lines on which
+hogels replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and
+P - m (kx, ky, -1) before it, at the distance D = |z| + m from the plate:
 
     D = (|z| + n) zf / (zf + n),   without a fit D = |z| + n,   beyond the first slab D = |z|.
 
-Everything else is told for eyes straight before the middle of the plate, at the distance L. Content at the
-height z is at the distance R from them, which is L - z.
+Everything else is told for eyes straight before the middle of the plate, at the distance L. Content
+at the height z is at the distance R from them, which is L - z.
 """
 
 from __future__ import annotations
@@ -47,11 +47,14 @@ def _in_first_slab(distance: Floats, settings: DoubleFrustum) -> Mask:
     return distance <= (settings.slabs[0] if settings.slabs else np.inf)
 
 
-def replayed_shifts(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> tuple[Floats, Floats]:
+def replayed_shifts(
+    distance: Floats, frustum: Frustum, settings: DoubleFrustum
+) -> tuple[Floats, Floats]:
     """Return how far points are moved from the plate, and the factor of the shear by which they go aside."""
     moved = replayed_distance(distance, frustum, settings) - distance
     if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
-        # The shear about the camera's own center draws points of the first slab a further k n aside.
+        # The shear about the camera's own center draws points of the first slab a further k n
+        # aside.
         return moved, np.where(_in_first_slab(distance, settings), moved - settings.near, moved)
     return moved, moved
 
@@ -127,20 +130,27 @@ class Display:
     size: tuple[float, float]  #: of the plate, scene units
     pitch: float  #: of the hogels, scene units
     pixel: float  #: slope between the directions of neighboring pixels of a hogel
-    diffraction: float  #: wavelength over pitch; 0 where the length of the scene's unit is not known
+    diffraction: (
+        float  #: wavelength over pitch; 0 where the length of the scene's unit is not known
+    )
     millimeters: float | None  #: length of the scene's unit; None where it is not known
 
     @classmethod
-    def of(cls, scene: Scene) -> Display:
+    def from_scene(cls, scene: Scene) -> Display:
         """Return the display of a scene."""
         _, half_extent = film_window(scene.frustum, scene.plate.middle)
-        pitches = [size / count for size, count in zip(scene.plate.size, scene.plate.hogels, strict=True)]
+        pitches = [
+            size / count for size, count in zip(scene.plate.size, scene.plate.hogels, strict=True)
+        ]
         unit = MILLIMETERS.get(scene.units)
         return cls(
             frustum=scene.frustum,
             size=scene.plate.size,
             pitch=max(pitches),
-            pixel=max(2 * t / count for t, count in zip(half_extent, scene.frustum.resolution, strict=True)),
+            pixel=max(
+                2 * t / count
+                for t, count in zip(half_extent, scene.frustum.resolution, strict=True)
+            ),
             diffraction=0.0 if unit is None else GREEN_MM / unit / min(pitches),
             millimeters=unit,
         )
@@ -154,24 +164,28 @@ class DisplayLimits:
     """
 
     viewer: Viewer
-    pixel_arcmin: float  #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
+    pixel_arcmin: (
+        float  #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
+    )
     pitch_arcmin: float  #: angle under which a hogel is seen
     diffraction_arcmin: float | None  #: no hogel holds finer angles
-    #: Depths of field: distances from the plate up to which the display shows as fine as its hogels, or the
-    #: viewer, allow; infinite where pixels are fine enough for any depth
+    #: Depths of field: distances from the plate up to which the display shows as fine as its
+    #: hogels, or the viewer, allow; infinite where pixels are fine enough for any depth
     behind: float
     before: float
     rays_per_pupil: float | None  #: pixels of a hogel that a pupil catches along an axis
-    near_stereo: float | None  #: largest near whose gap changes disparity across the plate by stereo acuity
-    #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a hogel, in
-    #: surfaces that run through the plate, seen through its corners with pivot `aperture`; infinite where the
-    #: corners are seen along the shear
+    near_stereo: (
+        float | None
+    )  #: largest near whose gap changes disparity across the plate by stereo acuity
+    #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a
+    #: hogel, in surfaces that run through the plate, seen through its corners with pivot
+    #: `aperture`; infinite where the corners are seen along the shear
     near_crack: float
 
 
 def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
     """Return what a scene's display can show to a viewer."""
-    display, distance = Display.of(scene), viewer.distance
+    display, distance = Display.from_scene(scene), viewer.distance
     pixel, unit = display.pixel, display.millimeters
     # What can be told apart: by the display, or by the eye, whichever is coarser.
     finest = max(display.pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
@@ -198,13 +212,15 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
 def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
     """Return how far aside the halves of a surface part at the plate, as a multiple of how far in depth.
 
-    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth and by c k
-    aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of its corners. The c is
-    `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
+    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth
+    and by c k aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of
+    its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
     """
     corners = np.array([(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * display.size
     screen = display.frustum.screen
-    shears = 0.0 * corners if screen is None else (np.array(screen.center) - corners) / -screen.height
+    shears = (
+        0.0 * corners if screen is None else (np.array(screen.center) - corners) / -screen.height
+    )
     return float(np.linalg.norm(aside * shears - corners / distance, axis=1).max())
 
 
@@ -220,7 +236,9 @@ class Content:
     def heights(self) -> Floats:
         """Heights z between the ends of both sides, scene units; the farthest of a side come last."""
         sides = ((1.0, self.before), (-1.0, self.behind))
-        found = [sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in sides if ends is not None]
+        found = [
+            sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in sides if ends is not None
+        ]
         return np.concatenate([np.zeros(0), *found])
 
     @property
@@ -242,7 +260,9 @@ def surface_content(scene: Scene) -> Content:
     """Return the depths of all surfaces within the reach, hidden or not: no less is noticed of them."""
     lowest, highest = scene.height_ranges
     sides: list[tuple[float, float] | None] = []
-    for low, high, reach in zip((lowest, -highest), (highest, -lowest), scene.frustum.reach, strict=True):
+    for low, high, reach in zip(
+        (lowest, -highest), (highest, -lowest), scene.frustum.reach, strict=True
+    ):
         within = (high >= 0) & (low <= reach)
         ends = np.clip(low[within], 0, reach), np.clip(high[within], 0, reach)
         sides.append((float(ends[0].min()), float(ends[1].max())) if within.any() else None)
@@ -268,18 +288,22 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
     return viewer.eyes_apart_mm / display.millimeters
 
 
-def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum) -> Floats:
+def disparity_changes(
+    height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum
+) -> Floats:
     """Return by how much the disparity of points at some heights changes, arc seconds; less where farther.
 
-    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it. The point
-    P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as `moved` has it: m in
-    depth, c times the shear k = (middle - a)/ss aside, with the screen ss behind the plate. The eye e at the
-    height L sees it through that aperture a for which all three lie on one line. With K = sigma c/ss and
-    S = L + s + sigma m, the slope of this line falls with e as -(1 + K)/(S + L K), and that of the true line
-    as -1/(L + s). Both are linear in e: what is said of the disparity of two eyes is exact.
+    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
+    The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as
+    `moved` has it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss
+    behind the plate. The eye e at the height L sees it through that aperture a for which all three
+    lie on one line. With K = sigma c/ss and S = L + s + sigma m, the slope of this line falls with
+    e as -(1 + K)/(S + L K), and that of the true line as -1/(L + s). Both are linear in e: what is
+    said of the disparity of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
-    # The zero at which the side before the plate begins is another one than that of the side behind it.
+    # The zero at which the side before the plate begins is another one than that of the side behind
+    # it.
     side = np.copysign(1.0, s)
     moved, aside = replayed_shifts(np.abs(s), display.frustum, settings)
     distance = viewer.distance + s
@@ -315,19 +339,25 @@ def replay_noise_arcsec(
 
     Notes
     -----
-    Along the line of slope u of a hogel of shear k, a point that is moved by m is shown m u - c k aside of
-    its place (`disparity_changes` has c); the closed form has the slope of the eye's ray in place of u. To
-    first order in m, the difference of two eyes then is off by m/R times the sum of these:
+    Along the line of slope u of a hogel of shear k, a point that is moved by m is shown m u -
+    c k aside of its place (`disparity_changes` has c); the closed form has the slope of the eye's
+    ray in place of u. To first order in m, the difference of two eyes then is off by m/R times the
+    sum of these:
 
-    * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in each eye;
+    * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in
+      each eye;
     * the hogel, at most half a pitch beside the eye's ray, in each eye, which changes k;
-    * the right eye's pixel, at most half of one beside that of the left eye's point, which changes u and k;
-    * the point that it shows, the same up to `SAME_PLACE`, and so at another R, at the largest slope.
+    * the right eye's pixel, at most half of one beside that of the left eye's point, which changes
+      u and k;
+    * the point that it shows, the same up to `SAME_PLACE`, and so at another R, at the largest
+      slope.
 
     It is the largest on each side of the plate, and a difference has one point on each.
     """
     height = content.heights
-    moved, aside = (np.abs(one) for one in replayed_shifts(np.abs(height), display.frustum, settings))
+    moved, aside = (
+        np.abs(one) for one in replayed_shifts(np.abs(height), display.frustum, settings)
+    )
     distance = viewer.distance - height
     slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
     seen = eye_pixel * distance / viewer.distance
@@ -343,9 +373,12 @@ def replay_noise_arcsec(
 def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> float:
     """Return the largest angle under which a viewer sees the crack in a surface that runs through the plate.
 
-    Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times `gap_slope`.
+    Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times
+    `gap_slope`.
     """
-    moved, aside = (float(one[0]) for one in replayed_shifts(np.zeros(1), display.frustum, settings))
+    moved, aside = (
+        float(one[0]) for one in replayed_shifts(np.zeros(1), display.frustum, settings)
+    )
     # Without an offset what is nearer than n is clipped on both sides.
     moved = settings.near if settings.offset is Offset.NONE else moved
     if not moved:
@@ -365,7 +398,9 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
     }
 
 
-def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) -> tuple[str, float, float]:
+def resolved_crack(
+    viewer: Viewer, display: Display, settings: DoubleFrustum
+) -> tuple[str, float, float]:
     """Return what masks a crack, how wide it may be, and how wide it is, arc minutes.
 
     Its edges are seen as far from the plate as halves are moved: there pixels and diffraction blur.
@@ -379,10 +414,13 @@ def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) ->
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
     """Return what limits the depths that can be told apart at a height, and their smallest difference.
 
-    Two eyes tell surfaces apart whose disparities differ by more than stereo acuity, and by more than the
-    display's own blur there. The difference is in scene units.
+    Two eyes tell surfaces apart whose disparities differ by more than stereo acuity, and by more
+    than the display's own blur there. The difference is in scene units.
     """
-    angles = {"stereo acuity": viewer.stereo_acuity_arcsec / 60, **blur_arcmin(height, viewer, display)}
+    angles = {
+        "stereo acuity": viewer.stereo_acuity_arcsec / 60,
+        **blur_arcmin(height, viewer, display),
+    }
     name, angle = max(angles.items(), key=lambda item: item[1])
     distance, apart = viewer.distance - height, eyes_apart(viewer, display)
     radians = angle / ARCMIN_PER_RADIAN

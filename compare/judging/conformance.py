@@ -1,9 +1,9 @@
 """A hogel judged by a case of the conformance suite: each wrong pixel needs a reason to be excused.
 
-The truth is that of the case's cameras without any rounding. A pixel that names another triangle is accepted
-where the truth is a tie of both, or where rounding explains it: the classifier of causes knows the bounds of
-edges and depths of the case's cameras. Colors and objects say nothing of triangles: pixels that rounding may
-move across an edge to what a neighbor shows are not judged.
+The truth is that of the case's cameras without any rounding. A pixel that names another triangle is
+accepted where the truth is a tie of both, or where rounding explains it: the classifier of causes
+knows the bounds of edges and depths of the case's cameras. Colors and objects say nothing of
+triangles: pixels that rounding may move across an edge to what a neighbor shows are not judged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
     as_image,
@@ -52,7 +52,8 @@ class Pixels:
 
     shown: int = 0  #: where image or truth shows something
     wrong: int = 0  #: of these, what is not the truth
-    tie: int = 0  #: of the wrong ones, those that the truth is a tie of, or that an edge excuses from judging
+    #: of the wrong ones, those that the truth is a tie of, or that an edge excuses from judging
+    tie: int = 0
     edge: int = 0
     order: int = 0
     lost: int = 0
@@ -66,7 +67,9 @@ class Pixels:
     @property
     def words(self) -> str:
         """The numbers in words."""
-        causes = {name: getattr(self, name) for name in ("tie", "edge", "order", "lost", "unexplained")}
+        causes = {
+            name: getattr(self, name) for name in ("tie", "edge", "order", "lost", "unexplained")
+        }
         told = ", ".join(f"{count:,} {name}" for name, count in causes.items() if count)
         return f"{self.wrong:,} of {self.shown:,} pixels wrong" + (f" ({told})" if told else "")
 
@@ -75,9 +78,9 @@ class Pixels:
         return self.unexplained <= case.wrong * self.shown
 
 
-def question(case: Case) -> DrawnModel:
+def question(case: Case) -> RendererModel:
     """Return what a case asks a renderer to draw."""
-    return DrawnModel(near=case.near or 0.0)
+    return RendererModel(near=case.near or 0.0)
 
 
 def trace(case: Case, reference: Reference, aperture: Aperture) -> HogelImage:
@@ -86,15 +89,15 @@ def trace(case: Case, reference: Reference, aperture: Aperture) -> HogelImage:
     layer = drawn(reference, asked, aperture)
     answer = as_image(reference, aperture, layer)
     answer = reference_colors(reference, asked, answer) if case.colored else answer
-    return replace(answer, companions=layer.companions)
+    return replace(answer, tied_triangles=layer.tied_triangles)
 
 
 def digest(truths: Sequence[HogelImage]) -> str:
     """Return the SHA-256 of triangles and ties of some hogels, which is the same on every machine."""
     content = hashlib.sha256()
     for truth in truths:
-        assert truth.companions is not None
-        tied = truth.companions[np.lexsort(truth.companions.T[::-1])]
+        assert truth.tied_triangles is not None
+        tied = truth.tied_triangles[np.lexsort(truth.tied_triangles.T[::-1])]
         for numbers in (truth.triangle, tied):
             content.update(np.asarray(numbers.shape, dtype="<i8").tobytes())
             content.update(np.ascontiguousarray(numbers, dtype="<i4").tobytes())
@@ -119,8 +122,11 @@ def agrees(case: Case, truths: Sequence[HogelImage]) -> bool:
 
 def stored(truth: HogelImage) -> Arrays:
     """Return the arrays by which a truth can be made again without tracing."""
-    assert truth.companions is not None
-    found: Arrays = {"triangle": truth.triangle, "companions": truth.companions.astype(np.int32)}
+    assert truth.tied_triangles is not None
+    found: Arrays = {
+        "triangle": truth.triangle,
+        "companions": truth.tied_triangles.astype(np.int32),
+    }
     return found if truth.color is None else found | {"color": truth.color.astype(np.float32)}
 
 
@@ -129,7 +135,8 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
 
     Raises ValueError, TypeError or LookupError where the arrays are others.
     """
-    # Types and shapes are those that `stored` gives: what has the frozen `digest` then differs in nothing.
+    # Types and shapes are those that `stored` gives: what has the frozen `digest` then differs in
+    # nothing.
     triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
     color = arrays.get("color")
     return HogelImage(
@@ -137,7 +144,7 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
         triangle=triangle,
         object=scene.object_of_number[triangle],
         position=np.full((*triangle.shape, 3), np.nan),
-        companions=arrays["companions"].astype(np.int32).astype(np.int64).reshape(-1, 3),
+        tied_triangles=arrays["companions"].astype(np.int32).astype(np.int64).reshape(-1, 3),
         color=None if color is None else color.astype(np.float32).reshape(*triangle.shape, 3),
     )
 
@@ -160,16 +167,24 @@ def judged(
         shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
         differs = truth.triangle != image.triangle
         tied = differs & _ties(truth, image.triangle)
-        causes = find_causes(scene.triangles, cameras, truth, image, np.flatnonzero(differs & ~tied))
+        causes = find_causes(
+            scene.triangles, cameras, truth, image, np.flatnonzero(differs & ~tied)
+        )
         # An edge excuses no triangle that lies elsewhere.
         kept = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
         counts = causes.some(kept).counts()
-        left = causes.unexplained | (differs & ~tied & ~scattered(differs.shape, causes.pixels[kept]))
+        left = causes.unexplained | (
+            differs & ~tied & ~scattered(differs.shape, causes.pixels[kept])
+        )
         counts["unexplained"] = int(left.sum())
-        return Pixels(shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **counts), left
+        return Pixels(
+            shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **counts
+        ), left
     if case.colored:
         if image.color is None:
-            image = replace(image, color=np.full((*truth.triangle.shape, 3), np.nan, dtype=np.float32))
+            image = replace(
+                image, color=np.full((*truth.triangle.shape, 3), np.nan, dtype=np.float32)
+            )
         assert truth.color is not None and image.color is not None
         tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
         differs = colors_differ(as_stored(truth, image), image, tolerance)
@@ -194,15 +209,17 @@ def judged(
 
 def _ties(truth: HogelImage, named: Numbers | None = None) -> Mask:
     """Return the pixels (H, W) whose truth is a tie, or a tie of which an image names a surface."""
-    assert truth.companions is not None
-    row, column, number = truth.companions.T
+    assert truth.tied_triangles is not None
+    row, column, number = truth.tied_triangles.T
     found = np.zeros(truth.triangle.shape, dtype=np.bool_)
     same = np.full(len(row), True) if named is None else named[row, column] == number
     found[row[same], column[same]] = True
     return found
 
 
-def _beside_edges(scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask) -> Mask:
+def _beside_edges(
+    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask
+) -> Mask:
     """Return those of some pixels (H, W) at which rounding may show a neighbor's surface."""
     found = np.zeros_like(asked)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")

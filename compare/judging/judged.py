@@ -1,10 +1,10 @@
 """One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
 
-The arithmetic is that of `xfrustum.compare.metrics`. `compare_images` has a truth and an image that answer
-the same question, name surfaces and say where these lie. A foreign image may be turned, may name triangles
-that do not exist, or show colors alone, and its question may be two offset cameras, which see the plate, and
-of which the front one covers the other. Here colors are right or wrong within a tolerance; there their error
-is measured.
+The arithmetic is that of `xfrustum.compare.metrics`. `compare_images` has a truth and an image that
+answer the same question, name surfaces and say where these lie. A foreign image may be turned, may
+name triangles that do not exist, or show colors alone, and its question may be two offset cameras,
+which see the plate, and of which the front one covers the other. Here colors are right or wrong
+within a tolerance; there their error is measured.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from xfrustum.compare.metrics.error_maps import (
 )
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
-from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front, unflipped
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, Front, RendererModel, unflipped
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
@@ -60,9 +60,9 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
-# A foreign device is unknown unless its owner has measured it. A renderer with a near offset has the usual
-# depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of near to far, which no
-# buffer of fixed point does.
+# A foreign device is unknown unless its owner has measured it. A renderer with a near offset has
+# the usual depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of
+# near to far, which no buffer of fixed point does.
 ANY_DEVICE = safe_model()
 OFFSET_DEPTH = DepthFormat.D24, DepthMapping.STANDARD
 CENTERED_DEPTH = DepthFormat.D32F, DepthMapping.REVERSED
@@ -103,18 +103,22 @@ class MeasuredBy(StrEnum):
     NOTHING = "nothing"  # The displacement cannot be known
 
 
-def _untold(reference: Reference, question: DrawnModel, seen: _Compared) -> int:
+def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> int:
     """Return the largest number of pixels that a `COMPOSITIONS` makes wrong and outlines do not tell."""
     scene, answer, worst = reference.scene, seen.answer, 0
     outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
     aperture, known = answer.camera.aperture, pictures.Layers()
-    edges = maximum_filter(strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1)
+    edges = maximum_filter(
+        strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1
+    )
     # Edges of another kind lie where outlines are missing as often as anywhere.
     alone = float((edges < MIN_EDGE_CONTRAST).mean())
     count = int((strongest_steps(outlines) > 0).sum())
     for fields in COMPOSITIONS if question.plain else ():
         model = replace(question, **fields)
-        other = pictures.as_image(reference, aperture, pictures.drawn(reference, model, aperture, known))
+        other = pictures.as_image(
+            reference, aperture, pictures.drawn(reference, model, aperture, known)
+        )
         wrong = seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong
         told = (other.covered != answer.covered).sum() > wrong.sum() / 2
         missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
@@ -129,15 +133,18 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     """Return how far the outlines of an image have moved, and what that was measured by.
 
     Labels of which no judged pixel differs have the answer's outlines: they have moved by
-    0. So have colors with the answer's contrast to the last bit. Registration would say less, because few or
-    straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are registered,
-    for a dim outline may have moved within it. An answer without an outline, such as soft shading, has
-    nothing that could be seen to move, and what moves into the film from outside is wrong pixels.
+    0. So have colors with the answer's contrast to the last bit. Registration would say less,
+       because few or
+    straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are
+    registered, for a dim outline may have moved within it. An answer without an outline, such as
+    soft shading, has nothing that could be seen to move, and what moves into the film from outside
+    is wrong pixels.
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
         colored = by == "color"
-        # In another shading creases beside outlines may be stronger edges: none counts more than another.
+        # In another shading creases beside outlines may be stronger edges: none counts more than
+        # another.
         shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
         expected = contrast(answer, MAX_EDGE_CONTRAST)
         if not colored:
@@ -146,34 +153,39 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
         expected, shown = steps_of(answer.covered), steps_of(covered_by(image))
-    # Contrast of colors is compared with the smallest edge, labels and true outlines with none at all.
+    # Contrast of colors is compared with the smallest edge, labels and true outlines with none at
+    # all.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
     count = sum(int((some > edge).sum()) for some in expected)
-    # Shading differs from the truth's, so that too few outlines to be registered leave nothing to judge by.
+    # Shading differs from the truth's, so that too few outlines to be registered leave nothing to
+    # judge by.
     if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
     same = all(np.array_equal(one, other) for one, other in zip(expected, shown, strict=True))
     if not differs.any() and (same or by not in COLOR_ONLY):
-        return Spread.of(np.zeros(1)), MeasuredBy.OUTLINES
+        return Spread.from_values(np.zeros(1)), MeasuredBy.OUTLINES
     spread = outline_displacement(expected, shown)
     return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.OUTLINES
 
 
 def foreign_cameras(
-    scene: Scene, model: DrawnModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
+    scene: Scene, model: RendererModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
     """Return C and C* of a renderer, which may have drawn anything, and may clip at their films' borders."""
-    # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any ratio.
-    depth, mapping = OFFSET_DEPTH if all(model.camera(side).near for side in (1, -1)) else CENTERED_DEPTH
+    # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any
+    # ratio.
+    depth, mapping = (
+        OFFSET_DEPTH if all(model.camera(side).near for side in (1, -1)) else CENTERED_DEPTH
+    )
     precision, cameras = Precision(device=device, depth=depth, mapping=mapping), []
     for side in (1, -1):
-        pencil = model.pencil(scene, aperture, side)
+        bundle = model.bundle(scene, aperture, side)
         if not model.camera(side).near:
-            end = max(abs(s) for s in pencil.s_range)
+            end = max(abs(s) for s in bundle.s_range)
             begin = NEAR_PLANE_PER_REACH * scene.frustum.longest_reach / model.scene_scale
-            pencil = replace(pencil, s_range=(begin, end) if side > 0 else (-end, -begin))
+            bundle = replace(bundle, s_range=(begin, end) if side > 0 else (-end, -begin))
         shift = model.camera(side).shift
-        cameras.append(RoundingCamera(pencil=pencil, precision=precision, film_shift=shift))
+        cameras.append(RoundingCamera(bundle=bundle, precision=precision, film_shift=shift))
     return tuple(cameras)
 
 
@@ -192,11 +204,12 @@ class Judging:
     compared: Compared = Compared.COLOR
     color_tolerance: float = pictures.COLOR_TOLERANCE
     device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
-    # The curve through which pictures are read, if not the stated one. A level of what they store is a larger
-    # difference than the tolerance where the curve is steep: half of it is lost by each rounding.
+    # The curve through which pictures are read, if not the stated one. A level of what they store
+    # is a larger difference than the tolerance where the curve is steep: half of it is lost by each
+    # rounding.
     transfer: Transfer | None = None
 
-    def tolerance(self, question: DrawnModel, image: HogelImage) -> Singles | float:
+    def tolerance(self, question: RendererModel, image: HogelImage) -> Singles | float:
         """Return the difference of colors, upright, that rounding to levels does not exceed."""
         if self.transfer is None:
             return self.color_tolerance
@@ -229,9 +242,10 @@ class SurfaceFigures:
 class OutlineFigures:
     """Pixels beside outlines of the truth, and those without an edge in the picture.
 
-    They are `missing` where any shading would show the outline (`seen_outlines`), and else `unknown`.
-    `untold` is the largest number of pixels that a missing half or a reversed depth test would make wrong
-    with hardly an outline out of its place: what the outlines of this film cannot tell from the truth.
+    They are `missing` where any shading would show the outline (`seen_outlines`), and else
+    `unknown`. `untold` is the largest number of pixels that a missing half or a reversed depth test
+    would make wrong with hardly an outline out of its place: what the outlines of this film cannot
+    tell from the truth.
     """
 
     shown: int
@@ -259,7 +273,9 @@ class HogelNumbers:
     invalid: int  # shown pixels that name a triangle or an object which the scene does not have
     displacement_px: Spread | None  # None where it cannot be known
     displacement_by: MeasuredBy
-    radiance: ColorFigures | None  # None where the image lacks surfaces or colors, or these are not compared
+    radiance: (
+        ColorFigures | None
+    )  # None where the image lacks surfaces or colors, or these are not compared
     causes: dict[str, int] | None  # wrong pixels by cause; None where that was not asked
     outlines: OutlineFigures | None = None  # None where outlines are not what is compared
 
@@ -301,26 +317,29 @@ class Figures:
         causes = self.cause_masks
         if causes is None:
             return 0
-        return int(self.error.flat[causes.pixels[causes.heading < HEADINGS.index("unexplained")]].sum())
+        return int(
+            self.error.flat[causes.pixels[causes.heading < HEADINGS.index("unexplained")]].sum()
+        )
 
 
 def judge(
     reference: Reference,
-    question: DrawnModel,
+    question: RendererModel,
     image: HogelImage,
     points: Floats,
     judging: Judging | None = None,
     *,
     explained: bool = False,
 ) -> Figures:
-    """Compare an image with what a question asks for; `DrawnModel()` asks for the true crossed frustum.
+    """Compare an image with what a question asks for; `RendererModel()` asks for the true crossed frustum.
 
-    Image and surface points (H, W, 3), those of `shown_points`, are as found; the image's camera is that of
-    the aperture that its file is named after. Causes are found if `explained`, which needs triangle numbers.
+    Image and surface points (H, W, 3), those of `shown_points`, are as found; the image's camera is
+    that of the aperture that its file is named after. Causes are found if `explained`, which needs
+    triangle numbers.
     """
     reference = changed(reference, question.changes)
     judging, scene = judging or Judging(), reference.scene
-    seen = _Compared.of(reference, question, image, points, judging)
+    seen = _Compared.from_image(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
     strange: Mask = (image.triangle < NOTHING) | (image.triangle >= len(scene.faces))
     strange |= (image.object < NOTHING) | (image.object >= len(scene.objects))
@@ -331,10 +350,14 @@ def judge(
         errors = wrong_surfaces(reference, question, answer, upright, placed=placed)
         error = (errors.wrong & shown) | invalid
         wrong, outside = int(error.sum()), int((errors.outside & shown).sum())
-        surface = SurfaceFigures(wrong=wrong, fraction=wrong / count if count else 0.0, outside=outside)
+        surface = SurfaceFigures(
+            wrong=wrong, fraction=wrong / count if count else 0.0, outside=outside
+        )
         if image.color is not None and judging.compared is Compared.COLOR:
             right = pictures.reference_colors(reference, question, answer)
-            differ = pictures.colors_differ(right, upright, judging.color_tolerance) & shown & ~error
+            differ = (
+                pictures.colors_differ(right, upright, judging.color_tolerance) & shown & ~error
+            )
             differ &= answer.triangle == upright.triangle
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
@@ -342,7 +365,7 @@ def judge(
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
         # What most pixels do not say, the others do not say for them.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
-            spread, measured_by = Spread.of(length[known]), MeasuredBy.POINTS
+            spread, measured_by = Spread.from_values(length[known]), MeasuredBy.POINTS
     else:
         spread, measured_by = _moved_outlines(scene, seen)
     causes = seen.causes(scene, question, judging.device) if explained else None
@@ -358,13 +381,14 @@ def judge(
         displacement_by=measured_by,
         radiance=radiance,
         causes=None if causes is None else causes.counts(),
-        outlines=seen.outlines and replace(seen.outlines, untold=_untold(reference, question, seen)),
+        outlines=seen.outlines
+        and replace(seen.outlines, untold=_untold(reference, question, seen)),
     )
     claimed = int((seen.covered & shown).sum())
     return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
 
 
-def _shifts(scene: Scene, question: DrawnModel, seen: _Compared) -> Floats:
+def _shifts(scene: Scene, question: RendererModel, seen: _Compared) -> Floats:
     """Return how far (H, W, 2) the points of an image are drawn from their places, px."""
     position = seen.upright.position.astype(np.float64)
     places = question.project(scene, seen.answer.camera.aperture, position)
@@ -373,7 +397,7 @@ def _shifts(scene: Scene, question: DrawnModel, seen: _Compared) -> Floats:
 
 def wrong_pixels(
     reference: Reference,
-    question: DrawnModel,
+    question: RendererModel,
     image: HogelImage,
     judging: Judging | None = None,
     *,
@@ -381,16 +405,20 @@ def wrong_pixels(
 ) -> tuple[Mask, Mask]:
     """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
 
-    Unless `explained`, rounding is not asked about, and both are the same. Points without numbers are wrong
-    where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
+    Unless `explained`, rounding is not asked about, and both are the same. Points without numbers
+    are wrong where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
     reference = changed(reference, question.changes)
     judging = judging or Judging()
-    seen = _Compared.of(reference, question, image, image.position.astype(np.float64), judging)
+    seen = _Compared.from_image(
+        reference, question, image, image.position.astype(np.float64), judging
+    )
     if seen.by == "coverage":
         errors = wrong_surfaces(reference, question, seen.answer, seen.upright, placed=True)
         moved = lengths(_shifts(reference.scene, question, seen))
-        seen = replace(seen, differs=seen.differs | seen.shown & (errors.wrong | (moved > TOLERANCE_PX)))
+        seen = replace(
+            seen, differs=seen.differs | seen.shown & (errors.wrong | (moved > TOLERANCE_PX))
+        )
     causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
@@ -408,8 +436,13 @@ class _Compared:
     outlines: OutlineFigures | None = None
 
     @classmethod
-    def of(
-        cls, reference: Reference, question: DrawnModel, image: HogelImage, points: Floats, judging: Judging
+    def from_image(
+        cls,
+        reference: Reference,
+        question: RendererModel,
+        image: HogelImage,
+        points: Floats,
+        judging: Judging,
     ) -> _Compared:
         """Turn an image as a question does, and compare it as that of the aperture which it answers for."""
         scene, upright = reference.scene, question.upright
@@ -436,7 +469,9 @@ class _Compared:
             elif image.color is not None:
                 by = "color" if judging.compared is Compared.COLOR else "outlines"
         if by in COLOR_ONLY:
-            answer = pictures.as_stored(pictures.reference_colors(reference, question, answer), image)
+            answer = pictures.as_stored(
+                pictures.reference_colors(reference, question, answer), image
+            )
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
         outlined = None
@@ -446,7 +481,8 @@ class _Compared:
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
                 outlines = true_outlines(scene, answer)
-                # What the answer itself does not show, such as an edge between equal grays, may be absent.
+                # What the answer itself does not show, such as an edge between equal grays, may be
+                # absent.
                 absent = missing_outlines(outlines, contrast(turned)) & shown
                 missing = absent & (strongest_steps(seen_outlines(scene, answer, outlines)) > 0)
                 every = int(((strongest_steps(outlines) > 0) & shown).sum())
@@ -465,24 +501,32 @@ class _Compared:
             outlines=outlined,
         )
 
-    def causes(self, scene: Scene, question: DrawnModel, device: DeviceModel) -> Causes | None:
+    def causes(self, scene: Scene, question: RendererModel, device: DeviceModel) -> Causes | None:
         """Return the causes of the wrong pixels; None where images name no triangles."""
         # Nor through a lens: rounding is known of edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None
         cameras = foreign_cameras(scene, question, self.answer.camera.aperture, device)
-        return find_causes(scene.triangles, cameras, self.answer, self.upright, np.flatnonzero(self.differs))
+        return find_causes(
+            scene.triangles, cameras, self.answer, self.upright, np.flatnonzero(self.differs)
+        )
 
 
 def wrong_surfaces(
-    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage, *, placed: bool
+    reference: Reference,
+    question: RendererModel,
+    answer: HogelImage,
+    image: HogelImage,
+    *,
+    placed: bool,
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
 
-    A point belongs outside the film when its own camera draws it beyond the border. It is hidden when its own
-    camera's line meets something else first, or when it lies behind the plate and the answer has the viewer's
-    half where the point is drawn. A triangle that neither camera draws anywhere shows no point, and is wrong.
-    Points that the image has `placed` itself must lie on a surface, too.
+    A point belongs outside the film when its own camera draws it beyond the border. It is hidden
+    when its own camera's line meets something else first, or when it lies behind the plate and the
+    answer has the viewer's half where the point is drawn. A triangle that neither camera draws
+    anywhere shows no point, and is wrong. Points that the image has `placed` itself must lie on a
+    surface, too.
     """
     scene, plate, aperture = reference.scene, question.plate_height, answer.camera.aperture
     wrong = other_surfaces(answer, image, scene)
@@ -498,13 +542,15 @@ def wrong_surfaces(
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     outside = np.zeros_like(wrong)
     for side, asked in sides:
-        outside |= outside_film(asked, image, scene, unflipped(question.pencil(scene, aperture, side)))
+        outside |= outside_film(
+            asked, image, scene, unflipped(question.bundle(scene, aperture, side))
+        )
     wrong |= outside
     for side, asked in sides if question.plain else ():
 
         def hides(points: SurfacePoints, side: int = side) -> Mask:
-            pencil = unflipped(question.pencil(scene, aperture, side))
-            behind = reference.hidden_from(pencil, points)
+            bundle = unflipped(question.bundle(scene, aperture, side))
+            behind = reference.hidden_from(bundle, points)
             if side != 1:
                 return behind
             # The viewer's half, where the answer shows it, covers what C draws there.
@@ -517,7 +563,7 @@ def wrong_surfaces(
 
         wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
         if placed:
-            lines = unflipped(question.pencil(scene, aperture, side))
+            lines = unflipped(question.bundle(scene, aperture, side))
             hidden = partial(reference.hidden_from, lines)
             wrong |= floating_pixels(asked & ~wrong, answer, image, lines, hidden)
     return SurfaceErrors(wrong=wrong, outside=outside)

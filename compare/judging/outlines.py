@@ -1,9 +1,9 @@
 """Outlines of pictures in any shading: where they run, which are missing, and how far they have moved.
 
-An outline runs between two neighboring pixels, and the place between them is called a step. Displacement
-is measured by registration: the steps of the truth's outlines are moved by every whole number of pixels up
-to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast is looked up at their new places. The
-displacement with the largest mean contrast is the result.
+An outline runs between two neighboring pixels, and the place between them is called a step.
+Displacement is measured by registration: the steps of the truth's outlines are moved by every whole
+number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast is looked
+up at their new places. The displacement with the largest mean contrast is the result.
 """
 
 from __future__ import annotations
@@ -20,38 +20,42 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-# Largest displacement that is searched, along each axis: what has moved farther has no peak among 17 by 17.
+# Largest displacement that is searched, along each axis: what has moved farther has no peak among
+# 17 by 17.
 MAX_DISPLACEMENT_PX = 8
 
-# Smallest number of steps from which a displacement is taken. A peak is an accident where by chance half of
-# the steps fall on edges at a wrong displacement. Where one step of a picture in five is an edge, the
-# binomial distribution expects that at 0.75 of the 289 displacements with 20 steps, and at 0.006 with 40.
+# Smallest number of steps from which a displacement is taken. A peak is an accident where by chance
+# half of the steps fall on edges at a wrong displacement. Where one step of a picture in five is an
+# edge, the binomial distribution expects that at 0.75 of the 289 displacements with 20 steps, and
+# at 0.006 with 40.
 MIN_STEPS = 40
 
-# Largest number of steps that are looked up. The contrast of one step lies between 0 and a cap, so that the
-# mean of 4000 has a standard error of at most 0.5 / sqrt(4000) = 0.8 % of the cap: less than what
-# `EQUAL_PEAK_RATIO` takes for equal anyway. Mean number in a tile, and most tiles along each side.
+# Largest number of steps that are looked up. The contrast of one step lies between 0 and a cap, so
+# that the mean of 4000 has a standard error of at most 0.5 / sqrt(4000) = 0.8 % of the cap: less
+# than what `EQUAL_PEAK_RATIO` takes for equal anyway. Mean number in a tile, and most tiles along
+# each side.
 MAX_STEPS, STEPS_PER_TILE, MAX_TILES_PER_SIDE = 4000, 300, 4
 
-# Smallest ratio of a peak to the median contrast over all displacements. In noise, contrast is as large
-# everywhere: in 60 pictures of independent uniform pixels the ratio was 1.14 at most with `MIN_STEPS` steps
-# (1.16 with half as many), which leaves as much again for noise of other kinds.
+# Smallest ratio of a peak to the median contrast over all displacements. In noise, contrast is as
+# large everywhere: in 60 pictures of independent uniform pixels the ratio was 1.14 at most with
+# `MIN_STEPS` steps (1.16 with half as many), which leaves as much again for noise of other kinds.
 MIN_PEAK_RATIO = 1.3
 
-# Smallest ratio to the peak at which the contrast of another displacement cannot be told from it, as along a
-# straight outline; the smallest of such displacements is taken. Rounding to 8 bits moves the contrast of one
-# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the largest that counts; that of
-# the mean of `MIN_STEPS` is 0.25 %. The largest and the smallest of 17 displacements along an outline then
-# differ by 3.6 standard deviations, 0.9 %, on the average; twice that is allowed.
+# Smallest ratio to the peak at which the contrast of another displacement cannot be told from it,
+# as along a straight outline; the smallest of such displacements is taken. Rounding to 8 bits moves
+# the contrast of one step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of
+# the largest that counts; that of the mean of `MIN_STEPS` is 0.25 %. The largest and the smallest
+# of 17 displacements along an outline then differ by 3.6 standard deviations, 0.9 %, on the
+# average; twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
 
-# Distance from a true outline within which a picture must have an edge, for the outline to be there: the
-# outline runs between two pixels, and rounding puts it on either side of a center.
+# Distance from a true outline within which a picture must have an edge, for the outline to be
+# there: the outline runs between two pixels, and rounding puts it on either side of a center.
 OUTLINE_TOLERANCE_PX = 1
 
-# Smallest difference between two neighboring pixels that is an edge, of the square root of the radiance,
-# which is nearly what a display encodes: 8 bits and dithering move one brightness by at most 2 steps on
-# either side. And the contrast beyond which one edge counts no more than another.
+# Smallest difference between two neighboring pixels that is an edge, of the square root of the
+# radiance, which is nearly what a display encodes: 8 bits and dithering move one brightness by at
+# most 2 steps on either side. And the contrast beyond which one edge counts no more than another.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
 Steps = tuple[Floats, Floats]
@@ -79,7 +83,10 @@ def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
     # The normals of triangles decide whether neighboring points lie on one surface.
     found = contours(replace(answer, normal=_normals(scene, answer)))
     chosen = found.kind != Kind.SEAM
-    first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
+    first, second = (
+        np.minimum(found.front, found.back)[chosen],
+        np.maximum(found.front, found.back)[chosen],
+    )
     across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
     beside = second - first == 1
     across.flat[first[beside]] = 1.0
@@ -102,15 +109,17 @@ def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
 def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
     """Return those outlines of an answer that any sensible shading shows.
 
-    They are seen in its own colors and, inside one object, under a light at the camera. Parallel faces, and
-    those that lean to opposite sides, may have one brightness.
+    They are seen in its own colors and, inside one object, under a light at the camera. Parallel
+    faces, and those that lean to opposite sides, may have one brightness.
     """
     lines = true_lines(answer.camera).directions()
     lines /= np.linalg.norm(lines, axis=2, keepdims=True)
     facing = np.abs(np.einsum("hwi,hwi->hw", _normals(scene, answer), lines))
     lit = steps_of(np.sqrt(np.nan_to_num(facing)))
     across, down = (np.maximum(*pair) for pair in zip(lit, steps_of(answer.object), strict=True))
-    seen = ~missing_outlines(outlines, contrast(answer)) & ~missing_outlines(outlines, (across, down))
+    seen = ~missing_outlines(outlines, contrast(answer)) & ~missing_outlines(
+        outlines, (across, down)
+    )
     return outlines[0] * seen[:, :-1], outlines[1] * seen[:-1]
 
 
@@ -123,8 +132,9 @@ def _normals(scene: Scene, answer: HogelImage) -> Floats:
 def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
     """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
 
-    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree, nearly
-    (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has its own.
+    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree,
+    nearly (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has
+    its own.
     """
     assert picture.color is not None
     bright = np.sqrt(np.clip(np.nan_to_num(picture.color.mean(axis=2)[chosen]), 0.0, 1.0))
@@ -145,8 +155,8 @@ def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen:
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
     """Measure by how much outlines have moved, px, over a picture as a whole and each of its tiles.
 
-    `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no more than
-    another. None is returned where no displacement has clearly the most contrast.
+    `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no
+    more than another. None is returned where no displacement has clearly the most contrast.
     """
     # Row and column (N, 2), axis and weight of the strongest steps.
     rows = [np.argwhere(some > 0) for some in expected]
@@ -163,8 +173,9 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
         found = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
         if found is None or max(map(abs, found)) <= 0.5:
             return found
-        # A tile of dim outlines beside a strong one has more contrast at the strong one, however right the
-        # picture is. So what does not even register with itself, within half a pixel, measures nothing.
+        # A tile of dim outlines beside a strong one has more contrast at the strong one, however
+        # right the picture is. So what does not even register with itself, within half a pixel,
+        # measures nothing.
         own = _peak(*some, expected)
         return found if own is not None and max(map(abs, own)) <= 0.5 else None
 
@@ -177,10 +188,12 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
     for number in range(side * side) if side > 1 else ():
         of_tile = moved(tile[:, 0] * side + tile[:, 1] == number)
         found += [] if of_tile is None else [of_tile]
-    return Spread.of(np.hypot(*np.array(found).T))
+    return Spread.from_values(np.hypot(*np.array(found).T))
 
 
-def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tuple[float, float] | None:
+def _peak(
+    places: Indices, axis: Indices, weights: Floats, shown: Steps
+) -> tuple[float, float] | None:
     """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
     reach = MAX_DISPLACEMENT_PX
     scores = counted = np.zeros((2 * reach + 1, 2 * reach + 1))

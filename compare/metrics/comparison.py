@@ -20,7 +20,7 @@ from xfrustum.scenes.notebook import (
     SCENE_UNITS,
     Figure,
     Labelled,
-    Shown,
+    NotebookRepr,
     aligned,
     as_shown,
     dataset,
@@ -52,8 +52,12 @@ class Share:
 class SurfaceShare(Share):
     """How many of the judged pixels show the wrong surface."""
 
-    outside: int  #: of these, those whose point belongs outside the true film, where no pixel shows it
-    culled: int | None = None  #: those whose true surface culling left out; None where nothing was culled
+    outside: (
+        int  #: of these, those whose point belongs outside the true film, where no pixel shows it
+    )
+    culled: int | None = (
+        None  #: those whose true surface culling left out; None where nothing was culled
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +67,17 @@ class ComparisonNumbers:
     pixels: int
     judged: int  #: pixels whose truth is no tie
     covered: int  #: pixels where the truth shows a surface
-    at_plate: int  #: raster pixels that show a surface in the plate, where displacement is undefined
+    at_plate: (
+        int  #: raster pixels that show a surface in the plate, where displacement is undefined
+    )
     surface: SurfaceShare | None  #: None where the scene was not at hand
     triangle: Share | None  #: None where the raster image names no triangles
-    displacement_px: error_maps.Spread | None  #: None where the raster shows no surface off the plate
-    height: error_maps.HeightError | None  #: None where no pixel shows the same triangle in both images
+    displacement_px: (
+        error_maps.Spread | None
+    )  #: None where the raster shows no surface off the plate
+    height: (
+        error_maps.HeightError | None
+    )  #: None where no pixel shows the same triangle in both images
     radiance: RadianceNumbers | None  #: None where colors were not compared, or an image has none
     certainty: dict[str, int]  #: the truth's pixels by class
 
@@ -118,7 +128,7 @@ class ComparisonNumbers:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Comparison(Shown, ComparisonNumbers):
+class Comparison(NotebookRepr, ComparisonNumbers):
     """How a raster image differs from the truth: in numbers, and pixel by pixel."""
 
     errors: error_maps.PixelErrors
@@ -142,7 +152,9 @@ class Comparison(Shown, ComparisonNumbers):
     @property
     def numbers(self) -> ComparisonNumbers:
         """The numbers alone, without the images."""
-        return ComparisonNumbers(**{one.name: getattr(self, one.name) for one in fields(ComparisonNumbers)})
+        return ComparisonNumbers(
+            **{one.name: getattr(self, one.name) for one in fields(ComparisonNumbers)}
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `compare --json` prints them."""
@@ -184,7 +196,9 @@ class Comparison(Shown, ComparisonNumbers):
             as_shown(image.color, image.covered, image.height)
             for image in (self.errors.truth, self.errors.raster)
         )
-        errors = marked(picture, self.maps.surface, error_maps.lengths(self.maps.displacement) / MOVED_PX)
+        errors = marked(
+            picture, self.maps.surface, error_maps.lengths(self.maps.displacement) / MOVED_PX
+        )
         caption = f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)"
         pictures = (caption, errors), ("truth", truth), ("image", picture)
         return [Figure(caption=name, content=png(content)) for name, content in pictures]
@@ -197,7 +211,7 @@ def compare_images(
     *,
     radiance: bool = True,
     perceptual: bool = False,
-    beside: error_maps.PixelErrors | None = None,
+    cached_errors: error_maps.PixelErrors | None = None,
 ) -> Comparison:
     """Judge a raster image of an aperture by the truth.
 
@@ -212,7 +226,8 @@ def compare_images(
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
     beside
-        Errors by the same truth of an image of the same cameras, which saves time where both show the same.
+        Errors by the same truth of an image of the same cameras, which saves time where both show
+        the same.
 
     Raises
     ------
@@ -221,7 +236,7 @@ def compare_images(
     """
     _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    errors = error_maps.pixel_errors(truth, raster, reference, beside)
+    errors = error_maps.pixel_errors(truth, raster, reference, cached_errors)
     judged = int(np.count_nonzero(errors.judged))
 
     def share(wrong: Mask) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Errors of each pixel: displacement, surface, triangle and height (docs/method.md, "What is compared").
 
-A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
-that of another object (`other_surfaces`); or the point that it shows belongs outside the film
-(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film and the lines are
-here those of the true frustum, in `xfrustum.compare.judging.judged` those of a renderer's own cameras.
+A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there
+is one, or that of another object (`other_surfaces`); or the point that it shows belongs outside the
+film (`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film and
+the lines are here those of the true frustum, in `xfrustum.compare.judging.judged` those of a
+renderer's own cameras.
 """
 
 from __future__ import annotations
@@ -18,20 +19,32 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.positions import POSITION_TOLERANCE, largest_tolerance, position_tolerance
+from xfrustum.compare.rounding.positions import (
+    POSITION_TOLERANCE,
+    largest_tolerance,
+    position_tolerance,
+)
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.lines.lines import Pencil, places_off_center
+from xfrustum.reference.lines.lines import RayBundle, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, SurfaceImage
+from xfrustum.scenes.model.hogel_image import (
+    NOTHING,
+    Certainty,
+    HogelCamera,
+    HogelImage,
+    SurfaceImage,
+)
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import Cull
 
 Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
 FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
 """Share of its depth by which a point may float in front of every surface, and how many times it may float by
 what storage coarser than float32 changes, which moves points off slanted surfaces along their lines."""
-SNAPPED_PX = 0.25  #: pixels by which an edge may be drawn beside its place; 4 subpixel bits snap by 0.05
+SNAPPED_PX = (
+    0.25  #: pixels by which an edge may be drawn beside its place; 4 subpixel bits snap by 0.05
+)
 Places = tuple[Floats, Floats]
 """Columns and rows (N,) of points on a film, where a pixel's center has whole numbers and rows count down."""
 
@@ -47,7 +60,7 @@ class Spread:
     max: float
 
     @classmethod
-    def of(cls, values: Floats) -> Spread | None:
+    def from_values(cls, values: Floats) -> Spread | None:
         """Return the spread of values of any shape, None where there are no values."""
         if values.size == 0:
             return None
@@ -68,15 +81,20 @@ def root_mean_square(values: Floats) -> float:
     """Return the root mean square of values of any shape, of which there is at least one."""
     largest = float(np.abs(values).max())
     # Values are scaled first: near the plate the squares of displacements may overflow.
-    return largest * float(np.sqrt(np.mean(np.square(values / largest)))) if 0 < largest < np.inf else largest
+    return (
+        largest * float(np.sqrt(np.mean(np.square(values / largest))))
+        if 0 < largest < np.inf
+        else largest
+    )
 
 
-# Points and their places ---------------------------------------------------------------------------------
+# Points and their places
+# ---------------------------------------------------------------------------------
 
 
-def true_lines(camera: HogelCamera) -> Pencil:
+def true_lines(camera: HogelCamera) -> RayBundle:
     """Return the lines of the true frustum of the aperture that an image's camera names."""
-    return Pencil(
+    return RayBundle(
         center=(camera.aperture.x, camera.aperture.y, 0.0),
         shear=camera.shear,
         half_extent=camera.half_extent,
@@ -110,10 +128,12 @@ class DrawnPoints:
     pixels: Indices  #: (N,) flat numbers
     coordinates: Floats  #: (3, N) scene units
     triangle: Numbers  #: (N,) as the image has them
-    doubt: Floats | None = None  #: (N, 3) how exactly the image's storage holds coordinates; None as float32
+    doubt: Floats | None = (
+        None  #: (N, 3) how exactly the image's storage holds coordinates; None as float32
+    )
 
     @classmethod
-    def of(cls, image: SurfaceImage, pixels: Indices) -> DrawnPoints:
+    def from_image(cls, image: SurfaceImage, pixels: Indices) -> DrawnPoints:
         """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
         axes = [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)]
         triangle = image.triangle.reshape(-1)[pixels]
@@ -128,10 +148,10 @@ class DrawnPoints:
         pixels = self.pixels.take(some)
         return DrawnPoints(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
-    def places(self, pencil: Pencil) -> Places:
+    def places(self, bundle: RayBundle) -> Places:
         """Return where a pencil's film shows each point; see `pixel_places`."""
         x, y, z = self.coordinates
-        return places_off_center(x, y, z, pencil)
+        return places_off_center(x, y, z, bundle)
 
     def surface_points(self, scene: Scene) -> SurfacePoints:
         """Return the points with how exactly they are known."""
@@ -150,9 +170,12 @@ def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
 
 def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
     """Return the displacement of all pixels, (2, H W), NaN where no surface off the plate is shown."""
-    # Whole arrays: to pick the pixels that show something would take longer than to compute all of them.
+    # Whole arrays: to pick the pixels that show something would take longer than to compute all of
+    # them.
     x, y, z = (np.asarray(raster.position[..., axis], dtype=np.float64) for axis in range(3))
-    columns, rows = places_off_center(x, y, np.where(raster.off_plate, z, np.nan), true_lines(camera))
+    columns, rows = places_off_center(
+        x, y, np.where(raster.off_plate, z, np.nan), true_lines(camera)
+    )
     columns -= np.arange(columns.shape[1])
     rows -= np.arange(rows.shape[0])[:, None]
     return np.stack((columns, rows)).reshape(2, -1)
@@ -177,11 +200,14 @@ def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
         pixels_per_slope = camera.resolution[axis] / (2 * camera.half_extent[axis])
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = np.abs(image.position[..., axis] - center) / height
-            moved[..., axis] = pixels_per_slope * (doubt[..., axis] + doubt[..., 2] * slope) / height
+            moved[..., axis] = (
+                pixels_per_slope * (doubt[..., axis] + doubt[..., 2] * slope) / height
+            )
     return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - moved, 0.0))
 
 
-# Wrong surfaces ------------------------------------------------------------------------------------------
+# Wrong surfaces
+# ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,24 +226,26 @@ def surface_errors(
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
-    A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
-    where the point that it shows belongs outside the true film, and where something else is in front of that
-    point on its own true line. The true frustum sees a point in the plate only in the aperture's center. The
-    film ends half a pixel beyond the outermost pixels' centers, so that a picture displaced by less shows
-    nothing from outside.
+    A pixel is wrong where only one of truth and raster shows a surface, where they show different
+    objects, where the point that it shows belongs outside the true film, and where something else
+    is in front of that point on its own true line. The true frustum sees a point in the plate only
+    in the aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so
+    that a picture displaced by less shows nothing from outside.
 
-    `located` are the raster's points off the plate and their places on the true film, where they are known.
+    `located` are the raster's points off the plate and their places on the true film, where they
+    are known.
     """
-    scene, pencil = reference.scene, true_lines(truth.camera)
+    scene, bundle = reference.scene, true_lines(truth.camera)
     if located is None:
-        points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
-        located = points, points.places(pencil)
+        points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
+        located = points, points.places(bundle)
     points, places = located
-    # Row by row in memory, whatever the order of the images' arrays is: pixels are marked by flat numbers.
+    # Row by row in memory, whatever the order of the images' arrays is: pixels are marked by flat
+    # numbers.
     wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
     wrong |= in_plate(raster) & ~in_plate(truth)
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
-    beyond = _beyond_film(points, places, pencil, scene) & ~seen
+    beyond = _beyond_film(points, places, bundle, scene) & ~seen
     outside = np.zeros_like(wrong)
     outside.reshape(-1)[points.pixels[beyond]] = True
     wrong |= outside
@@ -261,33 +289,37 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
     same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
     # With a larger near hardly a point is left after its height alone.
     height = truth.height.reshape(-1)[points.pixels]
-    some = np.flatnonzero(same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene)))
+    some = np.flatnonzero(
+        same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene))
+    )
     drawn = points.at(some)
-    apart = drawn.coordinates - DrawnPoints.of(truth, drawn.pixels).coordinates
+    apart = drawn.coordinates - DrawnPoints.from_image(truth, drawn.pixels).coordinates
     tolerance = POSITION_TOLERANCE * scene.largest_coordinates[drawn.triangle]
     found[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
     return found
 
 
-def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Scene) -> Mask:
+def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: Scene) -> Mask:
     """Return which points (N,) at some places belong outside a pencil's film, however they were rounded.
 
-    A point known to within a tolerance is known on the film to within that over w t, with w its depth from
-    the center of the lines: |z| for the true frustum.
+    A point known to within a tolerance is known on the film to within that over w t, with w its
+    depth from the center of the lines: |z| for the true frustum.
     """
-    tolerance = points.surface_points(scene).tolerance / np.abs(points.coordinates[2] - pencil.center[2])
+    tolerance = points.surface_points(scene).tolerance / np.abs(
+        points.coordinates[2] - bundle.center[2]
+    )
     outside = np.zeros(len(tolerance), dtype=np.bool_)
-    for place, side, half in zip(places, pencil.resolution, pencil.half_extent, strict=True):
+    for place, side, half in zip(places, bundle.resolution, bundle.half_extent, strict=True):
         off = tolerance * side / (2 * half)
         outside |= (place < -0.5 - off) | (place > side - 0.5 + off)
     return outside
 
 
-def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
+def outside_film(asked: Mask, shown: HogelImage, scene: Scene, bundle: RayBundle) -> Mask:
     """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil."""
-    points = DrawnPoints.of(shown, np.flatnonzero(asked))
+    points = DrawnPoints.from_image(shown, np.flatnonzero(asked))
     found = np.zeros_like(asked)
-    found.flat[points.pixels] = _beyond_film(points, points.places(pencil), pencil, scene)
+    found.flat[points.pixels] = _beyond_film(points, points.places(bundle), bundle, scene)
     return found
 
 
@@ -295,22 +327,26 @@ def hidden_pixels(asked: Mask, shown: SurfaceImage, scene: Scene, hides: Occlude
     """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point."""
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)
-    found.flat[pixels] = hides(DrawnPoints.of(shown, pixels).surface_points(scene))
+    found.flat[pixels] = hides(DrawnPoints.from_image(shown, pixels).surface_points(scene))
     return found
 
 
 def floating_pixels(
-    asked: Mask, answer: HogelImage, shown: HogelImage, lines: Pencil, hides: Occluded
+    asked: Mask, answer: HogelImage, shown: HogelImage, lines: RayBundle, hides: Occluded
 ) -> Mask:
     """Return which of the asked pixels (H, W) show a point with no surface at it or close behind it.
 
-    Positions in other units may lie on the right lines, in front of everything. A point is moved away along
-    its line by `FLOATING_SHARE` of its depth: where nothing hides it there, nor `SNAPPED_PX` beside it, as
-    rasterizers snap edges, it was on no surface. Points that close to the answer's are on one.
+    Positions in other units may lie on the right lines, in front of everything. A point is moved
+    away along its line by `FLOATING_SHARE` of its depth: where nothing hides it there, nor
+    `SNAPPED_PX` beside it, as rasterizers snap edges, it was on no surface. Points that close to
+    the answer's are on one.
     """
     found = np.zeros_like(asked)
-    points = DrawnPoints.of(shown, np.flatnonzero(asked))
-    position, true = points.coordinates.T, DrawnPoints.of(answer, points.pixels).coordinates.T
+    points = DrawnPoints.from_image(shown, np.flatnonzero(asked))
+    position, true = (
+        points.coordinates.T,
+        DrawnPoints.from_image(answer, points.pixels).coordinates.T,
+    )
     offset = position - lines.center
     share = np.full(len(offset), FLOATING_SHARE)
     if points.doubt is not None:
@@ -327,7 +363,9 @@ def floating_pixels(
             aside = (*np.multiply((across, up), pixels), 0.0)
             there = moved[far] + np.abs(moved[far, 2:]) * aside + lines.center
             nameless = np.full(len(far), NOTHING, dtype=np.int32)
-            points_there = SurfacePoints(position=there, triangle=nameless, tolerance=np.zeros(len(far)))
+            points_there = SurfacePoints(
+                position=there, triangle=nameless, tolerance=np.zeros(len(far))
+            )
             far = far[~hides(points_there)]
     found.flat[points.pixels[far]] = True
     return found
@@ -349,24 +387,29 @@ def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
     return turned_away(truth)
 
 
-# All errors ----------------------------------------------------------------------------------------------
+# All errors
+# ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ErrorMaps(Brief):
+class ErrorMaps(ShortRepr):
     """Each error as an image; errors are raster minus truth."""
 
     judged: Mask  #: (H, W) pixels whose truth is no tie
-    surface: Mask | None  #: pixels that show the wrong surface; None where the scene was not at hand
+    surface: (
+        Mask | None
+    )  #: pixels that show the wrong surface; None where the scene was not at hand
     outside: Mask | None  #: of these, the ones whose point belongs outside the true film
     triangle: Mask  #: pixels that show another triangle number
     displacement: Floats  #: (H, W, 2) columns and rows in pixels, NaN where undefined
     height: Floats  #: (H, W), NaN where they do not show the same triangle
-    radiance: Floats | None  #: (H, W, 3), NaN where it is not judged; None where it was not compared
+    radiance: (
+        Floats | None
+    )  #: (H, W, 3), NaN where it is not judged; None where it was not compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PixelErrors(Brief):
+class PixelErrors(ShortRepr):
     """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
     Masks are those of `ErrorMaps`.
@@ -389,7 +432,9 @@ class PixelErrors(Brief):
     @cached_property
     def moved(self) -> Floats:
         """Lengths (H, W) of the displacement in pixels, NaN where it is undefined."""
-        return np.asarray(np.hypot(*film_shifts(self.raster, self.truth.camera)).reshape(self.judged.shape))
+        return np.asarray(
+            np.hypot(*film_shifts(self.raster, self.truth.camera)).reshape(self.judged.shape)
+        )
 
     @cached_property
     def height(self) -> Floats:
@@ -412,13 +457,16 @@ class PixelErrors(Brief):
 
 
 def pixel_errors(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, beside: PixelErrors | None = None
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference | None,
+    cached_errors: PixelErrors | None = None,
 ) -> PixelErrors:
     """Return the errors of an image; pixels that show the same as one `beside` it are not judged again."""
-    if beside is not None:
-        return _errors_beside(truth, raster, reference, beside)
+    if cached_errors is not None:
+        return _errors_beside(truth, raster, reference, cached_errors)
     judged = judged_pixels(truth)
-    points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
+    points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
     places = points.places(true_lines(truth.camera))
     # Without the scene at hand nobody knows what occludes a point.
     errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
@@ -429,36 +477,42 @@ def pixel_errors(
         surface=errors.wrong & judged if errors else None,
         outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & names_triangles(raster),
-        spread=Spread.of(np.hypot(*_shifts(places, points.pixels, truth.camera))),
+        spread=Spread.from_values(np.hypot(*_shifts(places, points.pixels, truth.camera))),
         height_error=_height_error(_rise(truth, raster, judged)[1]),
     )
 
 
 def _errors_beside(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, beside: PixelErrors
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, cached_errors: PixelErrors
 ) -> PixelErrors:
     """Return the errors of an image, judged again only where it differs from one that was judged."""
-    pixels = differing_pixels(beside.raster, raster)
+    pixels = differing_pixels(cached_errors.raster, raster)
     if not pixels.size:
-        found = replace(beside, raster=raster)
-        vars(found).update(moved=beside.moved, height=beside.height)
+        found = replace(cached_errors, raster=raster)
+        vars(found).update(moved=cached_errors.moved, height=cached_errors.height)
         return found
-    before, after, judged = truth.at(pixels), raster.at(pixels), beside.judged.reshape(-1)[pixels][None]
-    points = DrawnPoints.of(after, np.flatnonzero(after.off_plate))
+    before, after, judged = (
+        truth.at(pixels),
+        raster.at(pixels),
+        cached_errors.judged.reshape(-1)[pixels][None],
+    )
+    points = DrawnPoints.from_image(after, np.flatnonzero(after.off_plate))
     places, shown = points.places(true_lines(truth.camera)), pixels[points.pixels]
     errors = surface_errors(before, after, reference, (points, places)) if reference else None
-    moved = _with(beside.moved, pixels, np.nan)
+    moved = _with(cached_errors.moved, pixels, np.nan)
     moved.reshape(-1)[shown] = np.hypot(*_shifts(places, shown, truth.camera))
-    height = _with(beside.height, pixels, np.nan)
+    height = _with(cached_errors.height, pixels, np.nan)
     same, rise = _rise(before, after, judged)
     height.reshape(-1)[pixels[same]] = rise
     found = replace(
-        beside,
+        cached_errors,
         raster=raster,
-        surface=_with(beside.surface, pixels, errors.wrong & judged) if errors else None,
-        outside=_with(beside.outside, pixels, errors.outside & judged) if errors else None,
-        triangle=_with(beside.triangle, pixels, (before.triangle != after.triangle) & judged),
-        spread=Spread.of(moved[raster.off_plate]),
+        surface=_with(cached_errors.surface, pixels, errors.wrong & judged) if errors else None,
+        outside=_with(cached_errors.outside, pixels, errors.outside & judged) if errors else None,
+        triangle=_with(
+            cached_errors.triangle, pixels, (before.triangle != after.triangle) & judged
+        ),
+        spread=Spread.from_values(moved[raster.off_plate]),
         height_error=_height_error(height[~np.isnan(height)]),
     )
     # The maps are there already.
@@ -510,10 +564,13 @@ def judged_pixels(truth: HogelImage) -> Mask:
     return np.not_equal(truth.certainty, Certainty.TIE)
 
 
-# Pairs of pictures ---------------------------------------------------------------------------------------
+# Pairs of pictures
+# ---------------------------------------------------------------------------------------
 
 
-CONFIDENCE = 0.95  #: probability that no picture among those compared is called worse than another by chance
+CONFIDENCE = (
+    0.95  #: probability that no picture among those compared is called worse than another by chance
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -524,9 +581,11 @@ class PixelSet:
     packed: bytes = field(repr=False)
 
     @classmethod
-    def of(cls, mask: Mask) -> PixelSet:
+    def from_mask(cls, mask: Mask) -> PixelSet:
         """Return the pixels where a mask is set."""
-        return cls(count=int(mask.sum()), packed=zlib.compress(np.packbits(mask).tobytes(), level=1))
+        return cls(
+            count=int(mask.sum()), packed=zlib.compress(np.packbits(mask).tobytes(), level=1)
+        )
 
     def shared_with(self, other: PixelSet) -> int:
         """Return how many pixels are in both sets, of one film."""
@@ -537,11 +596,11 @@ class PixelSet:
 def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """Return whether more pixels are wrong in one picture than in another, beyond chance.
 
-    This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, say nothing; if
-    neither picture were worse, each other pixel would be wrong in the one or the other with equal chances.
-    Pixels along one contour change together, so that the test sees differences too soon: callers ask for a
-    smallest difference besides. `CONFIDENCE` holds for all `comparisons` with the other picture together
-    (Bonferroni).
+    This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, say
+    nothing; if neither picture were worse, each other pixel would be wrong in the one or the other
+    with equal chances. Pixels along one contour change together, so that the test sees differences
+    too soon: callers ask for a smallest difference besides. `CONFIDENCE` holds for all
+    `comparisons` with the other picture together (Bonferroni).
     """
     if only_here <= only_there:
         return False

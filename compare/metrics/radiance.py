@@ -1,12 +1,14 @@
 """Radiance error: how far colors are off in linear RGB, raster minus truth, and how different pictures look.
 
-See docs/method.md, "What is compared". FLIP and SSIM judge pictures as they are shown, clipped and in sRGB
-(`display.encoded`): FLIP in its mode for such pictures (LDR), SSIM with the window of its inventors.
+See docs/method.md, "What is compared". FLIP and SSIM judge pictures as they are shown, clipped and
+in sRGB (`display.encoded`): FLIP in its mode for such pictures (LDR), SSIM with the window of its
+inventors.
 
-A reference that samples light paths knows its mean and the variance of that mean. Where a picture is the
-mean's expectation, (mean - picture) / standard error follows Student's t with one degree of freedom less than
-there are samples; Sidak's correction accounts for the number of pixels. What a rasterizer leaves out, shadows
-and interreflection, is the difference of two such truths, each with its own noise.
+A reference that samples light paths knows its mean and the variance of that mean. Where a picture
+is the mean's expectation, (mean - picture) / standard error follows Student's t with one degree of
+freedom less than there are samples; Sidak's correction accounts for the number of pixels. What a
+rasterizer leaves out, shadows and interreflection, is the difference of two such truths, each with
+its own noise.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.plate import Aperture
 
 ALPHA = 0.01  #: chance that a test of a whole picture fails although nothing is wrong
@@ -52,9 +54,10 @@ Done = Callable[[], object]  #: function that is called when a part of the work 
 class NoiseNumbers:
     """Numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
-    A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is the chance
-    that some pixel lies as far out as the farthest does, if the picture is what the reference converges to:
-    exact for independent tests, an upper bound where they depend on each other, as channels of a pixel do.
+    A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is
+    the chance that some pixel lies as far out as the farthest does, if the picture is what the
+    reference converges to: exact for independent tests, an upper bound where they depend on each
+    other, as channels of a pixel do.
     """
 
     agrees: bool
@@ -77,14 +80,17 @@ class NoiseTest:
 
 
 def compare_with_noise(
-    picture: NDArray[np.floating], estimate: RadianceEstimate, judged: Mask, rounding: Floats | float = 0.0
+    picture: NDArray[np.floating],
+    estimate: RadianceEstimate,
+    judged: Mask,
+    rounding: Floats | float = 0.0,
 ) -> NoiseTest:
     """Test whether a picture (H, W, 3) of linear RGB without noise is what a noisy reference converges to.
 
-    `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less than
-    1 - (level of one test)^(1 / samples): chance may miss it, and then neither mean nor variance knows of it.
-    `rounding` is the radiance by which picture and mean may differ for other reasons than noise, such as
-    rounding to float32. It alone decides where samples do not vary.
+    `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less
+    than 1 - (level of one test)^(1 / samples): chance may miss it, and then neither mean nor
+    variance knows of it. `rounding` is the radiance by which picture and mean may differ for other
+    reasons than noise, such as rounding to float32. It alone decides where samples do not vary.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
@@ -132,7 +138,9 @@ class LeftOutNumbers:
     darker: int  #: of these, on the mean of their channels
     brighter: int
     mean: float  #: change of radiance over pixels and channels
-    mean_of_image: float | None  #: over the mean radiance of the image without them; None where that is 0
+    mean_of_image: (
+        float | None
+    )  #: over the mean radiance of the image without them; None where that is 0
     rms: float  #: of the change, from which the noise is taken off
     rms_noise: float
     alpha: float  #: level of the test that tells pixels from noise, for the whole picture
@@ -143,12 +151,19 @@ class LeftOut:
     """What shadows and interreflection do to an image."""
 
     numbers: LeftOutNumbers
-    difference: RadianceEstimate  #: the truth with them minus the truth without; samples are those of one
+    difference: (
+        RadianceEstimate  #: the truth with them minus the truth without; samples are those of one
+    )
     without: Floats  #: the truth without them, (H, W, 3)
 
 
 def transported(
-    scene: Scene, aperture: Aperture, transport: Transport, *, seed: int = 0, done: Done = lambda: None
+    scene: Scene,
+    aperture: Aperture,
+    transport: Transport,
+    *,
+    seed: int = 0,
+    done: Done = lambda: None,
 ) -> RadianceEstimate:
     """Return the color of an aperture by light paths; `done` is called after each sub-aperture."""
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
@@ -202,25 +217,35 @@ class PerceptualDifference:
     """How different two pictures look."""
 
     flip: float  #: mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
-    ssim: float | None  #: mean over picture and channels, 1 for equal; None if smaller than its window
+    ssim: (
+        float | None
+    )  #: mean over picture and channels, 1 for equal; None if smaller than its window
     flip_map: Singles  #: (H, W) float32
 
 
 def perceptual_difference(
-    truth: NDArray[np.floating], raster: NDArray[np.floating], pixels_per_degree: float = PIXELS_PER_DEGREE
+    truth: NDArray[np.floating],
+    raster: NDArray[np.floating],
+    pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> PerceptualDifference:
     """Return how different two pictures (H, W, 3) of linear RGB look."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
     flip_map, _, _ = flip_evaluator.evaluate(
-        *shown, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": pixels_per_degree}
+        *shown,
+        "LDR",
+        applyMagma=False,
+        computeMeanError=False,
+        parameters={"ppd": pixels_per_degree},
     )
     flip_map = np.asarray(flip_map, dtype=np.float32)[..., 0]
     ssim = None
     if min(flip_map.shape) >= SSIM_WINDOW_PX:
         window = {"gaussian_weights": True, "sigma": SSIM_SIGMA_PX, "use_sample_covariance": False}
         ssim = float(structural_similarity(*shown, data_range=1.0, channel_axis=-1, **window))
-    return PerceptualDifference(flip=float(flip_map.mean(dtype=np.float64)), ssim=ssim, flip_map=flip_map)
+    return PerceptualDifference(
+        flip=float(flip_map.mean(dtype=np.float64)), ssim=ssim, flip_map=flip_map
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,8 +262,9 @@ class ChannelSpread:
 class RadianceSpread:
     """How the radiance error is distributed over some pixels.
 
-    Root mean square and mean are over the pixels' channels; the mean is signed, positive where the raster is
-    brighter. 99th percentile and maximum are over the pixels; the channel that is farthest off counts.
+    Root mean square and mean are over the pixels' channels; the mean is signed, positive where the
+    raster is brighter. 99th percentile and maximum are over the pixels; the channel that is
+    farthest off counts.
     """
 
     pixels: int
@@ -250,7 +276,7 @@ class RadianceSpread:
     channels: ChannelSpread
 
     @staticmethod
-    def of(error: Floats) -> RadianceSpread | None:
+    def from_errors(error: Floats) -> RadianceSpread | None:
         """Return the spread of signed errors, (3, N) for each channel; None where there are none."""
         if error.size == 0:
             return None
@@ -281,15 +307,19 @@ class RadianceSpread:
 class RadianceNumbers(RadianceSpread):
     """The radiance error over all judged pixels with colors, as `compare --json` prints it."""
 
-    away_from_edges: RadianceSpread | None  #: over those pixels that the function of that name returns
+    away_from_edges: (
+        RadianceSpread | None
+    )  #: over those pixels that the function of that name returns
     flip: float | None  #: None unless asked for, like the next two
     ssim: float | None
     pixels_per_degree: float | None
-    noise: NoiseNumbers | None  #: whether pixels differ by more than `STEP` and the noise of light paths
+    noise: (
+        NoiseNumbers | None
+    )  #: whether pixels differ by more than `STEP` and the noise of light paths
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RadianceError(Brief):
+class RadianceError(ShortRepr):
     """How far the colors of a raster image are from the truth's, in numbers and at judged pixels (H, W)."""
 
     numbers: RadianceNumbers
@@ -314,10 +344,13 @@ def compare_radiance(
         return None
     # A plane for each channel: along rows of three numbers, NumPy takes several times as long.
     planes = np.stack(
-        [np.subtract(raster.color[..., c], truth.color[..., c], dtype=np.float64).ravel() for c in range(3)]
+        [
+            np.subtract(raster.color[..., c], truth.color[..., c], dtype=np.float64).ravel()
+            for c in range(3)
+        ]
     )
     judged = judged_pixels(truth) & np.isfinite(planes).all(axis=0).reshape(truth.triangle.shape)
-    spread = RadianceSpread.of(planes if judged.all() else planes[:, judged.ravel()])
+    spread = RadianceSpread.from_errors(planes if judged.all() else planes[:, judged.ravel()])
     if spread is None:
         return None
     inside = np.flatnonzero(judged & away_from_edges(truth, raster))
@@ -329,7 +362,7 @@ def compare_radiance(
         noise = compare_with_noise(raster.color, estimate, judged, STEP).numbers
     numbers = RadianceNumbers(
         **vars(spread),
-        away_from_edges=RadianceSpread.of(planes.take(inside, axis=1)),
+        away_from_edges=RadianceSpread.from_errors(planes.take(inside, axis=1)),
         flip=looks.flip if looks else None,
         ssim=looks.ssim if looks else None,
         pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
@@ -340,4 +373,6 @@ def compare_radiance(
 
 def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
     """Return the pixels (H, W) that both images say show the same triangle, shaded continuously."""
-    return np.asarray((truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING))
+    return np.asarray(
+        (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from xfrustum.compare.planning import search
 from xfrustum.compare.planning.plan import SUSPECTED_EXCESS
 from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
-from xfrustum.compare.scout import Look, Scout
+from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.notebook import digits
@@ -34,8 +34,11 @@ class BufferLimit:
 
     depth: DepthFormat
     mapping: DepthMapping
-    smallest_near: float | None  #: scene units, three digits; None where no near up to the reach is enough
-    #: what that near does at the worst aperture that was looked through, but those in which a surface lies
+    smallest_near: (
+        float | None
+    )  #: scene units, three digits; None where no near up to the reach is enough
+    #: what that near does at the worst aperture that was looked through, but those in which a
+    #: surface lies
     displacement_p99_px: float | None
     any_near: bool = False  #: whether it is the smallest near of all
 
@@ -51,20 +54,22 @@ class BufferLimit:
 
 def buffer_limits(
     views: Views,
-    scouted: Scout,
+    scouted: PlateScan,
     requirement: Requirement,
     buffers: Sequence[search.DepthBuffer] = COMPARED_BUFFERS,
 ) -> tuple[BufferLimit, ...]:
     """Return the smallest near with which each depth buffer keeps what a requirement asks of depth.
 
-    Sheets at the farthest visible surface are in order, and few pixels are wrong by depth, at all of the
-    views; both improve as near grows.
+    Sheets at the farthest visible surface are in order, and few pixels are wrong by depth, at all
+    of the views; both improve as near grows.
     """
     frustum = scouted.scene.frustum
     (low, high), found = search.indices_of(frustum), []
     for depth, mapping in buffers:
 
-        def enough(near: float, depth: DepthFormat = depth, mapping: DepthMapping = mapping) -> bool:
+        def enough(
+            near: float, depth: DepthFormat = depth, mapping: DepthMapping = mapping
+        ) -> bool:
             settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
             apart, allowed = views.separation(settings), requirement.separation_in(frustum)
             ordered = apart * search.SEPARATION_MARGIN <= allowed
@@ -85,15 +90,15 @@ def buffer_limits(
     return tuple(found)
 
 
-def hogel_limits(scouted: Scout, tolerance_px: float) -> Floats:
+def hogel_limits(scouted: PlateScan, tolerance_px: float) -> Floats:
     """Return (A,) the largest near that each aperture of a scout allows by closed form, scene units.
 
-    It keeps 99 % of what the aperture sees within the tolerance: 0 where a surface lies in the aperture or so
-    close to it that no near does, and NaN where nothing is seen.
+    It keeps 99 % of what the aperture sees within the tolerance: 0 where a surface lies in the
+    aperture or so close to it that no near does, and NaN where nothing is seen.
     """
     scene = scouted.scene
 
-    def largest(look: Look) -> float:
+    def largest(look: CoarseView) -> float:
         if not math.isfinite(look.nearest):
             return math.nan
         return _largest_near(
@@ -108,15 +113,19 @@ def _largest_near(
 ) -> float:
     """Return the largest near that displaces no more than a tolerance; 0 where none does."""
     low, high = search.indices_of(frustum)
-    index = search.largest_index(low, high, lambda near: displaced(DoubleFrustum(near=near)) <= tolerance_px)
+    index = search.largest_index(
+        low, high, lambda near: displaced(DoubleFrustum(near=near)) <= tolerance_px
+    )
     return 0.0 if index is None else search.round_number(index)
 
 
-def traced_limits(reference: Reference, scouted: Scout, limits: Floats, tolerance_px: float) -> Floats:
+def traced_limits(
+    reference: Reference, scouted: PlateScan, limits: Floats, tolerance_px: float
+) -> Floats:
     """Return the limits of `hogel_limits` with the smallest ones taken from films in full.
 
-    Six lines of a coarse film are one in a hundred, and tell a percentile to a factor of two: apertures up to
-    that factor above the smallest limit are traced, `MAX_TRACED` at most.
+    Six lines of a coarse film are one in a hundred, and tell a percentile to a factor of two:
+    apertures up to that factor above the smallest limit are traced, `MAX_TRACED` at most.
     """
     found, frustum, smallest = limits.copy(), scouted.scene.frustum, math.inf
     possible = [number for number in np.argsort(limits, kind="stable") if limits[number] > 0]

@@ -1,7 +1,8 @@
 """Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces.
 
-Sheets: a camera's film is tiled with cells, and each cell belongs to one pair of sheets. Each pair has cells
-all over the film, and no cell occludes another, so that all pairs of a camera are seen in one picture.
+Sheets: a camera's film is tiled with cells, and each cell belongs to one pair of sheets. Each pair
+has cells all over the film, and no cell occludes another, so that all pairs of a camera are seen in
+one picture.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.planning.views import Done, Errors, Quality, Requirement, View, Views
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.run import NO_TRUTHS, Judge, Wanted
+from xfrustum.compare.run import NO_TRUTHS, Evaluator, FrameRequest
 from xfrustum.raster import Rasterizer
-from xfrustum.reference.lines.lines import ModelCamera, model_cameras
+from xfrustum.reference.lines.lines import ExactCamera, model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, SceneObject
@@ -46,12 +47,13 @@ class HogelResult(Errors):
 
     aperture: Aperture
     covered: int  #: pixels where the truth shows a surface
-    #: by settings beside the plan's, in their order; what depth alone gets wrong of them is not drawn: NaN
+    #: by settings beside the plan's, in their order; what depth alone gets wrong of them is not
+    #: drawn: NaN
     others: tuple[Errors, ...] = field(default=(), repr=False)
 
 
 def hogel_results(
-    judge: Judge,
+    judge: Evaluator,
     apertures: Iterable[Aperture],
     settings: DoubleFrustum,
     truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
@@ -59,16 +61,21 @@ def hogel_results(
 ) -> Iterator[HogelResult]:
     """Draw hogels, and yield how well the settings do at each, in order.
 
-    Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with exact depth
-    besides. `truths` are true images that are there already, `others` settings that are judged besides.
+    Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with
+    exact depth besides. `truths` are true images that are there already, `others` settings that are
+    judged besides.
     """
     exact = with_exact_depth(settings)
     drawn = tuple(dict.fromkeys((settings, exact, *others)))
-    with closing(judge.frames(apertures, drawn, Wanted(), lambda frame: frame, truths)) as frames:
+    with closing(
+        judge.frames(apertures, drawn, FrameRequest(), lambda frame: frame, truths)
+    ) as frames:
         while some := {one.settings: one for one in islice(frames, len(drawn))}:
             found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
             wrong, judged = found.errors.surface, max(found.judged, 1)
-            assert wrong is not None and with_exact is not None, "the reference has the scene at hand"
+            assert wrong is not None and with_exact is not None, (
+                "the reference has the scene at hand"
+            )
             yield HogelResult(
                 aperture=some[settings].aperture,
                 covered=found.covered,
@@ -110,7 +117,7 @@ def measured(
     """
     separation = requirement.separation_in(views.scene.frustum)
     truths = {view.aperture: view.truth for view in views.views}
-    with Judge(views.scene, reference=views.reference, model=requirement.device) as judge:
+    with Evaluator(views.scene, reference=views.reference, model=requirement.device) as judge:
         device = judge.model.name
         results = list(hogel_results(judge, truths, settings, truths, others))
     wrong = []
@@ -143,24 +150,26 @@ def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
 class SheetPair:
     """Two sheets of one camera, parallel to the plate and a separation apart along z, scene units."""
 
-    camera: ModelCamera
+    camera: ExactCamera
     heights: Floats  #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
     separation: float
     loser_first: bool  #: whether the sheet that must not show is drawn first
 
     def objects(self, owned: Mask) -> list[SceneObject]:
         """Return both sheets in drawing order: squares parallel to the plate, over the cells (n, n) owned."""
-        (rows, columns), pencil, cells = np.nonzero(owned), self.camera.pencil, len(owned)
+        (rows, columns), bundle, cells = np.nonzero(owned), self.camera.bundle, len(owned)
         at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
         u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
         v = 1 - 2 * (rows[:, None] + at[:, 0]) / cells
         vertices = np.arange(4 * len(rows)).reshape(-1, 4)
         faces, sheets = np.concatenate((vertices[:, [0, 1, 2]], vertices[:, [0, 2, 3]])), []
         for heights in (self.heights, self.heights - self.separation):
-            z = np.broadcast_to((-heights if self.camera.orthoscopic else heights)[:, None], u.shape)
-            s = pencil.center[2] - z
-            x = pencil.center[0] + s * (pencil.shear[0] + u * pencil.half_extent[0])
-            y = pencil.center[1] + s * (pencil.shear[1] + v * pencil.half_extent[1])
+            z = np.broadcast_to(
+                (-heights if self.camera.orthoscopic else heights)[:, None], u.shape
+            )
+            s = bundle.center[2] - z
+            x = bundle.center[0] + s * (bundle.shear[0] + u * bundle.half_extent[0])
+            y = bundle.center[1] + s * (bundle.shear[1] + v * bundle.half_extent[1])
             corners = np.stack((x, y, z), axis=-1).reshape(-1, 3)
             sheets.append(SceneObject(name="sheet", vertices=corners, faces=faces))
         # The farther one comes first. C keeps the nearer, C* the farther.
@@ -177,11 +186,18 @@ class SheetFilm:
     shown: Indices  #: (H, W) number of the object that it must show
 
     @classmethod
-    def of(
-        cls, scene: Scene, aperture: Aperture, pairs: Sequence[SheetPair], owner: Indices, cell_pixels: int
+    def from_scene(
+        cls,
+        scene: Scene,
+        aperture: Aperture,
+        pairs: Sequence[SheetPair],
+        owner: Indices,
+        cell_pixels: int,
     ) -> SheetFilm:
         """Tile a film with cells of so many pixels a side; `owner` (cells, cells) has each cell's pair."""
-        objects = (one for number, pair in enumerate(pairs) for one in pair.objects(owner == number))
+        objects = (
+            one for number, pair in enumerate(pairs) for one in pair.objects(owner == number)
+        )
         side = len(owner) * cell_pixels
         frustum = replace(scene.frustum, resolution=(side, side))
         of_pixel = np.kron(owner, np.ones((cell_pixels, cell_pixels), dtype=np.int64))
@@ -197,14 +213,17 @@ class SheetFilm:
         """Draw the sheets with the rasterizer of `scene`; return the wrong share of each pair's pixels."""
         drawn = rasterizer.render(self.aperture, settings, normals=False, color=False)
         wrong = drawn.object != self.shown
-        return [float(wrong[self.pair == number].mean()) for number in range(len(self.scene.objects) // 2)]
+        return [
+            float(wrong[self.pair == number].mean())
+            for number in range(len(self.scene.objects) // 2)
+        ]
 
 
 def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
     """Draw sheets at the farthest visible surface of every camera and slab; return the worst wrong share.
 
-    It counts pixels in which the wrong sheet shows, or none; 0 where no slab has room for two sheets. Each
-    pair comes twice, the sheet that must not show drawn first and drawn last.
+    It counts pixels in which the wrong sheet shows, or none; 0 where no slab has room for two
+    sheets. Each pair comes twice, the sheet that must not show drawn first and drawn last.
     """
     worst = 0.0
     for orthoscopic, side in ((True, Camera.C), (False, Camera.C_STAR)):
@@ -218,14 +237,17 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 places += [(camera, ends, loser_first) for loser_first in (True, False)]
         if not places:
             continue
-        # Cells are dealt out to the places at random, and have random heights between a place's ends.
+        # Cells are dealt out to the places at random, and have random heights between a place's
+        # ends.
         random = np.random.default_rng(1997)
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
         pairs = []
         for number, (camera, ends, first) in enumerate(places):
             heights = random.uniform(*ends, int((owner == number).sum()))
-            pairs.append(SheetPair(camera=camera, heights=heights, separation=separation, loser_first=first))
-        film = SheetFilm.of(scene, view.aperture, pairs, owner, CELL_PIXELS)
+            pairs.append(
+                SheetPair(camera=camera, heights=heights, separation=separation, loser_first=first)
+            )
+        film = SheetFilm.from_scene(scene, view.aperture, pairs, owner, CELL_PIXELS)
         with Rasterizer(film.scene) as rasterizer:
             worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
     return worst

@@ -22,19 +22,26 @@ from xfrustum.compare.planning.search import (
     index_below,
     round_number,
 )
-from xfrustum.compare.planning.views import Done, Quality, Requirement, View, Views, displacement_bound
-from xfrustum.compare.run import Judge
+from xfrustum.compare.planning.views import (
+    Done,
+    Quality,
+    Requirement,
+    View,
+    Views,
+    displacement_bound,
+)
+from xfrustum.compare.run import Evaluator
 from xfrustum.compare.sampling import (
     CONFIDENCE,
     RandomSample,
     sample_hogels,
     share_at_most,
 )
-from xfrustum.compare.scout import AutoApertures, Look, Scout
+from xfrustum.compare.scout import AutoApertures, CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, aligned, digits, percent
+from xfrustum.scenes.notebook import NotebookRepr, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG
@@ -50,7 +57,8 @@ WORST_VIEWS = 4
 
 SUSPECTED_EXCESS, MAX_SUSPECTED = 0.5, 8
 """Scouted displacement, in tolerances, from which on an aperture is traced in full before it is trusted, and
-how many are at a time, the worst first: one line in a hundred of 576 is six, which tell a 99th percentile to
+how many are at a time, the worst first: one line in a hundred of 576 is six, which tell a 99th
+percentile to
 a factor of two at best."""
 
 MAX_HALVINGS = 5
@@ -61,7 +69,8 @@ MAX_LOWERED, MIN_LOWERED = 5, 1.02
 """Times that the largest near is lowered where drawings show more than was predicted, and by which factor at
 least."""
 
-MAX_ROUNDS = 8  #: times that a plan is made anew with apertures that joined; each time the worst of them join
+#: times that a plan is made anew with apertures that joined; each time the worst of them join
+MAX_ROUNDS = 8
 
 MAX_LISTED_APERTURES = 100
 """Largest number of apertures that a result lists of each kind: some rows of a scout, and still readable."""
@@ -80,14 +89,17 @@ class PlateResult:
     sampled: int = 0  #: in the last random sample
     beyond: int = 0  #: of the last sample, beyond the tolerance
     empty: int = 0  #: of the last sample, not beyond, and show nothing
-    #: Nearest to what is allowed, or farthest beyond, of equals with most wrong surfaces; None without a plan
+    #: Nearest to what is allowed, or farthest beyond, of equals with most wrong surfaces; None
+    #: without a plan
     worst: HogelResult | None = None
     worst_by: str | None = None  #: name of the error of `worst` that is so
-    hopeless: int  #: looked through, and at which no near at all would keep to the tolerance
-    set_aside: int  #: others for which the plan was not made, since there is none for them and all others
+    infeasible: int  #: looked through, and at which no near at all would keep to the tolerance
+    set_aside: (
+        int  #: others for which the plan was not made, since there is none for them and all others
+    )
     share_beyond_at_most: float = 1.0
     confidence: float = 1.0  #: probability that the bound holds; 1 where every hogel was measured
-    hopeless_apertures: tuple[Index, ...]  #: `MAX_LISTED_APERTURES` of each kind at most
+    infeasible_apertures: tuple[Index, ...]  #: `MAX_LISTED_APERTURES` of each kind at most
     set_aside_apertures: tuple[Index, ...]
 
     @property
@@ -98,7 +110,7 @@ class PlateResult:
     @property
     def covers_the_plate(self) -> bool:
         """Whether the plan was made for every hogel that was looked through."""
-        return not self.hopeless and not self.set_aside
+        return not self.infeasible and not self.set_aside
 
     def summary(self) -> dict[str, Any]:
         """Return what `plan --json` prints under `plate`."""
@@ -120,7 +132,7 @@ class Alternative:
     beyond: int = 0
 
     @classmethod
-    def of(cls, settings: DoubleFrustum) -> Self:
+    def from_settings(cls, settings: DoubleFrustum) -> Self:
         """Return settings that are not judged yet."""
         chosen = {name: getattr(settings, name) for name in ("near", "slabs", "depth", "mapping")}
         return cls(**chosen)
@@ -128,16 +140,19 @@ class Alternative:
     @property
     def settings(self) -> DoubleFrustum:
         """The settings to draw with."""
-        return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
+        return DoubleFrustum(
+            near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping
+        )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Plan(Shown):
+class Plan(NotebookRepr):
     """What to draw with, and what that keeps, lengths in scene units.
 
-    Without a plan `near` and what was predicted and measured are None; so is the depth buffer where there was
-    more than one to choose from. `plate` is None where the plan was made for some apertures only, `auto`
-    unless a scout chose them. `within` says whether everything that is required was measured to hold.
+    Without a plan `near` and what was predicted and measured are None; so is the depth buffer where
+    there was more than one to choose from. `plate` is None where the plan was made for some
+    apertures only, `auto` unless a scout chose them. `within` says whether everything that is
+    required was measured to hold.
     """
 
     near: float | None = None
@@ -161,7 +176,9 @@ class Plan(Shown):
         """The settings to draw with; None where there is no plan."""
         if self.near is None or self.depth is None or self.mapping is None:
             return None
-        return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
+        return DoubleFrustum(
+            near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping
+        )
 
     @property
     def alternatives(self) -> dict[str, Alternative]:
@@ -207,7 +224,11 @@ class Plan(Shown):
             rows = [("at the worst aperture", "predicted", "measured")]
             for name, words, write in _QUALITIES:
                 rows.append(
-                    (words, write(getattr(self.predicted, name)), write(getattr(self.measured, name)))
+                    (
+                        words,
+                        write(getattr(self.predicted, name)),
+                        write(getattr(self.measured, name)),
+                    )
                 )
             lines = [aligned(rows)]
         lines.append(f"reason: {self.reason}")
@@ -235,7 +256,8 @@ def depth_buffers(
     return tuple(product([depth] if depth else DepthFormat, [mapping] if mapping else DepthMapping))
 
 
-# For some apertures ----------------------------------------------------------------------------------------
+# For some apertures
+# ----------------------------------------------------------------------------------------
 
 
 def plan(
@@ -247,9 +269,10 @@ def plan(
 ) -> Plan:
     """Plan how to draw some apertures of a scene, of which the worst counts, and measure the plan.
 
-    Of the depth buffers to choose from, None for all, the fewest slabs count, then what is cheapest (depth
-    that no fragment writes, then fewer bytes), then the largest margin. `done` is called twice for each
-    aperture: when it is traced, and when it is measured. Raises InputError where there is no usable OpenGL.
+    Of the depth buffers to choose from, None for all, the fewest slabs count, then what is cheapest
+    (depth that no fragment writes, then fewer bytes), then the largest margin. `done` is called
+    twice for each aperture: when it is traced, and when it is measured. Raises InputError where
+    there is no usable OpenGL.
     """
     requirement = requirement or Requirement()
     views = Views.traced(Reference(scene), apertures, done, requirement.device)
@@ -292,14 +315,20 @@ def predicted_plan(
         mapping=settings.mapping,
         predicted=best.predicted,
         reason=why(found, best, largest, views, requirement),
-        largest=Alternative.of(largest) if beside else None,
+        largest=Alternative.from_settings(largest) if beside else None,
     )
 
 
-def _with_uncut(made: Plan, views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]) -> Plan:
+def _with_uncut(
+    made: Plan, views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]
+) -> Plan:
     """Return a plan with the best settings without cuts, where sheets alone ask for its cuts."""
     uncut = Search(views, requirement).without_cuts(choices) if made.slabs else None
-    return made if uncut is None else replace(made, without_cuts=Alternative.of(uncut.settings))
+    return (
+        made
+        if uncut is None
+        else replace(made, without_cuts=Alternative.from_settings(uncut.settings))
+    )
 
 
 def _with_judged(made: Plan, results: Sequence[HogelResult], tolerance_px: float) -> Plan:
@@ -324,7 +353,8 @@ def _no_plan(choices: Sequence[DepthBuffer], reason: str, plate: PlateResult | N
     return Plan(depth=depth, mapping=mapping, reason=reason, plate=plate)
 
 
-# For the plate ---------------------------------------------------------------------------------------------
+# For the plate
+# ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -332,7 +362,7 @@ class PlatePlanner:
     """Plans for a whole plate that a scout has looked at; `done` is called for each hogel that it makes."""
 
     reference: Reference
-    scouted: Scout
+    scouted: PlateScan
     requirement: Requirement
     choices: Sequence[DepthBuffer]
     done: Done = field(default=lambda hogels: None)
@@ -350,7 +380,9 @@ class PlatePlanner:
             if made.settings is None:
                 return self._partial(made, wanted)
             sample = self._sampled(views, made, wanted)
-            joining = [view for view in self._disproving(made, sample) if not self._is_hopeless(view)]
+            joining = [
+                view for view in self._disproving(made, sample) if not self._is_infeasible(view)
+            ]
             if not joining or last:
                 break
             views, wanted = replace(views, views=(*views.views, *joining)), wanted.next()
@@ -359,7 +391,7 @@ class PlatePlanner:
     def _partial(self, whole: Plan, wanted: RandomSample) -> Plan:
         """Return a plan without the hardest apertures; `whole` says why there is none for the whole plate."""
 
-        def planned(looks: tuple[Look, ...]) -> tuple[Views, Plan] | None:
+        def planned(looks: tuple[CoarseView, ...]) -> tuple[Views, Plan] | None:
             planner = replace(self, scouted=replace(self.scouted, looks=looks))
             views, made = planner._settled(planner.first_views())
             return None if made.settings is None else (views, made)
@@ -380,37 +412,56 @@ class PlatePlanner:
         return replace(result, reason=f"{result.reason} For all apertures together: {whole.reason}")
 
     def _without_plan(self, reason: str) -> Plan:
-        return _no_plan(self.choices, reason, self._plate_result(self._hopeless, _indices(self._possible)))
+        return _no_plan(
+            self.choices, reason, self._plate_result(self._infeasible, _indices(self._possible))
+        )
 
-    def _plate_result(self, hopeless: frozenset[Index], aside: frozenset[Index], **found: Any) -> PlateResult:
+    def _plate_result(
+        self, infeasible: frozenset[Index], aside: frozenset[Index], **found: Any
+    ) -> PlateResult:
         return PlateResult(
             hogels=math.prod(self.reference.scene.plate.hogels),
-            scouted=len(_indices(self.scouted.looks) | hopeless),
-            hopeless=len(hopeless),
+            scouted=len(_indices(self.scouted.looks) | infeasible),
+            infeasible=len(infeasible),
             set_aside=len(aside),
-            hopeless_apertures=tuple(sorted(hopeless)[:MAX_LISTED_APERTURES]),
+            infeasible_apertures=tuple(sorted(infeasible)[:MAX_LISTED_APERTURES]),
             set_aside_apertures=tuple(sorted(aside)[:MAX_LISTED_APERTURES]),
             **found,
         )
 
     def _measured(
-        self, made: Plan, views: Views, sample: Sequence[HogelResult], aside: frozenset[Index] = frozenset()
+        self,
+        made: Plan,
+        views: Views,
+        sample: Sequence[HogelResult],
+        aside: frozenset[Index] = frozenset(),
     ) -> Plan:
         assert made.settings is not None
         others = [one.settings for one in made.alternatives.values()]
-        chosen, sheets, device = measured(views, made.settings, self.requirement, self.done, others=others)
-        drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
+        chosen, sheets, device = measured(
+            views, made.settings, self.requirement, self.done, others=others
+        )
+        drawn_infeasible = _indices(
+            view for view in self._missed(sample) if self._is_infeasible(view)
+        )
         limit = self.requirement.beyond_px
-        beyond, chosen_beyond = (sum(one.beyond(limit) for one in some) for some in (sample, chosen))
-        hogels, known = math.prod(self.reference.scene.plate.hogels), len(chosen) + len(self._hopeless)
+        beyond, chosen_beyond = (
+            sum(one.beyond(limit) for one in some) for some in (sample, chosen)
+        )
+        hogels, known = (
+            math.prod(self.reference.scene.plate.hogels),
+            len(chosen) + len(self._infeasible),
+        )
         everything = known + len(sample) == hogels
         # The sample speaks for the hogels that nothing was known of.
-        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), EACH)
-        drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
+        unchosen = (
+            beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), EACH)
+        )
+        drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_infeasible]
         worst = max(drawable, key=lambda one: (self.requirement.excess(one), one.surface_fraction))
         quality = replace(sheets, **worst_errors(drawable))
         plate = self._plate_result(
-            self._hopeless | drawn_hopeless,
+            self._infeasible | drawn_infeasible,
             aside,
             measured=len(chosen) + len(sample),
             sampled=len(sample),
@@ -418,15 +469,23 @@ class PlatePlanner:
             empty=sum(not (one.covered or one.beyond(limit)) for one in sample),
             worst=worst,
             worst_by=self.requirement.worst_measure(worst),
-            share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
+            share_beyond_at_most=(
+                chosen_beyond + len(self._infeasible) + unchosen * (hogels - known)
+            )
+            / hogels,
             confidence=1.0 if everything else CONFIDENCE,
         )
         made = self._confirmed(_with_judged(made, drawable, limit), views, drawable)
-        holds, reason = self.requirement.met_by(quality), f"{exceptions(plate)} {made.reason}".lstrip()
+        holds, reason = (
+            self.requirement.met_by(quality),
+            f"{exceptions(plate)} {made.reason}".lstrip(),
+        )
         if not holds:
             reason = f"{reason} {disproved(quality, self.requirement)}"
         within = holds and plate.covers_the_plate
-        return replace(made, measured=quality, within=within, reason=reason, plate=plate, device_model=device)
+        return replace(
+            made, measured=quality, within=within, reason=reason, plate=plate, device_model=device
+        )
 
     def _confirmed(self, made: Plan, views: Views, results: Sequence[HogelResult]) -> Plan:
         """Return a plan whose largest near is lowered until none of its hogels is beyond, drawn."""
@@ -443,7 +502,7 @@ class PlatePlanner:
             made = predicted_plan(views, self.requirement, self.choices, near)
             largest = made.largest
             assert largest is not None
-            with Judge(self.reference.scene, reference=self.reference) as judge:
+            with Evaluator(self.reference.scene, reference=self.reference) as judge:
                 apertures = [one.aperture for one in results]
                 results = list(hogel_results(judge, apertures, largest.settings))
             beyond = sum(one.beyond(limit) for one in results)
@@ -451,24 +510,26 @@ class PlatePlanner:
         return asked if made is asked else replace(asked, reason=made.reason, largest=largest)
 
     @cached_property
-    def _seeing(self) -> tuple[Look, ...]:
+    def _seeing(self) -> tuple[CoarseView, ...]:
         return tuple(look for look in self.scouted.looks if math.isfinite(look.nearest))
 
     @cached_property
-    def _possible(self) -> tuple[Look, ...]:
+    def _possible(self) -> tuple[CoarseView, ...]:
         """Looks that see something that some near can draw."""
-        return tuple(look for look in self._seeing if look.aperture.index not in self._hopeless)
+        return tuple(look for look in self._seeing if look.aperture.index not in self._infeasible)
 
     @cached_property
-    def _hopeless(self) -> frozenset[Index]:
+    def _infeasible(self) -> frozenset[Index]:
         """Apertures that were looked through at which not even the smallest near keeps to the tolerance."""
         moved = self.scouted.displacements(self._smallest)
         pairs = zip(self.scouted.apertures, moved, strict=True)
         return frozenset(one.index for one, px in pairs if px > self.requirement.tolerance_px)
 
-    def _is_hopeless(self, view: View) -> bool:
+    def _is_infeasible(self, view: View) -> bool:
         frustum = self.reference.scene.frustum
-        return displacement_bound(view.truth, frustum, self._smallest) > self.requirement.tolerance_px
+        return (
+            displacement_bound(view.truth, frustum, self._smallest) > self.requirement.tolerance_px
+        )
 
     @property
     def _smallest(self) -> DoubleFrustum:
@@ -478,10 +539,10 @@ class PlatePlanner:
         """Trace the middle, the worst apertures that some near can draw, and those that see farthest."""
         scouted, middle = self.scouted, self.reference.scene.plate.middle
         worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
-        worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
+        worst = [one for one in worst if one.index not in self._infeasible][:WORST_VIEWS]
         farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
         wanted = [*(one for one in scouted.apertures if one == middle), *worst, *farthest]
-        drawable = [one for one in dict.fromkeys(wanted) if one.index not in self._hopeless]
+        drawable = [one for one in dict.fromkeys(wanted) if one.index not in self._infeasible]
         return Views.traced(self.reference, drawable, self.done, self.requirement.device)
 
     def _settled(self, views: Views) -> tuple[Views, Plan]:
@@ -494,7 +555,7 @@ class PlatePlanner:
             made = predicted_plan(views, self.requirement, self.choices)
             if made.settings is None:
                 return views, made
-            joining = self._unkept(made, traced, _indices(views.views) | self._hopeless)
+            joining = self._unkept(made, traced, _indices(views.views) | self._infeasible)
             if not joining:
                 break
             views = replace(views, views=(*views.views, *joining))
@@ -511,7 +572,11 @@ class PlatePlanner:
                 for number in np.argsort(-excess, kind="stable")
                 if excess[number] > SUSPECTED_EXCESS
             }
-            new = [one for index, one in suspected.items() if index not in known and index not in traced]
+            new = [
+                one
+                for index, one in suspected.items()
+                if index not in known and index not in traced
+            ]
             views = Views.traced(self.reference, new[:MAX_SUSPECTED], self.done).views
             traced |= {view.aperture.index: view for view in views}
             drawn = [traced[index] for index in suspected if index in traced and index not in known]
@@ -531,12 +596,13 @@ class PlatePlanner:
         if not views:
             return []
         truths = {view.aperture: view.truth for view in views}
-        with Judge(scene, reference=self.reference) as judge:
+        with Evaluator(scene, reference=self.reference) as judge:
             results = list(hogel_results(judge, truths, settings, truths))
         return [
             view
             for view, result in zip(views, results, strict=True)
-            if result.beyond(tolerance) or displacement_bound(view.truth, scene.frustum, settings) > tolerance
+            if result.beyond(tolerance)
+            or displacement_bound(view.truth, scene.frustum, settings) > tolerance
         ]
 
     def _sampled(self, views: Views, made: Plan, wanted: RandomSample) -> list[HogelResult]:
@@ -544,9 +610,9 @@ class PlatePlanner:
         assert made.settings is not None
         scene, results = self.reference.scene, []
         others = [one.settings for one in made.alternatives.values()]
-        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._hopeless]
+        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._infeasible]
         chosen = sample_hogels(scene.plate, wanted, known)
-        with Judge(scene, reference=self.reference) as judge:
+        with Evaluator(scene, reference=self.reference) as judge:
             for one in hogel_results(judge, chosen, made.settings, others=others):
                 results.append(one)
                 self.done(1)
@@ -554,7 +620,9 @@ class PlatePlanner:
 
     def _disproving(self, made: Plan, sample: Sequence[HogelResult]) -> tuple[View, ...]:
         """Trace hogels of a sample with too many errors: by a plan all, by its largest near the worst."""
-        missed = {one.aperture.index: one.aperture for one in sample if self.requirement.missed_by(one)}
+        missed = {
+            one.aperture.index: one.aperture for one in sample if self.requirement.missed_by(one)
+        }
         if made.largest is not None:
             number = [*made.alternatives].index("largest")
             drawn = [(one.others[number], one.aperture) for one in sample]
@@ -569,28 +637,32 @@ class PlatePlanner:
         return Views.traced(self.reference, missed, self.done).views
 
 
-def _indices(some: Iterable[Look | View]) -> frozenset[Index]:
+def _indices(some: Iterable[CoarseView | View]) -> frozenset[Index]:
     return frozenset(one.aperture.index for one in some)
 
 
 def largest_share(
-    looks: Sequence[Look], planned: Callable[[tuple[Look, ...]], Found | None]
-) -> tuple[tuple[Look, ...], Found] | None:
+    looks: Sequence[CoarseView], planned: Callable[[tuple[CoarseView, ...]], Found | None]
+) -> tuple[tuple[CoarseView, ...], Found] | None:
     """Set aside the hardest apertures, as few as need be, until a plan is found for the others.
 
-    Apertures that see nearer to the plate than all others need the smallest near; those that see farthest
-    lose digits; and where z^2 over near is largest, the steps of standard depth are. Each way is tried, and
-    the one that leaves most apertures counts. Returns the looks that are kept, and what `planned` returned
-    for them; None where not even the easiest aperture alone has a plan.
+    Apertures that see nearer to the plate than all others need the smallest near; those that see
+    farthest lose digits; and where z^2 over near is largest, the steps of standard depth are. Each
+    way is tried, and the one that leaves most apertures counts. Returns the looks that are kept,
+    and what `planned` returned for them; None where not even the easiest aperture alone has a plan.
     """
 
-    def distance(look: Look) -> float:
+    def distance(look: CoarseView) -> float:
         return max(look.farthest(camera) for camera in (Camera.C, Camera.C_STAR))
 
-    def depth_steps(look: Look) -> float:
-        return look.pixels_per_near * distance(look) ** 2 if math.isfinite(look.pixels_per_near) else math.inf
+    def depth_steps(look: CoarseView) -> float:
+        return (
+            look.pixels_per_near * distance(look) ** 2
+            if math.isfinite(look.pixels_per_near)
+            else math.inf
+        )
 
-    best: tuple[tuple[Look, ...], Found] | None = None
+    best: tuple[tuple[CoarseView, ...], Found] | None = None
     aside = len(looks) - 1
     for hardness in (lambda look: look.pixels_per_near, distance, depth_steps):
         ordered = tuple(sorted(looks, key=hardness, reverse=True))

@@ -33,7 +33,9 @@ MAX_SPELLED_HEIGHTS, MAX_NAMED_APERTURES = 4, 5
 """Largest numbers of heights and of apertures that a sentence lists."""
 
 
-def why(found: Outcome, best: Attempt, largest: DoubleFrustum, views: Views, requirement: Requirement) -> str:
+def why(
+    found: Outcome, best: Attempt, largest: DoubleFrustum, views: Views, requirement: Requirement
+) -> str:
     """Say why a plan is the best there is; `best` has its near moved to where the margin is largest."""
     units, label, parts = views.scene.units, best.settings.depth_label, []
     near = digits(best.settings.near)
@@ -72,7 +74,9 @@ def _limit(settings: DoubleFrustum, views: Views, requirement: Requirement) -> s
         lowest, highest = scene.height_ranges
         if np.any((highest >= -settings.near) & (lowest <= settings.near)):
             return ", the height of the first cut, which is the most that makes sense"
-        return ", the height of the first cut: the first slab is empty, and no near displaces anything"
+        return (
+            ", the height of the first cut: the first slab is empty, and no near displaces anything"
+        )
     larger = round_number(index_below(settings.near) + 1)
     if larger >= scene.frustum.longest_reach:
         return ", which is as large as the reach allows"
@@ -154,17 +158,19 @@ def exceptions(plate: PlateResult) -> str:
     if plate.covers_the_plate:
         return ""
     looked, parts = f"of the {plate.scouted:,} apertures that were looked through", []
-    if plate.hopeless:
-        named = _named(plate.hopeless_apertures, plate.hopeless)
+    if plate.infeasible:
+        named = _named(plate.infeasible_apertures, plate.infeasible)
         parts.append(
-            f"at {plate.hopeless:,} {looked} ({named}) a surface lies in the aperture itself, or so close "
+            f"at {plate.infeasible:,} {looked} ({named}) a surface lies in the aperture itself, or so close "
             "to it that no near draws it"
         )
     if plate.set_aside:
-        counted = f"{plate.set_aside:,} {'others' if plate.hopeless else looked}"
+        counted = f"{plate.set_aside:,} {'others' if plate.infeasible else looked}"
         named = _named(plate.set_aside_apertures, plate.set_aside)
         verb = "is" if plate.set_aside == 1 else "are"
-        parts.append(f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest")
+        parts.append(
+            f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest"
+        )
     # Rounded down, for it is a lower bound.
     share = f"{math.floor(100 * plate.share_within_at_least)} %"
     certain = "" if plate.confidence == 1 else f" ({100 * plate.confidence:.0f} %)"

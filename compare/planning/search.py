@@ -1,16 +1,18 @@
 """The best plan with a given number of cuts: where to cut, how large near may be, and whether all is kept.
 
-With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it displacement
-shrinks with z1. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends
-at the reach, and its cut may be as low as the separation at the farthest surface seen in it allows. A lower
-cut only helps the next slab, which then ends sooner and sees nothing farther. So each slab in turn takes as
-much as it may, and no other k cuts have a smaller z1.
+With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it
+displacement shrinks with z1. How near to the plate z1 can be is decided from the far end inward.
+The outermost slab ends at the reach, and its cut may be as low as the separation at the farthest
+surface seen in it allows. A lower cut only helps the next slab, which then ends sooner and sees
+nothing farther. So each slab in turn takes as much as it may, and no other k cuts have a smaller
+z1.
 
-Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies the near that
-is farthest from either limit, and that one is planned, for apertures that nobody has looked at.
+Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies the
+near that is farthest from either limit, and that one is planned, for apertures that nobody has
+looked at.
 
-Lengths have three digits, so that they can be read and typed; a plan is then also the same for meshes that
-differ by rounding alone, such as a refined one.
+Lengths have three digits, so that they can be read and typed; a plan is then also the same for
+meshes that differ by rounding alone, such as a refined one.
 """
 
 import math
@@ -20,7 +22,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from xfrustum.compare.planning.views import Quality, Requirement, Views
-from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, Slab
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, DepthRange
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
 
@@ -39,12 +41,14 @@ TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
 largest number of targets that are tried: down to 1/4096 of the separation."""
 
 INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and half of it
-MAX_CUTS = 16  #: largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera
+#: largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera
+MAX_CUTS = 16
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}  #: bytes of a depth value
 
 ENOUGH_MARGIN = 10.0
 """Margin beyond which more is worth nothing: a tenth of what is allowed. What no scout has seen takes little
-of it: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605 that a
+of it: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the
+605 that a
 scout looked through, of `asymmetric` as much (`scout` with `LATTICE_APERTURES` of the whole plate)."""
 
 
@@ -76,7 +80,9 @@ def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | 
     if low > high or not holds(round_number(low)):
         return None
     # The first is known to hold: so many of the others do.
-    return low + bisect_left(range(low + 1, high + 1), True, key=lambda index: not holds(round_number(index)))
+    return low + bisect_left(
+        range(low + 1, high + 1), True, key=lambda index: not holds(round_number(index))
+    )
 
 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
@@ -119,9 +125,12 @@ class Outcome:
     """Result of a search: attempts that hold, the cheapest first, and those that failed with one cut less."""
 
     choices: Sequence[DepthBuffer]
-    finest: float  #: smallest separation that any choice orders at the farthest surface, however it is cut
+    #: smallest separation that any choice orders at the farthest surface, however it is cut
+    finest: float
     holding: Sequence[Attempt]
-    failed: Sequence[Attempt]  #: with the most cuts there may be where none holds; empty where none was tried
+    failed: Sequence[
+        Attempt
+    ]  #: with the most cuts there may be where none holds; empty where none was tried
 
 
 class Search:
@@ -142,10 +151,13 @@ class Search:
     def among(self, choices: Sequence[DepthBuffer]) -> Outcome:
         """Look for the best of some depth buffers, with one cut more at a time."""
         finest = {choice: self.finest(choice) for choice in choices}
-        possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= self.separation]
+        possible = [
+            choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= self.separation
+        ]
         failed: list[Attempt] = []
         holding: list[Attempt] = []
-        # Where not even the smallest near behind the lowest cut keeps to the tolerance, nothing is tried.
+        # Where not even the smallest near behind the lowest cut keeps to the tolerance, nothing is
+        # tried.
         lowest = round_number(self.lowest)
         for cuts in range(MAX_CUTS + 1 if possible and self._tolerable(lowest, (lowest,)) else 0):
             attempts = [self.attempt(choice, cuts) for choice in possible]
@@ -172,7 +184,10 @@ class Search:
 
     def separation_between(self, buffer: DepthBuffer, low: float, high: float | None) -> float:
         """Return the smallest separation at the farthest surface seen between cuts, or up to the reach."""
-        ends = [(camera, low, reach if high is None else min(high, reach)) for camera, reach in self._sides]
+        ends = [
+            (camera, low, reach if high is None else min(high, reach))
+            for camera, reach in self._sides
+        ]
         return self._separation_in(buffer, ends)
 
     def finest(self, buffer: DepthBuffer) -> float:
@@ -184,12 +199,14 @@ class Search:
                 ends.append((camera, round_number(index), min(round_number(index + 2), reach)))
         return self._separation_in(buffer, ends)
 
-    def _separation_in(self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]) -> float:
+    def _separation_in(
+        self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]
+    ) -> float:
         """Return the largest of the smallest separations in slabs of cameras that stand in the aperture."""
         settings, found = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
         for camera, low, high in ends:
             if low < high:
-                slab = Slab(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
+                slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
                 found.append(self._views.separation_in(slab, settings))
         return max(found)
 
@@ -209,7 +226,10 @@ class Search:
                 one = self._with_largest_near(buffer, heights)
                 if one.holds:
                     return one
-                wrong, separation = one.predicted.depth_wrong / self.requirement.max_wrong, one.excess
+                wrong, separation = (
+                    one.predicted.depth_wrong / self.requirement.max_wrong,
+                    one.excess,
+                )
             if best is None or max(wrong, separation) < best[0]:
                 best = max(wrong, separation), heights
             # Shallower outer slabs help only what is wrong by depth, at the cost of the first one.
@@ -228,14 +248,19 @@ class Search:
         moved, wrong = self._traced(settings.near, settings.slabs)
         moved = max(predicted.displacement_p99_px, moved)
         wrong += predicted.depth_wrong
-        return self._attempt(settings, replace(predicted, displacement_p99_px=moved, surface_fraction=wrong))
+        return self._attempt(
+            settings, replace(predicted, displacement_p99_px=moved, surface_fraction=wrong)
+        )
 
     def most_robust(self, holding: Sequence[Attempt]) -> Attempt:
         """Return the cheapest attempt that holds with the largest margin, its near moved to that end."""
         cheapest = min(one.price for one in holding)
         cheap = [one for one in holding if one.price == cheapest]
-        # What eyes see of near holds for all hogels, looked at or not, and depth gains by a larger near.
-        balanced = cheap if self.requirement.SEEN_BY_EYES else [self._with_margin(one) for one in cheap]
+        # What eyes see of near holds for all hogels, looked at or not, and depth gains by a larger
+        # near.
+        balanced = (
+            cheap if self.requirement.SEEN_BY_EYES else [self._with_margin(one) for one in cheap]
+        )
         return min(balanced, key=lambda one: (one.missing, -one.settings.near))
 
     def without_cuts(self, choices: Sequence[DepthBuffer]) -> Attempt | None:
@@ -251,7 +276,8 @@ class Search:
         Where depth would then be worse off, it is the near at which both have the same margin.
         """
         low, high, best = self.lowest, index_below(largest.settings.near), largest
-        # Displacement grows with near, and what depth gets wrong falls with it: the interval is halved.
+        # Displacement grows with near, and what depth gets wrong falls with it: the interval is
+        # halved.
         while low < high:
             middle = (low + high) // 2
             one = self.judged(replace(largest.settings, near=round_number(middle)))
@@ -263,11 +289,16 @@ class Search:
                 low = middle + 1
         return best
 
-    def _settings(self, buffer: DepthBuffer, near: float, heights: tuple[float, ...]) -> DoubleFrustum:
+    def _settings(
+        self, buffer: DepthBuffer, near: float, heights: tuple[float, ...]
+    ) -> DoubleFrustum:
         return DoubleFrustum(near=near, slabs=heights, depth=buffer[0], mapping=buffer[1])
 
     def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
-        by_pixels, by_eyes = self.requirement.by_pixels(predicted), self.requirement.by_eyes(settings)
+        by_pixels, by_eyes = (
+            self.requirement.by_pixels(predicted),
+            self.requirement.by_eyes(settings),
+        )
         wrong = predicted.depth_wrong / self.requirement.max_wrong
         ordered = self._separation_excess(predicted.separation)
         return Attempt(
@@ -283,7 +314,8 @@ class Search:
     def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
         """Return settings with cuts at some heights, and the largest near that holds or else displaces.
 
-        Where near may be as large as the first cut, both are as large as may be, up to the second cut.
+        Where near may be as large as the first cut, both are as large as may be, up to the second
+        cut.
         """
         first, others = (heights[0] if heights else None), heights[1:]
 
@@ -330,7 +362,8 @@ class Search:
         found = largest_index(low, high, lambda length: may_hold(settings_with(length)))
         index = above = low if found is None else found
         largest = judged(round_number(index))
-        # A smaller near displaces less, and helps depth only where n is larger than any |z|, and rounds w.
+        # A smaller near displaces less, and helps depth only where n is larger than any |z|, and
+        # rounds w.
         while index > low and not small_enough(round_number(index)):
             above, index = index, max(index - INDICES_PER_OCTAVE, low)
         found = largest_index(index, above - 1, small_enough)
@@ -340,6 +373,9 @@ class Search:
     def _displaces_little(self, near: float, first_cut: tuple[float, ...]) -> bool:
         """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
         # The depth buffer and the other cuts do not matter.
-        settings, tolerance = DoubleFrustum(near=near, slabs=first_cut), self.requirement.tolerance_px
+        settings, tolerance = (
+            DoubleFrustum(near=near, slabs=first_cut),
+            self.requirement.tolerance_px,
+        )
         unnoticed = self.requirement.by_eyes(settings) <= 1
         return unnoticed and self._views.displaced(settings, tolerance) <= tolerance

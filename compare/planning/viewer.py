@@ -9,7 +9,7 @@ from typing import ClassVar
 from xfrustum.compare.eye import noticeable
 from xfrustum.compare.planning.search import index_below, indices_of, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
-from xfrustum.compare.scout import Scout
+from xfrustum.compare.scout import PlateScan
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -18,7 +18,10 @@ from xfrustum.tolerances import MAX_DEPTH_WRONG
 STEREO, CRACK = "stereo", "crack"
 """Names of what a viewer may notice of near: disparity, and the crack at the plate."""
 
-_MEASURES = {STEREO: "arc seconds of disparity", CRACK: "arc minutes of a crack at the plate's corners"}
+_MEASURES = {
+    STEREO: "arc seconds of disparity",
+    CRACK: "arc minutes of a crack at the plate's corners",
+}
 """Measures of what may be noticed, in words."""
 
 _HIDING = {
@@ -37,16 +40,19 @@ class NearLimit:
 
     name: str
     largest_near: float | None  #: three digits; None where every near is unnoticed, 0 where none is
-    allowed: float  #: arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
+    allowed: (
+        float  #: arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
+    )
     hidden_by: str  #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
 
 
 @dataclass(frozen=True, kw_only=True)
-class EyeRequirement(Requirement):
+class ViewerRequirement(Requirement):
     """Requirement of a viewer straight before the plate: pixels may be displaced by any length.
 
-    Sheets must be ordered where the viewer, or the display, tells them apart. `separation_limit` is what
-    limits the depths that can be told apart there, and their height z; None where a separation was asked for.
+    Sheets must be ordered where the viewer, or the display, tells them apart. `separation_limit` is
+    what limits the depths that can be told apart there, and their height z; None where a separation
+    was asked for.
     """
 
     SEEN_BY_EYES: ClassVar[bool] = True
@@ -56,22 +62,26 @@ class EyeRequirement(Requirement):
     display: noticeable.Display
     content: noticeable.Content
     separation_limit: tuple[str, float] | None = None
-    #: Width on the plate of a pixel of the eyes that replay the plan, scene units: a plan keeps the noise of
-    #: that replay as a margin; None for no margin
+    #: Width on the plate of a pixel of the eyes that replay the plan, scene units: a plan keeps the
+    #: noise of that replay as a margin; None for no margin
     eye_pixel: float | None = None
 
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
         """Return what may be noticed by name: how much there is, how much is not noticed, and what masks it.
 
-        Depth is left out where the scene's unit has no known length, the crack where no surface meets the
-        plate.
+        Depth is left out where the scene's unit has no known length, the crack where no surface
+        meets the plate.
         """
         found = {}
         if self.display.millimeters is not None:
-            change = noticeable.stereo_change_arcsec(self.content, self.viewer, self.display, settings)
+            change = noticeable.stereo_change_arcsec(
+                self.content, self.viewer, self.display, settings
+            )
             found[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
         if self.content.through:
-            hidden_by, allowed, width = noticeable.resolved_crack(self.viewer, self.display, settings)
+            hidden_by, allowed, width = noticeable.resolved_crack(
+                self.viewer, self.display, settings
+            )
             found[CRACK] = width, allowed, hidden_by
         return found
 
@@ -98,8 +108,12 @@ class EyeRequirement(Requirement):
         for name, (there, allowed, hidden_by) in self.noticed(larger).items():
             noise = margin.get(name, 0.0)
             if there + noise > allowed:
-                said = f"eyes at {self.viewer.distance:g} {units} see {there:.3g} {_MEASURES[name]}, "
-                said += "and with the noise of a replay, which is kept as a margin, " if noise else ""
+                said = (
+                    f"eyes at {self.viewer.distance:g} {units} see {there:.3g} {_MEASURES[name]}, "
+                )
+                said += (
+                    "and with the noise of a replay, which is kept as a margin, " if noise else ""
+                )
                 return f"{said}more than the {allowed:.3g} that {_HIDING[hidden_by]} hides"
         return "depth would be worse off"
 
@@ -137,7 +151,9 @@ class EyeRequirement(Requirement):
                 near = 0.0 if index is None else round_number(index)
                 at = near or round_number(low)
             _, allowed, hidden_by = self.noticed(replace(settings, near=at))[name]
-            found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
+            found.append(
+                NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by)
+            )
         return tuple(found)
 
 
@@ -148,12 +164,15 @@ Interval = tuple[float, float]  #: lower and upper end, scene units
 class ViewZone:
     """Places along x and y, at a distance before the plate, to which films of hogels send rays.
 
-    Rays leave from the centers of hogels: from the edges of their cells they come half a pitch farther.
+    Rays leave from the centers of hogels: from the edges of their cells they come half a pitch
+    farther.
     """
 
     distance: float  #: from the plate, scene units
     some: tuple[Interval, Interval]  #: x and y of eyes that see at least one hogel
-    every: tuple[Interval, Interval] | None  #: x and y of eyes that see every hogel; None without any
+    every: (
+        tuple[Interval, Interval] | None
+    )  #: x and y of eyes that see every hogel; None without any
 
     @property
     def some_eyes_apart(self) -> float:
@@ -181,12 +200,16 @@ def view_zone(scene: Scene, distance: float) -> ViewZone:
         for aperture in (scene.plate.aperture(0, 0), scene.plate.aperture(columns - 1, rows - 1)):
             shear, half_extent = film_window(scene.frustum, aperture)
             middle = (aperture.x, aperture.y)[axis] - distance * shear[axis]
-            ends.append((middle - distance * half_extent[axis], middle + distance * half_extent[axis]))
+            ends.append(
+                (middle - distance * half_extent[axis], middle + distance * half_extent[axis])
+            )
         (first, last), (other_first, other_last) = ends
         some.append((min(first, other_first), max(last, other_last)))
         every.append((max(first, other_first), min(last, other_last)))
     seen = all(low < high for low, high in every)
-    return ViewZone(distance=distance, some=(some[0], some[1]), every=(every[0], every[1]) if seen else None)
+    return ViewZone(
+        distance=distance, some=(some[0], some[1]), every=(every[0], every[1]) if seen else None
+    )
 
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
@@ -195,7 +218,7 @@ def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def seen_content(scouted: Scout) -> noticeable.Content:
+def seen_content(scouted: PlateScan) -> noticeable.Content:
     """Return the depths that a plate shows, as a scout has seen them."""
     sides: list[tuple[float, float] | None] = []
     for sign in (1.0, -1.0):
@@ -207,26 +230,26 @@ def seen_content(scouted: Scout) -> noticeable.Content:
 
 
 def eye_requirement(
-    scouted: Scout,
+    scouted: PlateScan,
     viewer: noticeable.Viewer,
     separation: float | None = None,
     max_wrong: float = MAX_DEPTH_WRONG,
     eye_pixel: float | None = None,
-) -> EyeRequirement:
+) -> ViewerRequirement:
     """Return what a viewer requires of a plan for a scene whose plate was scouted.
 
-    A separation of None is what can be told apart. `max_wrong` is the largest share of pixels wrong by depth:
-    eyes take a pixel of each hogel, so that the share is theirs. Raises InputError where the length of the
-    scene's unit is not known, or something is seen behind the viewer.
+    A separation of None is what can be told apart. `max_wrong` is the largest share of pixels wrong
+    by depth: eyes take a pixel of each hogel, so that the share is theirs. Raises InputError where
+    the length of the scene's unit is not known, or something is seen behind the viewer.
     """
-    display, content = noticeable.Display.of(scouted.scene), seen_content(scouted)
+    display, content = noticeable.Display.from_scene(scouted.scene), seen_content(scouted)
     noticeable.eyes_apart(viewer, display)
     noticeable.require_before_viewer(scouted.scene, content, viewer)
     found, limit = noticeable.finest_separation(content.farthest, viewer, display), None
     if separation is None and found is not None:
         limit = found[0], found[2]
         separation = min(found[1], scouted.scene.frustum.longest_reach)
-    return EyeRequirement(
+    return ViewerRequirement(
         separation=separation,
         max_wrong=max_wrong,
         viewer=viewer,

@@ -1,10 +1,11 @@
 """What a plan must keep, what some apertures truly show, and what any settings are predicted to make of it.
 
-A plan must hold when it is measured, over the pixels of the drawn picture, which at contours show another
-surface than the truth's. So the closed form of displacement gives each of the truth's pixels the largest
-displacement of itself and its neighbors: a picture displaced by less than a pixel shows nothing else there.
-That form cannot know what no pixel of the truth shows: a camera that has stepped back by n sees farther to
-the side where |z| is no larger than n. That is left to the reference, which traces the offset cameras.
+A plan must hold when it is measured, over the pixels of the drawn picture, which at contours show
+another surface than the truth's. So the closed form of displacement gives each of the truth's
+pixels the largest displacement of itself and its neighbors: a picture displaced by less than a
+pixel shows nothing else there. That form cannot know what no pixel of the truth shows: a camera
+that has stepped back by n sees farther to the side where |z| is no larger than n. That is left to
+the reference, which traces the offset cameras.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ class Errors:
 
     displacement_p99_px: float  # 0 where nothing is displaced, infinite where it is undefined
     surface_fraction: float  #: share of judged pixels that show the wrong surface
-    depth_wrong: float  #: share whose wrong surface is charged to depth; predicted for the unluckiest order
+    depth_wrong: (
+        float  #: share whose wrong surface is charged to depth; predicted for the unluckiest order
+    )
 
     def beyond(self, tolerance_px: float) -> bool:
         """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
@@ -62,10 +65,10 @@ class Errors:
 class Quality(Errors):
     """How well some settings do, at the worst of some apertures: predicted, or measured.
 
-    `misordered` is the share of pixels in which the wrong one of two parallel sheets shows, as far apart as
-    is asked for, at the farthest visible surface of the worst camera and slab. `separation` is the smallest
-    distance of sheets there, scene units, at which no more than `MAX_MISORDERED_FRACTION` are wrong; 0 where
-    no two surfaces can be misordered.
+    `misordered` is the share of pixels in which the wrong one of two parallel sheets shows, as far
+    apart as is asked for, at the farthest visible surface of the worst camera and slab.
+    `separation` is the smallest distance of sheets there, scene units, at which no more than
+    `MAX_MISORDERED_FRACTION` are wrong; 0 where no two surfaces can be misordered.
     """
 
     misordered: float
@@ -89,7 +92,9 @@ class Requirement:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
         separation = None if self.separation is None else real(self.separation)
         if not ((math.isfinite(tolerance) or self.SEEN_BY_EYES) and tolerance > 0):
-            raise InputError(f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}")
+            raise InputError(
+                f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}"
+            )
         if separation is not None and not (math.isfinite(separation) and separation > 0):
             raise InputError(f"separation must be a positive length, not {self.separation!r}")
         if not 0 < share < 1:
@@ -100,7 +105,11 @@ class Requirement:
 
     def separation_in(self, frustum: Frustum) -> float:
         """Return the separation in scene units."""
-        return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
+        return (
+            SEPARATION_PER_REACH * frustum.longest_reach
+            if self.separation is None
+            else self.separation
+        )
 
     @property
     def beyond_px(self) -> float:
@@ -121,7 +130,9 @@ class Requirement:
 
     def by_pixels(self, found: Errors) -> float:
         """Return the ratio of what near does to pixels to what is allowed."""
-        return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
+        return max(
+            found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG
+        )
 
     def by_eyes(self, settings: DoubleFrustum) -> float:
         """Return the ratio of what near does to what eyes see to what they notice; 0 where pixels judge."""
@@ -141,7 +152,9 @@ class Requirement:
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a larger near than the largest would do."""
-        moved = f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px"
+        moved = (
+            f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px"
+        )
         return f"{moved}, or show the wrong surface"
 
     def separation_reason(self, units: str) -> str:
@@ -152,21 +165,24 @@ class Requirement:
 def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:
     """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
 
-    It is 0 where the truth shows no surface, and infinite where more than one pixel in a hundred shows a
-    surface in the aperture itself, whose displacement no n makes small.
+    It is 0 where the truth shows no surface, and infinite where more than one pixel in a hundred
+    shows a surface in the aperture itself, whose displacement no n makes small.
 
-    With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 - |z| / zf)
-    where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n / zf) times that.
+    With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 -
+    |z| / zf) where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n /
+    zf) times that.
     """
     if not truth.covered.any():
         return 0.0
-    points = TruePoints.of(truth)
+    points = TruePoints.from_image(truth)
     moved = displacement_lengths(points, frustum, settings)
     if settings.offset is Offset.PLATE:
         fitted = settings.fitted_height(frustum)
         per_fit = 0.0 if fitted is None else 1 / fitted
         bent = in_first_slab(points.height, frustum, settings)
-        moved[bent] *= (1 + settings.near / np.abs(points.height[bent])) / (1 + settings.near * per_fit)
+        moved[bent] *= (1 + settings.near / np.abs(points.height[bent])) / (
+            1 + settings.near * per_fit
+        )
     moved = np.where(truth.covered & (truth.height == 0), np.inf, np.nan_to_num(moved, nan=0.0))
     largest = maximum_filter(moved, size=NEIGHBORHOOD_PX)[truth.covered]
     return float(np.percentile(largest, PERCENTILE, method="higher"))
@@ -187,9 +203,9 @@ class View:
         return {Camera.C: -height[height <= 0][::-1], Camera.C_STAR: height[height > 0]}
 
     @cached_property
-    def stacks(self) -> depth.Stacks:
+    def stacks(self) -> depth.DepthLayers:
         """What depth buffers have to tell apart."""
-        return depth.Stacks.of(self.truth, self.gaps)
+        return depth.DepthLayers.from_truth(self.truth, self.gaps)
 
     def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
@@ -255,7 +271,9 @@ class Views:
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
         asked = self.scene.frustum, [settings], self.device or depth.ANY
-        shares = (depth.depth_wrong_shares(view.stacks, *asked, unlucky=True)[0] for view in self.views)
+        shares = (
+            depth.depth_wrong_shares(view.stacks, *asked, unlucky=True)[0] for view in self.views
+        )
         return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:
@@ -263,7 +281,7 @@ class Views:
         every = depth.slabs(self.scene.frustum, settings)
         return max((self.separation_in(slab, settings) for slab in every), default=0.0)
 
-    def separation_in(self, slab: depth.Slab, settings: DoubleFrustum) -> float:
+    def separation_in(self, slab: depth.DepthRange, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface seen in a slab; 0 without any."""
         ends = [view.farthest(slab.camera, slab.low, slab.high) for view in self.views]
         seen = np.array([end for end in ends if end is not None])

@@ -1,17 +1,17 @@
 """Closed form of band limiting: how far a hogel's area blurs, and how many points stand for the area.
 
-A hogel shows the mean of the pictures of all points of its area, a box of one pitch p (paper, section 6).
-Over the pitch the picture of a surface at height z moves by p |1/z - 1/Z| W/(2 t) pixels, the blur, with the
-screen at Z. Along straight contours, color across the blur is a sum of steps. The mean of a step over the box
-is the share of the box on one side of a line, the mean over N points the share of the points; the largest
-difference of both, over all lines, is the discrepancy D(N) of the points for half planes. So the mean over N
-points is off by at most V D(N), where V is the total change of color across the blur: the contrast of an
-edge.
+A hogel shows the mean of the pictures of all points of its area, a box of one pitch p (paper,
+section 6). Over the pitch the picture of a surface at height z moves by p |1/z - 1/Z| W/(2 t)
+pixels, the blur, with the screen at Z. Along straight contours, color across the blur is a sum of
+steps. The mean of a step over the box is the share of the box on one side of a line, the mean over
+N points the share of the points; the largest difference of both, over all lines, is the discrepancy
+D(N) of the points for half planes. So the mean over N points is off by at most V D(N), where V is
+the total change of color across the blur: the contrast of an edge.
 
-For m x m points in rows and columns D = 1/(2 m); for those of `sampling.sub_apertures`, of which few lie on
-one line, it is smaller from some 1,000 points on. In the mean over a pixel's area an edge is a ramp, one
-pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean by at most V b/8, and where b
-< 1 the error of the points counts in a share b of the pixel only.
+For m x m points in rows and columns D = 1/(2 m); for those of `sampling.sub_apertures`, of which
+few lie on one line, it is smaller from some 1,000 points on. In the mean over a pixel's area an
+edge is a ramp, one pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean
+by at most V b/8, and where b < 1 the error of the points counts in a share b of the pixel only.
 """
 
 import math
@@ -29,12 +29,31 @@ from xfrustum.scenes.plate.plate import Aperture
 LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 
 DISCREPANCY = MappingProxyType(
-    {1: 0.5, 4: 0.393, 8: 0.218, 16: 0.184, 32: 0.142, 64: 0.0774, 128: 0.0608, 256: 0.0329, 512: 0.0231}
-    | {1024: 0.0157, 2048: 0.00985, 4096: 0.00715, 8192: 0.00515, 16384: 0.0034, 32768: 0.0023, 65536: 0.0017}
+    {
+        1: 0.5,
+        4: 0.393,
+        8: 0.218,
+        16: 0.184,
+        32: 0.142,
+        64: 0.0774,
+        128: 0.0608,
+        256: 0.0329,
+        512: 0.0231,
+    }
+    | {
+        1024: 0.0157,
+        2048: 0.00985,
+        4096: 0.00715,
+        8192: 0.00515,
+        16384: 0.0034,
+        32768: 0.0023,
+        65536: 0.0017,
+    }
 )
 """Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference of the share of the
-points on one side of a straight line and the share of the box on that side. It was computed for 2,000 to
-6,000 directions, each with every offset, refined about the largest, and rounded up; a test computes it again.
+points on one side of a straight line and the share of the box on that side. It was computed for
+2,000 to 6,000 directions, each with every offset, refined about the largest, and rounded up; a test
+computes it again.
 Two points are worse than one."""
 
 
@@ -56,9 +75,13 @@ def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float
     return min(error, contrast * sum(blur) / 8) if count == 1 else error
 
 
-def sub_apertures_for(blur: tuple[float, float], contrast: float, error: float = LEVEL) -> int | None:
+def sub_apertures_for(
+    blur: tuple[float, float], contrast: float, error: float = LEVEL
+) -> int | None:
     """Return the least power of two of points that keeps `error_bound` within an error; None for none."""
-    return next((count for count in DISCREPANCY if error_bound(count, blur, contrast) <= error), None)
+    return next(
+        (count for count in DISCREPANCY if error_bound(count, blur, contrast) <= error), None
+    )
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
@@ -74,8 +97,8 @@ def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
     """Return a bound of the change of radiance at an edge, from 0 to 1, seen through apertures; None for all.
 
-    It is the largest radiance that the materials of visible objects allow, against black, and at most one,
-    where pictures of 8 bits are clipped.
+    It is the largest radiance that the materials of visible objects allow, against black, and at
+    most one, where pictures of 8 bits are clipped.
     """
     region, environment = Region.true(scene, apertures), scene.appearance.environment
     lights = sum((np.array(light.color) for light in scene.appearance.lights), np.zeros(3))
@@ -89,7 +112,9 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
             colors = part.vertex_colors
             albedo = np.ones(3) if colors is None else colors.max(axis=0)[:3].astype(np.float64)
             body = (np.array(material.ambient) + lights * material.diffuse) * albedo
-            brightest = max(brightest, *(body + lights * material.specular + sky * material.reflectivity))
+            brightest = max(
+                brightest, *(body + lights * material.specular + sky * material.reflectivity)
+            )
     return min(1.0, float(brightest))
 
 

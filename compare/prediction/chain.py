@@ -6,27 +6,38 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.notebook import Brief
-from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
+from xfrustum.scenes.notebook import ShortRepr
+from xfrustum.scenes.plate.double_frustum import (
+    Cull,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Fit,
+    Pivot,
+)
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""
 
 PIVOT = 1  #: the link that moves the center of the shear
-RASTERIZATION = 4  #: the first of the two links that round, and must explain themselves: its place in `LINKS`
-CULLING = "culling"  #: link between slabs and rasterization that a chain has where its settings cull faces
+RASTERIZATION = (
+    4  #: the first of the two links that round, and must explain themselves: its place in `LINKS`
+)
+#: link between slabs and rasterization that a chain has where its settings cull faces
+CULLING = "culling"
 
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 """The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Chain(Brief):
+class Chain(ShortRepr):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
-    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5 lacks culled faces;
-    all traced and certified. R0 is rasterized with linear depth, R1 with the depth buffer asked for.
+    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5 lacks
+    culled faces; all traced and certified. R0 is rasterized with linear depth, R1 with the depth
+    buffer asked for.
     """
 
     images: tuple[HogelImage, ...]
@@ -36,7 +47,8 @@ class Chain(Brief):
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
-    # The fit by default is replaced by the one that it stands for: links that change nothing are equal.
+    # The fit by default is replaced by the one that it stands for: links that change nothing are
+    # equal.
     settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
     drawn = replace(settings, cull=Cull.NONE)
     whole = replace(drawn, slabs=())

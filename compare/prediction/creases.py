@@ -1,10 +1,11 @@
 """Closed form of the surface error that subpixel snapping causes at concave creases (docs/method.md).
 
-A crease is a side that two triangles share and that a line of the frustum sees from the front, with one
-triangle on either side of it. A rasterizer snaps its ends, so that it shows one triangle beyond the crease,
-where it evaluates the point on the plane of that triangle. At a convex crease this plane passes in front of
-the other triangle, and the point is seen. At a concave one it passes behind: the point is hidden, and the
-surface wrong, from the offset on at which the plane is farther behind than the tolerance of drawn points.
+A crease is a side that two triangles share and that a line of the frustum sees from the front, with
+one triangle on either side of it. A rasterizer snaps its ends, so that it shows one triangle beyond
+the crease, where it evaluates the point on the plane of that triangle. At a convex crease this
+plane passes in front of the other triangle, and the point is seen. At a concave one it passes
+behind: the point is hidden, and the surface wrong, from the offset on at which the plane is farther
+behind than the tolerance of drawn points.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ _OFFSETS = np.linspace(0, np.sqrt(2), 64)  #: offsets between which the mean shi
 def _mean_excess() -> Floats:
     """Return the mean of max(0, |d| - x) at each of `_OFFSETS`, all as parts of half a subpixel.
 
-    d is the distance by which a point of an edge moves along the normal of the edge where both ends snap to
-    the nearest subpixel in each axis: (1 - t) e . n + t e' . n, for points t, normals n, and errors e and e'
-    of either end, all of them uniform.
+    d is the distance by which a point of an edge moves along the normal of the edge where both ends
+    snap to the nearest subpixel in each axis: (1 - t) e . n + t e' . n, for points t, normals n,
+    and errors e and e' of either end, all of them uniform.
     """
     random = np.random.default_rng(0)
     along, angle = random.uniform(0, 1, _SAMPLES), random.uniform(0, np.pi / 2, _SAMPLES)
@@ -48,9 +49,10 @@ def mean_shift(subpixel_bits: int, beyond: Floats) -> Floats:
 def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     """Return the expected number of judged pixels at which snapping shows hidden points beyond creases.
 
-    Visible creases are as long as the creases of a visible triangle, times the share of its area that is
-    visible: the pixels that show it over its area on the film. A pixel may show a triangle that is far
-    smaller; on the average over the pixel grid the sum is right whatever the tessellation.
+    Visible creases are as long as the creases of a visible triangle, times the share of its area
+    that is visible: the pixels that show it over its area on the film. A pixel may show a triangle
+    that is far smaller; on the average over the pixel grid the sum is right whatever the
+    tessellation.
     """
     shown = truth.triangle[judged_pixels(truth) & truth.covered]
     number, pixels = np.unique(shown, return_counts=True)
@@ -59,7 +61,8 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     own, side = np.nonzero(scene.twins[number] >= 0)
     length, area, offsets = _measured(truth, scene, number[own], side)
     shift = mean_shift(subpixel_bits, offsets).mean(axis=0)
-    # Each triangle answers for half of its creases. What is shown beyond them is no more than all of it.
+    # Each triangle answers for half of its creases. What is shown beyond them is no more than all
+    # of it.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(length > 0, np.minimum(length * shift / 2 / area, 1.0), 0.0)
     return float(np.sum(pixels[own] * share))
@@ -70,8 +73,8 @@ def _measured(
 ) -> tuple[Floats, Floats, Floats]:
     """Measure sides (N,) of triangles on the true film: lengths, areas of the triangles, and offsets (2, N).
 
-    Lengths are zero where no concave crease is seen. From the offsets on, either of the two planes is
-    farther behind the other triangle than the tolerance of its points.
+    Lengths are zero where no concave crease is seen. From the offsets on, either of the two planes
+    is farther behind the other triangle than the tolerance of its points.
     """
     lines = true_lines(truth.camera)
     other, other_side = np.divmod(scene.twins[number, side], 3)
@@ -97,7 +100,8 @@ def _measured(
         turned = np.zeros_like(direction)
         turned[:, :2] = normal / per_unit
         planes = [scene.normals[one] for one in (number, other)]
-        # Normals toward the viewer, and how fast a point on one plane leaves the other one, per pixel.
+        # Normals toward the viewer, and how fast a point on one plane leaves the other one, per
+        # pixel.
         onto = [np.einsum("ij,ij->i", one, direction) for one in planes]
         across = [np.einsum("ij,ij->i", one, turned) for one in planes]
         rates = [np.abs(s * (across[1 - k] - onto[1 - k] * across[k] / onto[k])) for k in range(2)]

@@ -1,12 +1,13 @@
 """Closed forms of depth buffers: the smallest separation that they order, and the share shown wrongly.
 
-Two independent errors limit the separation of two surfaces, so that their squares add: the step of the
-format, up to which distinct depths are stored as equal ones; and float32, in which depth is computed before
-it is stored. Each rounding is uniform within half a unit in the last place of the rounded number, a variance
-of a twelfth of a unit squared; the difference of two surfaces has twice that, and is close to normal.
+Two independent errors limit the separation of two surfaces, so that their squares add: the step of
+the format, up to which distinct depths are stored as equal ones; and float32, in which depth is
+computed before it is stored. Each rounding is uniform within half a unit in the last place of the
+rounded number, a variance of a twelfth of a unit squared; the difference of two surfaces has twice
+that, and is close to normal.
 
-A pixel is shown wrongly by order or lost (docs/method.md, "The error budget"). Surfaces in different slabs
-have depth buffers of their own.
+A pixel is shown wrongly by order or lost (docs/method.md, "The error budget"). Surfaces in
+different slabs have depth buffers of their own.
 """
 
 from __future__ import annotations
@@ -24,7 +25,13 @@ from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.device_model import DeviceModel, safe_model
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.plate.double_frustum import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Offset,
+)
 from xfrustum.scenes.plate.plate import Frustum
 
 MAX_MISORDERED_FRACTION = 0.01
@@ -42,7 +49,8 @@ equation of 1 / w, and the reciprocal of 1 / w."""
 
 EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
 """Roundings of the depth that a fragment computes from w. Linear depth has a difference, a division, and
-storing; the logarithm counts its half units in the last place. The approximation error of the logarithm
+storing; the logarithm counts its half units in the last place. The approximation error of the
+logarithm
 beyond rounding is the same for two depths so near to each other, and cancels."""
 
 
@@ -56,21 +64,23 @@ def smallest_separation(
 ) -> Floats:
     """Return the smallest separation of two surfaces, in w and scene units, that a depth buffer still orders.
 
-    `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At the
-    separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface, where equal depths count
-    as wrong. It is the same for C (nearest wins) and C* (farthest wins). Devices store the nearest step
-    (None), or one of those that their model has: then so many steps are one.
+    `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At
+    the separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface, where equal
+    depths count as wrong. It is the same for C (nearest wins) and C* (farthest wins). Devices store
+    the nearest step (None), or one of those that their model has: then so many steps are one.
 
-    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic mappings, w
-    ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at the stored value,
-    which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
+    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic
+    mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32
+    at the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
     steps = 1.0 if device is None else device.stored_steps(depth)
     step = steps * STEP[depth] or float32_spacing(stored)
     chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
-    rounding = chance * np.sqrt(2 * depth_variance(w, (stored, slope), near_plane, far_plane, mapping))
+    rounding = chance * np.sqrt(
+        2 * depth_variance(w, (stored, slope), near_plane, far_plane, mapping)
+    )
     return np.asarray(np.hypot(step, rounding) / slope)
 
 
@@ -124,18 +134,25 @@ variance of a corner's depth that a pixel's has."""
 
 
 def pair_variance(
-    w: Floats, depth: tuple[Floats, Floats], n: float, f: float, mapping: DepthMapping, device: DeviceModel
+    w: Floats,
+    depth: tuple[Floats, Floats],
+    n: float,
+    f: float,
+    mapping: DepthMapping,
+    device: DeviceModel,
 ) -> Floats:
     """Return the variance of the depth of each of two surfaces that a buffer may order either way.
 
     `depth_variance` holds for any two surfaces, and this for those of a scene, on the average:
 
-    * What both have alike cancels: with n small, clip w = |z| + n is off by one amount for all z of an
-      octave.
-    * Corners are rounded by themselves, and a pixel's depth is a mean of three, `CORNERS_SQUARED`: the
-      product in clip depth, a sum where it has a constant, the reciprocal of w, and the product with that.
+    * What both have alike cancels: with n small, clip w = |z| + n is off by one amount for all z of
+      an octave.
+    * Corners are rounded by themselves, and a pixel's depth is a mean of three, `CORNERS_SQUARED`:
+      the product in clip depth, a sum where it has a constant, the reciprocal of w, and the product
+      with that.
     * The plane's steps are rounded on some devices alone.
-    * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than that.
+    * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than
+      that.
     """
     stored, slope = depth
     own, relative = float32_spacing(stored) ** 2, (float32_spacing(w) / w) ** 2
@@ -165,7 +182,8 @@ ANY = safe_model()  #: the device of shares that are asked for without one
 
 MAX_ORDER_FACTOR = 2.0
 """Largest ratio of the share that the worst draw order gets wrong to the share expected when the order is
-unknown. Surfaces that are stored at the same depth are wrong half the time when the order is unknown, and
+unknown. Surfaces that are stored at the same depth are wrong half the time when the order is
+unknown, and
 always when it is the worst."""
 
 BINS_PER_OCTAVE = 256
@@ -189,17 +207,22 @@ Gaps = tuple[Floats, Floats | None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stacks:
+class DepthLayers:
     """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
 
     judged: int  #: pixels whose truth is no tie
     distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
-    gap: Mapping[Camera, Floats]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
-    #: (N,) distance to the next one of those that are drawn before it; None where the order is not known
+    gap: Mapping[
+        Camera, Floats
+    ]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
+    #: (N,) distance to the next one of those that are drawn before it; None where the order is not
+    #: known
     earlier: Mapping[Camera, Floats] | None = None
 
     @classmethod
-    def of(cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None) -> Stacks:
+    def from_truth(
+        cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None
+    ) -> DepthLayers:
         """Return the stacks of a true image and its gaps, (H, W), from `Reference.gaps`."""
         # It loads the reference and its tracers, which `explain` does without.
         from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
@@ -212,12 +235,14 @@ class Stacks:
             judged=int(judged.sum()),
             distance={camera: np.abs(height[here]) for camera, here in shown.items()},
             gap={camera: gaps[here] for camera, here in shown.items()},
-            earlier=None if order is None else {camera: order[here] for camera, here in shown.items()},
+            earlier=None
+            if order is None
+            else {camera: order[here] for camera, here in shown.items()},
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slab:
+class DepthRange:
     """One camera's slab and its depth buffer (docs/method.md, "Splitting"); lengths in scene units."""
 
     camera: Camera
@@ -228,11 +253,12 @@ class Slab:
     far: float
 
 
-def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
+def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[DepthRange]:
     """Yield every slab of the cameras that draw, from the plate outward.
 
-    The slab that touches the plate has its near plane at n, and its camera steps back by n where the offset
-    says so. The cameras of the other slabs stand in the aperture; their near planes are the lower cuts.
+    The slab that touches the plate has its near plane at n, and its camera steps back by n where
+    the offset says so. The cameras of the other slabs stand in the aperture; their near planes are
+    the lower cuts.
     """
     sides = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
     for camera, reach in sides.items():
@@ -243,11 +269,13 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
             near = settings.near if low == 0 else low
             nearest = near - step
             if nearest < high:
-                yield Slab(camera=camera, low=nearest, high=high, step=step, near=near, far=high + step)
+                yield DepthRange(
+                    camera=camera, low=nearest, high=high, step=step, near=near, far=high + step
+                )
 
 
 def depth_wrong_shares(
-    stacks: Stacks,
+    stacks: DepthLayers,
     frustum: Frustum,
     settings: Sequence[DoubleFrustum],
     device: DeviceModel = ANY,
@@ -256,24 +284,26 @@ def depth_wrong_shares(
 ) -> list[float]:
     """Return the expected shares of judged pixels that depth buffers alone show wrongly, from 0 to 1.
 
-    The settings differ in their depth buffers alone. Such pixels are wrong with them, and right with linear
-    D32F depth. Equal depths are wrong where the other surface is drawn first, as `stacks.earlier` has it;
-    half of them are where that is not known; all of them with `unlucky`.
+    The settings differ in their depth buffers alone. Such pixels are wrong with them, and right
+    with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
+    `stacks.earlier` has it; half of them are where that is not known; all of them with `unlucky`.
 
-    Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
-    normal error of standard deviation e. A format with step q and a uniformly distributed phase orders a
-    difference x between -q and q wrongly with chance (1 - x / q) / 2: the two are stored as equal with chance
-    1 - |x| / q, and are then wrong half the time. The mean over the normal error is
+    Let the two surfaces' depths differ by D in stored units, before rounding, and let this
+    difference have a normal error of standard deviation e. A format with step q and a uniformly
+    distributed phase orders a difference x between -q and q wrongly with chance (1 - x / q) / 2:
+    the two are stored as equal with chance 1 - |x| / q, and are then wrong half the time. The mean
+    over the normal error is
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    Where the order is known it is twice the part from 0 to q, if the other surface is drawn first, and twice
-    that from -q to 0 if it is drawn later. Of two other surfaces, one of either kind, the likelier counts.
-    Where e is a small part of q, the phase is known as well, and counts (`_misordered_steps`).
+    Where the order is known it is twice the part from 0 to q, if the other surface is drawn first,
+    and twice that from -q to 0 if it is drawn later. Of two other surfaces, one of either kind, the
+    likelier counts. Where e is a small part of q, the phase is known as well, and counts
+    (`_misordered_steps`).
 
-    A surface is lost where its depth lies within half a step of the clear value; the error of this one depth
-    has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it. Pixels that linear
-    depth gets wrong too are subtracted, as if they were the same pixels.
+    A surface is lost where its depth lies within half a step of the clear value; the error of this
+    one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
+    Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels.
     """
     # Linear D32F depth stands for a depth buffer that adds no error of its own.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
@@ -293,7 +323,7 @@ def depth_wrong_shares(
 
 
 def chances(
-    own: Sequence[Slab],
+    own: Sequence[DepthRange],
     distance: Floats,
     gaps: Gaps,
     settings: Sequence[DoubleFrustum],
@@ -302,8 +332,8 @@ def chances(
 ) -> Floats:
     """Return the chance of each surface to be shown wrongly by the slabs of its camera, (settings, N).
 
-    `distance` and `gaps` are as in `Stacks`; `order` is the ratio of the misordered share to that of an
-    unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
+    `distance` and `gaps` are as in `DepthLayers`; `order` is the ratio of the misordered share to
+    that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
     gap, earlier = gaps
     least = np.full((len(settings), len(distance)), np.inf)
@@ -317,7 +347,7 @@ def chances(
 
 
 def _chance(
-    slab: Slab,
+    slab: DepthRange,
     distance: Floats,
     gaps: Gaps,
     settings: Sequence[DoubleFrustum],
@@ -326,11 +356,12 @@ def _chance(
 ) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
     gap, earlier = gaps
-    # Lost: the depth, with the error of one surface, comes within half a step of the clear value. The buffer
-    # of C is cleared to its far value, that of C* to its near value.
+    # Lost: the depth, with the error of one surface, comes within half a step of the clear value.
+    # The buffer of C is cleared to its far value, that of C* to its near value.
     w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
-    # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest surface, and
-    # the next one lies closer to the camera. Pairs in different slabs are not compared.
+    # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
+    # surface, and the next one lies closer to the camera. Pairs in different slabs are not
+    # compared.
     kinds = [(gap, _COIN)] if earlier is None else [(gap, _LATER), (earlier, _EARLIER)]
     pairs: list[tuple[Floats, Floats, Floats | float]] = []
     paired = []
@@ -352,20 +383,27 @@ def _chance(
             own, difference = pairs[kind][0], apart(kind, alike)
             close, row = known.in_doubt(own, difference)
             difference, step, error = difference[close], known.step[row], known.error[row]
-            # Where the error is small beside a fixed step, it counts where depths lie between steps.
+            # Where the error is small beside a fixed step, it counts where depths lie between
+            # steps.
             sharp = (error < MAX_SHARP_ERROR * step) & (ends != _COIN) & (STEP[depth] > 0)
             chance = np.empty_like(difference)
-            chance[~sharp] = order * _misordered(difference[~sharp], step[~sharp], error[~sharp], ends)
+            chance[~sharp] = order * _misordered(
+                difference[~sharp], step[~sharp], error[~sharp], ends
+            )
             if sharp.any():
-                # C keeps the smaller depth and C* the larger one, or the reverse where the mapping falls.
+                # C keeps the smaller depth and C* the larger one, or the reverse where the mapping
+                # falls.
                 falls = (mapping is DepthMapping.REVERSED) != (slab.camera is Camera.C_STAR)
                 place = stored_depth(own[close[sharp]], slab.near, slab.far, mapping)[0]
                 last = 1 / STEP[depth] - 1  # the largest stored number, which stands for one
                 places = (-last if falls else last) * place, last * difference[sharp]
-                chance[sharp] = _misordered_steps(places, error[sharp] / step[sharp] * np.sqrt(0.5), ends)
+                chance[sharp] = _misordered_steps(
+                    places, error[sharp] / step[sharp] * np.sqrt(0.5), ends
+                )
             at = paired[kind][close]
             misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
-        # Only a surface that is not lost can be misordered; the two chances are taken as independent.
+        # Only a surface that is not lost can be misordered; the two chances are taken as
+        # independent.
         np.add(wrong, (1 - wrong) * misordered, out=wrong)
     return found
 
@@ -374,7 +412,9 @@ _ALIKE = {DepthMapping.GL: DepthMapping.STANDARD, DepthMapping.REVERSED: DepthMa
 """Mappings whose depths are as far apart as those of another one."""
 
 
-def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:
+def _difference(
+    w: Floats, gap: Floats, other: Floats | float, slab: DepthRange, mapping: DepthMapping
+) -> Floats:
     """Return how far apart in stored units the depths at w and at `other` are: products, nothing cancels."""
     n, f = slab.near, slab.far
     match mapping:
@@ -409,11 +449,13 @@ MAX_SHARP_ERROR = 0.25
 Six standard deviations of each, 6 / sqrt(2) 0.25 = 1.06 steps, reach no farther than the next step."""
 
 
-def _misordered_steps(places: tuple[Floats, Floats], error: Floats, ends: tuple[int, int]) -> Floats:
+def _misordered_steps(
+    places: tuple[Floats, Floats], error: Floats, ends: tuple[int, int]
+) -> Floats:
     """Return what `_misordered` does where depths and their distance are known in steps.
 
-    The surface that is shown is stored at the step that it is nearest to, or beside that. The other one is in
-    front of it if it is stored before that step, or at it and drawn earlier.
+    The surface that is shown is stored at the step that it is nearest to, or beside that. The other
+    one is in front of it if it is stored before that step, or at it and drawn earlier.
     """
     place, apart = places
     step = np.round(place)
@@ -444,7 +486,9 @@ class _Table:
 
 
 @lru_cache(maxsize=16)
-def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping, device: DeviceModel) -> _Table:
+def _table(
+    slab: DepthRange, depth: DepthFormat, mapping: DepthMapping, device: DeviceModel
+) -> _Table:
     used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
     first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)

@@ -24,7 +24,7 @@ class TruePoints:
     camera: HogelCamera
 
     @classmethod
-    def of(cls, truth: HogelImage) -> TruePoints:
+    def from_image(cls, truth: HogelImage) -> TruePoints:
         """Return the points of all pixels, (H, W)."""
         height = np.full(truth.triangle.shape, np.nan)
         np.copyto(height, truth.height, where=truth.off_plate)
@@ -43,7 +43,10 @@ class TruePoints:
 
     def at(self, pixels: Indices) -> TruePoints:
         """Return the points at some pixels, given as indices of the flattened image."""
-        height, from_middle = self.height.reshape(-1)[pixels], self.from_middle.reshape(-1, 2)[pixels]
+        height, from_middle = (
+            self.height.reshape(-1)[pixels],
+            self.from_middle.reshape(-1, 2)[pixels],
+        )
         return TruePoints(height=height, from_middle=from_middle, camera=self.camera)
 
     def shown(self) -> TruePoints:
@@ -54,14 +57,16 @@ class TruePoints:
 def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
 
-    NaN where there is no surface off the plate, and where no camera draws it: on the other side of the plate
-    when only one camera draws, and closer than n without an offset. From the places at which both cameras
-    draw a point (docs/method.md, "Shear") follows, without a difference of nearly equal numbers, with u where
-    it belongs, w = |z| + n, the shear k (0 for pivot `aperture`), and 1 / zf = 0 for fit `angle`,
+    NaN where there is no surface off the plate, and where no camera draws it: on the other side of
+    the plate when only one camera draws, and closer than n without an offset. From the places at
+    which both cameras draw a point (docs/method.md, "Shear") follows, without a difference of
+    nearly equal numbers, with u where it belongs, w = |z| + n, the shear k (0 for pivot
+    `aperture`), and 1 / zf = 0 for fit `angle`,
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
-    This holds in the first slab. The cameras of the other slabs stand in the aperture, and displace nothing.
+    This holds in the first slab. The cameras of the other slabs stand in the aperture, and displace
+    nothing.
     """
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)

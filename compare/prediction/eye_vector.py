@@ -1,13 +1,13 @@
 """The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light").
 
-At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another surface
-point is met. At one *surface point* the two lines differ. With E = -d / |d| the unit eye vector of a line d,
-a bend D of the line (`bend`) turns E by
+At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
+surface point is met. At one *surface point* the two lines differ. With E = -d / |d| the unit eye
+vector of a line d, a bend D of the line (`bend`) turns E by
 
     dE = - (D - (D.E) E) / |d|
 
-and the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE. To first order the
-specular term of a light from L then changes by
+and the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE. To first
+order the specular term of a light from L then changes by
 
     dC = I specular exponent (R.L)^(exponent - 1) (dR.L)      where N.L > 0 and R.L > 0
 
@@ -41,15 +41,15 @@ def drawn_lines(
         low, high = camera.heights
         # Where two slabs meet, the one drawn later covers the other.
         here = (position[..., 2] >= low) & (position[..., 2] <= high)
-        lines[here] = _through(position[here], camera.pencil.center)
+        lines[here] = _through(position[here], camera.bundle.center)
     return lines
 
 
 def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
     """Return the drawn minus the true direction d of the line to each point, in closed form, (..., 3).
 
-    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle), and
-    pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n).
+    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit
+    angle), and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n).
     """
     position = np.asarray(position, dtype=np.float64)
     d = true_lines(position, camera.aperture)
@@ -82,7 +82,9 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
     return eye, -(bend - _dot(bend, eye) * eye) / length
 
 
-def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
+def specular_change(
+    scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]
+) -> Floats:
     """Return how much brighter highlights are drawn than they are, (N, 3); `eye` is E and dE."""
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
@@ -93,19 +95,24 @@ def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[
         toward = np.asarray(light.direction)
         along = (mirrored @ toward)[:, None]
         lit = ((normal @ toward)[:, None] > 0) & (along > 0)
-        # With an exponent below one the slope is infinite at the end of the highlight: unlit points take 1.
+        # With an exponent below one the slope is infinite at the end of the highlight: unlit points
+        # take 1.
         slope = exponent * np.where(lit, along, 1.0) ** (exponent - 1)
         change += np.where(lit, slope * (turned @ toward)[:, None], 0.0) * specular * light.color
     return change
 
 
-def mirror_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
+def mirror_change(
+    scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]
+) -> Floats:
     """Return how much brighter reflections are drawn than they are, (N, 3); see `specular_change`."""
     environment = scene.appearance.environment
     if environment is None:
         return np.zeros_like(normal)
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
-    reflectivity = np.array([m.reflectivity for m in scene.materials])[scene.object_of_triangle[triangle]]
+    reflectivity = np.array([m.reflectivity for m in scene.materials])[
+        scene.object_of_triangle[triangle]
+    ]
     moved = radiance_toward(environment, mirrored + turned) - radiance_toward(environment, mirrored)
     return np.asarray(reflectivity * moved)
 
@@ -125,7 +132,9 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
     lines = true_lines(position, image.camera.aperture)
     eye = bent_eye(lines, bend(position, image.camera, near))
     normal = shading_normals(scene, triangle, position, lines)
-    return specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
+    return specular_change(scene, triangle, normal, eye) + mirror_change(
+        scene, triangle, normal, eye
+    )
 
 
 def measured_eye_error(shader: Shader, drawn: HogelImage) -> Floats:

@@ -7,12 +7,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
+from xfrustum.compare.metrics.error_maps import (
+    Spread,
+    judged_pixels,
+    lengths,
+    root_mean_square,
+    turned_away,
+)
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.creases import crease_pixels
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
-    Stacks,
+    DepthLayers,
     depth_wrong_shares,
     float32_spacing,
     slabs,
@@ -82,7 +88,8 @@ class LinkPrediction:
 
     displacement_rms_px: float | None
     surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
-    #: standard deviations of those beside edges along rows, and along columns: they go wrong together
+    #: standard deviations of those beside edges along rows, and along columns: they go wrong
+    #: together
     flip_deviations: Pair = (0.0, 0.0)
     reasons: Reasons = NO_REASONS
 
@@ -97,9 +104,11 @@ class Predictor:
         frustum, aperture = reference.scene.frustum, truth.camera.aperture
         self._truth, self._frustum = truth, frustum
         self._device = device
-        self._all_points = TruePoints.of(truth)
+        self._all_points = TruePoints.from_image(truth)
         self._points = self._all_points.shown()
-        self._stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
+        self._stacks = DepthLayers.from_truth(
+            truth, reference.gaps(aperture), reference.gaps(aperture, truth)
+        )
         self._silhouettes = Silhouettes(truth, frustum, self._all_points)
         self._creases = crease_pixels(truth, reference.scene, device.subpixel_bits)
         self._in_plate = plate_segments(reference.scene, aperture)
@@ -113,7 +122,9 @@ class Predictor:
         spacing = float32_spacing(np.abs(truth.position[truth.covered]).max(initial=1.0))
         pixel = 2 * max(truth.camera.half_extent) / max(frustum.resolution)
         self._rounding_px = (
-            float(spacing / (pixel * np.median(self._points.depth))) if self._points.depth.size else 0.0
+            float(spacing / (pixel * np.median(self._points.depth)))
+            if self._points.depth.size
+            else 0.0
         )
 
     def predict_each(self, settings: Sequence[DoubleFrustum]) -> list[LinkedPrediction]:
@@ -124,7 +135,9 @@ class Predictor:
         (prediction, rounded), found = self._predicted(with_exact_depth(settings[0])), []
         shares = depth_wrong_shares(self._stacks, self._frustum, settings, self._device)
         for one, share in zip(settings, shares, strict=True):
-            depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
+            depth = LinkPrediction(
+                displacement_rms_px=None, surface_pixels=share * self._stacks.judged
+            )
             links = (*rounded, depth)
             whole = replace(prediction, depth=share, separation=self._separations(one))
             whole = replace(whole, reasons=self._reasons(one, whole, links))
@@ -136,9 +149,14 @@ class Predictor:
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
         swept = self._silhouettes.charged_pixels(chain)
         outside = outside_shares(self._all_points, self._frustum, chain)
-        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits) + self._creases
+        snapped = (
+            self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits) + self._creases
+        )
         moved = self._moved_by(chain)
-        wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
+        wrong = [
+            pixels + share * self._stacks.judged
+            for pixels, share in zip(swept, outside, strict=True)
+        ]
         turned = 0
         if settings.cull is not Cull.NONE:
             turned = int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
@@ -149,7 +167,9 @@ class Predictor:
         if crosses:
             moved = [None if one else one for one in moved]
         prediction = Prediction(
-            displacement_px=None if crosses else displacement(self._points, self._frustum, settings),
+            displacement_px=None
+            if crosses
+            else displacement(self._points, self._frustum, settings),
             reasons=Reasons(displacement=Reason.CROSSES if crosses else None),
             silhouettes=sum(swept) / judged,
             snapped=snapped / judged,
@@ -161,7 +181,9 @@ class Predictor:
         together = self._silhouettes.flip_deviations(chain, self._device.subpixel_bits)
         links = zip([*moved, None], [*wrong, snapped], together, strict=True)
         made = (
-            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels, flip_deviations=deviations)
+            LinkPrediction(
+                displacement_rms_px=rms, surface_pixels=pixels, flip_deviations=deviations
+            )
             for rms, pixels, deviations in links
         )
         return prediction, tuple(made)
@@ -220,7 +242,8 @@ class Predictor:
     ) -> tuple[LinkPrediction, ...]:
         """Return links with the reasons for which their own predictions do not hold.
 
-        Traced links round nothing, so that neither the size of triangles nor the steps of depth matter.
+        Traced links round nothing, so that neither the size of triangles nor the steps of depth
+        matter.
         """
         *traced, rasterized, depth = range(len(links))
         thin, moves = self._is_thin(settings), prediction.reasons.displacement
@@ -253,22 +276,32 @@ class Predictor:
             known = known[np.isfinite(known)]
             return root_mean_square(known) if known.size else None
 
-        fields = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
+        fields = {
+            one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)
+        }
         found = [rms(fields[chain[0]])]
         # Where nothing moves, what is drawn at all is the same for all links.
         still = None if found[0] is None else 0.0
         pairs = pairwise(chain)
-        return found + [still if one == two else rms(fields[two] - fields[one]) for one, two in pairs]
+        return found + [
+            still if one == two else rms(fields[two] - fields[one]) for one, two in pairs
+        ]
 
     def _separations(self, settings: DoubleFrustum) -> Separations:
         height = self._points.height
-        farthest = {Camera.C: -float(height.min(initial=0)), Camera.C_STAR: float(height.max(initial=0))}
+        farthest = {
+            Camera.C: -float(height.min(initial=0)),
+            Camera.C_STAR: float(height.max(initial=0)),
+        }
         found: dict[Camera, float] = {}
         for slab in slabs(self._frustum, settings):
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
                 w = np.array([farthest[slab.camera] + slab.step])
-                there = smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping)
-                # Both slabs draw a surface at their common cut; for one of them it is the nearest surface.
+                there = smallest_separation(
+                    w, slab.near, slab.far, settings.depth, settings.mapping
+                )
+                # Both slabs draw a surface at their common cut; for one of them it is the nearest
+                # surface.
                 found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
         return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
 
@@ -295,16 +328,18 @@ def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
 def displacement(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
     moved = displacement_lengths(points, frustum, settings)
-    return Spread.of(moved[np.isfinite(moved)])
+    return Spread.from_values(moved[np.isfinite(moved)])
 
 
-def outside_shares(points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
+def outside_shares(
+    points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
+) -> tuple[float, ...]:
     """Return the share of all pixels from outside the film that each link of a chain is charged with.
 
-    Pixels are charged to the link from which on they show points from outside. A point on the border of the
-    film that is drawn further in by d pixels leaves the d pixels between to points from beyond the border. A
-    pixel counts from its center on: of d pixels, those are floor(d + 1/2). `points` are those of all pixels
-    (H, W).
+    Pixels are charged to the link from which on they show points from outside. A point on the
+    border of the film that is drawn further in by d pixels leaves the d pixels between to points
+    from beyond the border. A pixel counts from its center on: of d pixels, those are floor(d +
+    1/2). `points` are those of all pixels (H, W).
     """
     height, width = points.height.shape
     columns, rows = np.arange(width), np.arange(height) * width
@@ -314,7 +349,9 @@ def outside_shares(points: TruePoints, frustum: Frustum, chain: Sequence[DoubleF
 
     def shown(settings: DoubleFrustum) -> list[Floats]:
         """Return how many pixels in from the border show what lies beyond it, for each side's points."""
-        moved = (sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders)
+        moved = (
+            sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
+        )
         # What is not known, as no camera draws it, shows nothing.
         return [np.floor(np.fmax(one, 0.0) + 0.5) for one in moved]
 

@@ -9,7 +9,9 @@ from enum import StrEnum
 class Reason(StrEnum):
     """Reason for which a prediction does not hold."""
 
-    CROSSES = "crosses-plate"  #: surfaces cross the plate: points from outside the film show near it
+    CROSSES = (
+        "crosses-plate"  #: surfaces cross the plate: points from outside the film show near it
+    )
     STARVED = "starved-depth"  #: depth shows other surfaces than those that are displaced
     ROUNDED = "below-float32"  #: the displacement is smaller than the rounding of positions
     LARGE = "large-triangles"  #: float32 rounds the depth of triangles far larger than the plate
@@ -17,7 +19,9 @@ class Reason(StrEnum):
     FEW = "few-pixels"  #: fewer than `MIN_PIXELS` are predicted
     OUTSIDE = "outside-film"  #: points from outside the film are shown
     STEPS = "two-depth-steps"  #: all depths lie within two float32 steps below one
-    ALIGNED = "aligned-edges"  #: all pixels beside an edge along a row or column become wrong together
+    ALIGNED = (
+        "aligned-edges"  #: all pixels beside an edge along a row or column become wrong together
+    )
     THIN = "thin-surfaces"  #: surfaces thinner than a pixel, of which the truth shows a part
 
 
@@ -52,9 +56,9 @@ small."""
 def chance(pixels: float, together: float = 0.0) -> Reason | None:
     """Return the reason for which chance decides a number of wrong pixels, None where it does not.
 
-    Pixels are as independent as a Poisson number, and have its variance, `pixels`. Those beside an edge
-    along a row or column are not: they add a variance, `together`. Held to a factor of 3 is what varies
-    relatively as little as `MIN_PIXELS` independent ones.
+    Pixels are as independent as a Poisson number, and have its variance, `pixels`. Those beside an
+    edge along a row or column are not: they add a variance, `together`. Held to a factor of 3 is
+    what varies relatively as little as `MIN_PIXELS` independent ones.
     """
     if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
         return None

@@ -1,16 +1,20 @@
 """Closed form of the surface error that displacement causes along silhouettes, and the contours of an image.
 
-A contour, where one surface ends before another, is found step by step between neighboring pixels; its normal
-is averaged over the steps around it. Let x run in pixels across the contour, along its normal from the
-surface in front to the surface behind. The truth shows the front up to x = 0; the picture shows the front up
-to c = -d_front n; and from b = -d_back n on it shows the part of the back that the true frustum sees.
+A contour, where one surface ends before another, is found step by step between neighboring pixels;
+its normal is averaged over the steps around it. Let x run in pixels across the contour, along its
+normal from the surface in front to the surface behind. The truth shows the front up to x = 0; the
+picture shows the front up to c = -d_front n; and from b = -d_back n on it shows the part of the
+back that the true frustum sees.
 
- * Between 0 and c the picture shows another object, or a surface instead of none, or none instead of one.
- * Between c and b, where c < b, the picture shows a part that the front occludes from the true frustum.
+ * Between 0 and c the picture shows another object, or a surface instead of none, or none instead
+   of one.
+ * Between c and b, where c < b, the picture shows a part that the front occludes from the true
+   frustum.
 
-Inside one object only the second interval is wrong. Where a surface is cut into slabs with cameras of their
-own nothing is hidden, but between c and b, where c < b, there is a gap. These statements are of first order:
-exact while displacement is small against the distance and the length of contours.
+Inside one object only the second interval is wrong. Where a surface is cut into slabs with cameras
+of their own nothing is hidden, but between c and b, where c < b, there is a gap. These statements
+are of first order: exact while displacement is small against the distance and the length of
+contours.
 """
 
 import math
@@ -27,7 +31,12 @@ from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.creases import mean_shift
-from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
+from xfrustum.compare.prediction.displacement import (
+    TruePoints,
+    displacements,
+    in_first_slab,
+    is_drawn,
+)
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
@@ -37,16 +46,18 @@ Pair = tuple[float, float]  #: of edges along rows, and along columns
 
 CONTOUR_SIGMA_PX = 1.5
 """Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
-that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies within two sigma on
-either side, and the normal is exact. On stairs that lean less the normal is too near to an axis, but by at
-most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
+that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies within two
+sigma on either side, and the normal is exact. On stairs that lean less the normal is too near to an
+axis, but by at most 1/5 of a radian, and on average along the line by nothing. A wider filter would
+round corners off, and
 mix contours that are as near to each other."""
 
 MIN_OCCLUSION_SPACINGS = 2
 """Distance, in spacings of neighboring lines, by which neighboring points must lie off each other's tangent
-planes to count as an occlusion. Two points of one surface lie at most one spacing off, with one crease
-between them, measured from the face that the line meets less steeply; two spacings on a surface that bends
-twice. An occlusion that is closer is not found. This makes no difference: both surfaces are displaced alike,
+planes to count as an occlusion. Two points of one surface lie at most one spacing off, with one
+crease between them, measured from the face that the line meets less steeply; two spacings on a
+surface that bends twice. An occlusion that is closer is not found. This makes no difference: both
+surfaces are displaced alike,
 but for 4 t / W of their displacement."""
 
 
@@ -83,8 +94,9 @@ _NO_CONTOUR = -1  #: kind of a pair of neighbors that no contour runs between
 class _Steps:
     """N steps along one axis.
 
-    `oriented` is +1 where the normal points on along the axis, by a rule that stays the same all along a
-    contour: where two objects meet, their heights are equal, and rounding decides which is in front.
+    `oriented` is +1 where the normal points on along the axis, by a rule that stays the same all
+    along a contour: where two objects meet, their heights are equal, and rounding decides which is
+    in front.
     """
 
     before: Indices  #: pixels of the flattened image
@@ -96,8 +108,8 @@ class _Steps:
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     """Find the contours of a true image from its objects, positions and normals.
 
-    `slab` (H, W) has the pixels whose surface is drawn by other cameras than the other pixels'; the border of
-    this region on a surface is a seam.
+    `slab` (H, W) has the pixels whose surface is drawn by other cameras than the other pixels'; the
+    border of this region on a surface is a seam.
     """
     shape = truth.triangle.shape
     steps = _steps(truth, slab, 1), _steps(truth, slab, 0)
@@ -109,19 +121,26 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
         normal = gradients[axis]
         length = np.hypot(normal[:, 0], normal[:, 1])
         normal /= np.where(length > 0, length, 1.0)[:, None]
-        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points
-        # against the step itself, the step's normal is the axis.
+        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the
+        # rest points against the step itself, the step's normal is the axis.
         against = normal[:, axis] * step.oriented <= 0
         normal[against] = 0.0
         normal[against, axis] = step.oriented[against]
-        before, after = (np.where(covered[end], height[end], -np.inf) for end in (step.before, step.after))
+        before, after = (
+            np.where(covered[end], height[end], -np.inf) for end in (step.before, step.after)
+        )
         ahead = before >= after
         turned = np.where(ahead, 1.0, -1.0) * step.oriented
         front, back = np.where(ahead, [step.before, step.after], [step.after, step.before])
         parts.append((front, back, normal * turned[:, None], np.abs(normal[:, axis]), step.kind))
     front, back, normal, length, kind = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Contours(
-        front=front, back=back, normal=normal, length=length, kind=kind, resolution=(shape[1], shape[0])
+        front=front,
+        back=back,
+        normal=normal,
+        length=length,
+        kind=kind,
+        resolution=(shape[1], shape[0]),
     )
 
 
@@ -138,7 +157,9 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
     kind[occludes & (kind == _NO_CONTOUR)] = Kind.OCCLUSION
     if slab is not None:
         here, there = _neighbors(slab, axis)
-        kind[(here != there) & _neighbors(truth.covered, axis)[0] & (kind == _NO_CONTOUR)] = Kind.SEAM
+        kind[(here != there) & _neighbors(truth.covered, axis)[0] & (kind == _NO_CONTOUR)] = (
+            Kind.SEAM
+        )
     row, column = np.divmod(np.flatnonzero(kind != _NO_CONTOUR), kind.shape[1])
     kind = kind[row, column]
     places = row, column
@@ -189,14 +210,17 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
 class Silhouettes:
     """The contours of a true image, and the wrong pixels that displacement makes along them."""
 
-    def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
+    def __init__(
+        self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None
+    ) -> None:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
-        self._points = points or TruePoints.of(truth)
-        # Pixels that end in the aperture itself, on a surface that runs through the plate, where it occludes
-        # everything behind it. All of the picture that it fills is one point of it, and drawn are others,
-        # closer than n. A surface that lies in the plate is another matter: both cameras draw it where it is,
-        # and show the wrong surface only through apertures that are closer to its border than n t.
+        self._points = points or TruePoints.from_image(truth)
+        # Pixels that end in the aperture itself, on a surface that runs through the plate, where it
+        # occludes everything behind it. All of the picture that it fills is one point of it, and
+        # drawn are others, closer than n. A surface that lies in the plate is another matter: both
+        # cameras draw it where it is, and show the wrong surface only through apertures that are
+        # closer to its border than n t.
         self._in_aperture: Mask = truth.covered & (truth.height == 0)
         if truth.normal is not None and self._in_aperture.any():
             self._in_aperture &= (truth.normal[..., :2] != 0).any(axis=-1)
@@ -213,10 +237,13 @@ class Silhouettes:
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
-        # A link is charged with what is wrong to the end from it on, and was not from the one before.
+        # A link is charged with what is wrong to the end from it on, and was not from the one
+        # before.
         return tuple(np.diff([found[settings] for settings in chain], prepend=0.0).tolist())
 
-    def _spans(self, chain: Sequence[DoubleFrustum]) -> Iterator[tuple[DoubleFrustum, Floats, Floats]]:
+    def _spans(
+        self, chain: Sequence[DoubleFrustum]
+    ) -> Iterator[tuple[DoubleFrustum, Floats, Floats]]:
         """Yield settings from the last link backward, with the ends (N,) of what stays wrong, px."""
         steps, *_ = sides = self._contours_for(chain[-1])
         between = steps.kind == Kind.OBJECTS
@@ -231,10 +258,10 @@ class Silhouettes:
     def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> list[Pair]:
         """Return standard deviations of the wrong pixels beside edges along rows, and along columns.
 
-        One pair for each link of a chain, and one for rasterization. Of the distance over which such a
-        picture is wrong, whole pixels are whole rows of wrong pixels, and the rest f is a row with a
-        chance of f: l steps of one edge have a variance of l^2 f (1 - f), of which l f (1 - f) is that
-        of independent pixels, and left out.
+        One pair for each link of a chain, and one for rasterization. Of the distance over which
+        such a picture is wrong, whole pixels are whole rows of wrong pixels, and the rest f is a
+        row with a chance of f: l steps of one edge have a variance of l^2 f (1 - f), of which l f
+        (1 - f) is that of independent pixels, and left out.
         """
         steps = self._contours_for(chain[-1])[0]
         length = _lone_runs(self._truth.object.reshape(-1), steps)
@@ -248,17 +275,19 @@ class Silhouettes:
 
         found = {one: variances(high - low) for one, low, high in self._spans(chain)}
         # A link's pixels are the difference of two such numbers.
-        later = [np.zeros(2) if two == one else found[one] + found[two] for one, two in pairwise(chain)]
+        later = [
+            np.zeros(2) if two == one else found[one] + found[two] for one, two in pairwise(chain)
+        ]
         every = [found[chain[0]], *later, variances(self._snapped(chain[-1], subpixel_bits))]
         return [(math.sqrt(rows), math.sqrt(columns)) for rows, columns in every]
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
         """Return the expected number of judged pixels along contours that only snapping makes wrong.
 
-        With c and b as above, the front ends at c + d where its edge snaps; d has either sign equally
-        often. Pixels that were wrong before do not count. Between objects a front that grows makes
-        wrong pixels beyond c, 0, and b, and one that recedes before c and 0. Elsewhere only one that
-        recedes does, before c and b.
+        With c and b as above, the front ends at c + d where its edge snaps; d has either sign
+        equally often. Pixels that were wrong before do not count. Between objects a front that
+        grows makes wrong pixels beyond c, 0, and b, and one that recedes before c and 0. Elsewhere
+        only one that recedes does, before c and b.
         """
         steps, judged = self._contours_for(settings)[0], self._judged.ravel()
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
@@ -309,16 +338,18 @@ class Silhouettes:
 def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
     """Return the length of the straight run that each step (N,) is part of, px; 1 for steps of stairs.
 
-    A run is a row of steps between the same two columns or rows of pixels, and the same two `objects`,
-    given for all pixels. Where it goes on one column or row further, it is part of a line that leans,
-    or of a curve: distances from such a line to pixel centers are evenly distributed.
+    A run is a row of steps between the same two columns or rows of pixels, and the same two
+    `objects`, given for all pixels. Where it goes on one column or row further, it is part of a
+    line that leans, or of a curve: distances from such a line to pixel centers are evenly
+    distributed.
     """
     width, height = steps.resolution
     step = steps.back - steps.front
     row, column = np.divmod(np.minimum(steps.front, steps.back), width)
     down = np.abs(step) != 1
     line, along = np.where(down, (row, column), (column, row))
-    # Runs that may follow one another have one key, and places along both axes have room for one more.
+    # Runs that may follow one another have one key, and places along both axes have room for one
+    # more.
     sides = np.stack((down, np.sign(step), objects[steps.front], objects[steps.back]), axis=1)
     kind = np.unique(sides, axis=0, return_inverse=True)[1].reshape(-1)
     size = max(width, height) + 2
@@ -339,8 +370,8 @@ def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
     """Return the expected number of wrong pixels, of maps (H, W).
 
-    `swept` is the share of each pixel that spans sweep over, areas swept twice counted twice. Pixels that are
-    `missing` are wrong whatever sweeps over them; those that are `judged` count.
+    `swept` is the share of each pixel that spans sweep over, areas swept twice counted twice.
+    Pixels that are `missing` are wrong whatever sweeps over them; those that are `judged` count.
     """
     if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
         # No area is swept twice, and smoothing preserves the sum.
@@ -357,14 +388,17 @@ def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
     # Spans are clipped to the film's diagonal, beyond which nothing is counted.
     farthest = float(np.hypot(width, height))
     low, high = (np.clip(side, -farthest, farthest) for side in (low, high))
-    # They are cut into pieces no longer than a pixel; `step` is a piece's span, `number` its place there.
+    # They are cut into pieces no longer than a pixel; `step` is a piece's span, `number` its place
+    # there.
     count = np.ceil(np.maximum(high - low, 0)).astype(np.int64)
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
     # The pixel under the middle of each piece.
     size = (high - low) / np.maximum(count, 1)
     along = low[step] + (number + 0.5) * size[step]
-    column, row = np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64).T
+    column, row = (
+        np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64).T
+    )
     on_film = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     # The areas of the pieces, contour length times piece length, are added up in each pixel.
     area = (steps.length * size)[step[on_film]]

@@ -1,7 +1,7 @@
 """Changes of the scene that a renderer drew: axes exchanged or negated, one object left out or moved.
 
-A model of a renderer names them (`DrawnModel.changes`); its pictures and claims are those of the changed
-scene, in which triangles keep their numbers.
+A model of a renderer names them (`RendererModel.changes`); its pictures and claims are those of the
+changed scene, in which triangles keep their numbers.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,18 @@ Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 UNCHANGED: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-KEPT_REFERENCES = 4  #: largest number of changed scenes that are kept: one guess at a time draws some hogels
+KEPT_REFERENCES = (
+    4  #: largest number of changed scenes that are kept: one guess at a time draws some hogels
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneChange:
     """One change: points of an object, or of all, are multiplied by a matrix and then moved."""
 
-    part: int | None = None  # number of the object, multiplied about its middle; None: all, about the origin
+    part: int | None = (
+        None  # number of the object, multiplied about its middle; None: all, about the origin
+    )
     matrix: Matrix = UNCHANGED
     offset: Triple = (0.0, 0.0, 0.0)
     missing: bool = False  # whether the object is left out

@@ -25,7 +25,10 @@ _WORDS = {
     (False, False, False): ("upright", "as in the scene"),
     (False, True, False): ("mirrored left to right", "columns counted from the right"),
     (False, False, True): ("turned upside down (rows in reverse)", "rows counted from the bottom"),
-    (False, True, True): ("turned by 180 degrees", "columns counted from the right, rows from the bottom"),
+    (False, True, True): (
+        "turned by 180 degrees",
+        "columns counted from the right, rows from the bottom",
+    ),
     (True, False, False): ("transposed (rows and columns exchanged)", "column and row exchanged"),
     (True, True, True): (
         "transposed about the other diagonal",
@@ -46,7 +49,8 @@ _WORDS = {
 class Orientation:
     """Where cell (column, row) of what was found belongs: exchange the two, then reverse either.
 
-    With `flip_x` columns are counted from the right, with `flip_y` rows from the bottom, after the exchange.
+    With `flip_x` columns are counted from the right, with `flip_y` rows from the bottom, after the
+    exchange.
     """
 
     transpose: bool = False
@@ -67,7 +71,9 @@ class Orientation:
         """Return where cells belong, on a grid of some columns and rows."""
         if self.transpose:
             column, row = row, column
-        return size[0] - 1 - column if self.flip_x else column, size[1] - 1 - row if self.flip_y else row
+        return size[0] - 1 - column if self.flip_x else column, size[
+            1
+        ] - 1 - row if self.flip_y else row
 
     def index(self, index: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
         """Return where one cell belongs."""

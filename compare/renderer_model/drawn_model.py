@@ -1,8 +1,9 @@
 """A model of how somebody drew a plate: conventions, geometry, and which camera wins where.
 
-Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups that tend to
-be wrong together. A new group needs a row in `GROUPS`, a field of the same name in `DrawnModel`, what it does
-to the lines in `DrawnModel.pencil`, and its words in `xfrustum.compare.diagnosis.faults`.
+Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups
+that tend to be wrong together. A new group needs a row in `GROUPS`, a field of the same name in
+`RendererModel`, what it does to the lines in `RendererModel.bundle`, and its words in
+`xfrustum.compare.diagnosis.faults`.
 """
 
 from __future__ import annotations
@@ -17,17 +18,18 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
-# Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a percent:
-# smaller shifts and factors have no name.
+# Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a
+# percent: smaller shifts and factors have no name.
 SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
 
-# Distance, as a part of the reach, at which moved apertures and scenes must be seen to move, to have a name.
+# Distance, as a part of the reach, at which moved apertures and scenes must be seen to move, to
+# have a name.
 TOLD_APART_PER_REACH = 0.1
 
 
@@ -44,7 +46,7 @@ class Kind(Enum):
 
 Index = tuple[int, int]
 OTHER_FIELDS = ("changes", "shows", "offsets", "odd_lines", "reach", "depth")
-"""Fields of `DrawnModel` of mistakes of the scene, of single hogels, of rows and of depth."""
+"""Fields of `RendererModel` of mistakes of the scene, of single hogels, of rows and of depth."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -57,11 +59,16 @@ GROUPS: dict[str, tuple[str, Kind]] = {
     "screen-center": ("xy", Kind.SCREEN),
     "screen-height": ("", Kind.SIZE),
 }
-"""The axes that each group has a number for, and their kind, in the order of `DrawnModel.parameters`."""
+"""The axes that each group has a number for, and their kind, in the order of `RendererModel.parameters`."""
 
-SCREEN_GROUPS = ("screen-center", "screen-height")  # They mean something for recentered frusta alone.
+SCREEN_GROUPS = (
+    "screen-center",
+    "screen-height",
+)  # They mean something for recentered frusta alone.
 CAMERA_GROUPS = ("shift", "fov", "near")  # One camera may have them off nominal alone.
-NUMBERS = tuple((name, axis, kind) for name, (axes, kind) in GROUPS.items() for axis in axes or ("",))
+NUMBERS = tuple(
+    (name, axis, kind) for name, (axes, kind) in GROUPS.items() for axis in axes or ("",)
+)
 FAULT_NAMES = tuple(f"{name}-{axis}".removesuffix("-") for name, axis, _ in NUMBERS)
 KINDS = tuple(kind for *_, kind in NUMBERS)
 
@@ -73,12 +80,12 @@ PREFERENCE = (
 
 
 def field_of(group: str) -> str:
-    """Return the name of a group's field of `DrawnModel`."""
+    """Return the name of a group's field of `RendererModel`."""
     return group.replace("-", "_")
 
 
 def places(*groups: str) -> list[int]:
-    """Return the places of the numbers of some groups in `DrawnModel.parameters`."""
+    """Return the places of the numbers of some groups in `RendererModel.parameters`."""
     return [place for group in groups for place, (name, *_) in enumerate(NUMBERS) if name == group]
 
 
@@ -122,11 +129,19 @@ def table(scene: Scene, values: Floats) -> Table:
             Kind.FACTOR: (SMALLEST_FACTOR, 1e-3, 1e-6, 0.01, inf),
             Kind.SIZE: (SMALLEST_FACTOR, 0.03 * value, 1e-6 * value, 1e-6, 1e6),
             Kind.OFFSET: (SMALLEST_SHIFT_PX * px, 1e-2 * reach, 1e-4 * px, -inf, inf),
-            Kind.SCREEN: (SMALLEST_SHIFT_PX * on_screen, 0.1 * on_screen, 1e-4 * on_screen, -inf, inf),
+            Kind.SCREEN: (
+                SMALLEST_SHIFT_PX * on_screen,
+                0.1 * on_screen,
+                1e-4 * on_screen,
+                -inf,
+                inf,
+            ),
             Kind.NEAR: (0.0, near_scale, near_step, 0.0, 0.9 * reach),
         }[kind]
 
-    return Table(*np.array([row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]).T)
+    return Table(
+        *np.array([row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]).T
+    )
 
 
 def smallest_named(scene: Scene) -> Floats:
@@ -169,7 +184,8 @@ class Normals(StrEnum):
 class Recentering(StrEnum):
     """How the cameras of a recentered frustum are sheared; a centered frustum has no shear."""
 
-    RIGHT = "right"  # in opposite directions with respect to the plate (paper, figure 6): both have shear k
+    # in opposite directions with respect to the plate (paper, figure 6): both have shear k
+    RIGHT = "right"
     NONE = "none"  # each aperture looks straight ahead, and the film keeps its extent
     C_STAR_REVERSED = "C*"  # C* has -k: it is sheared the way of C
     C_REVERSED = "C"  # C has -k: it is sheared the way of C*
@@ -187,7 +203,8 @@ class Recentering(StrEnum):
 class OneCamera:
     """The camera that alone draws otherwise than asked; it may be mirrored left to right and upside down."""
 
-    side: int  # 1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it
+    # 1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it
+    side: int
     flip_x: bool = False
     flip_y: bool = False
     other_near: float = 0.0  # near offset of the other camera, scene units
@@ -205,15 +222,19 @@ FLIPPED = tuple(
 class Film:
     """Where the pixels of a picture sample their film: by default each at its own place, evenly spaced."""
 
-    # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the radius.
+    # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the
+    # radius.
     angles: str = ""
-    # By which part a lens moves lines at the film's corners outward; it grows by the square of the radius.
+    # By which part a lens moves lines at the film's corners outward; it grows by the square of the
+    # radius.
     distortion: float = 0.0
-    # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the other side.
+    # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the
+    # other side.
     rolled: tuple[int, int] = (0, 0)
     # Whether it is rolled by whole pixels in place of the shear of the frustum.
     unsheared: bool = False
-    # Resolution at which it was drawn, over that of the file, and whether it was enlarged by interpolation.
+    # Resolution at which it was drawn, over that of the file, and whether it was enlarged by
+    # interpolation.
     size: float = 1.0
     smooth: bool = False
 
@@ -233,20 +254,20 @@ class Film:
             x, y = x * factor, y * factor
         return x / tx, y / ty
 
-    def directions(self, pencil: Pencil) -> Floats:
-        """Return d (H, W, 3) of the line that each pixel samples; see `Pencil.directions`."""
+    def directions(self, bundle: RayBundle) -> Floats:
+        """Return d (H, W, 3) of the line that each pixel samples; see `RayBundle.directions`."""
         if self == EVEN:
-            return pencil.directions()
-        shears = np.array(pencil.shear) / pencil.half_extent * pencil.resolution / 2 * (1, -1)
+            return bundle.directions()
+        shears = np.array(bundle.shear) / bundle.half_extent * bundle.resolution / 2 * (1, -1)
         rolls = np.where(self.unsheared, np.rint(shears), 0.0).astype(int) - self.rolled
         places = []
-        for count, roll in zip(pencil.resolution, rolls.tolist(), strict=True):
+        for count, roll in zip(bundle.resolution, rolls.tolist(), strict=True):
             drawn = max(1, round(count * self.size))
             pixel = np.floor(((np.arange(count) + roll) % count + 0.5) * drawn / count)
             places.append((2 * pixel + 1) / drawn - 1)
         u, v = np.meshgrid(places[0], -places[1])
-        x, y = self.bent(u, v, pencil.half_extent)
-        (tx, ty), (kx, ky) = pencil.half_extent, (0.0, 0.0) if self.unsheared else pencil.shear
+        x, y = self.bent(u, v, bundle.half_extent)
+        (tx, ty), (kx, ky) = bundle.half_extent, (0.0, 0.0) if self.unsheared else bundle.shear
         return np.stack((kx + x * tx, ky + y * ty, np.full_like(x, -1.0)), axis=-1)
 
 
@@ -254,12 +275,16 @@ class Film:
 class DepthBuffer:
     """A depth buffer that is too coarse: surfaces are stored at one depth, and the order of drawing decides.
 
-    It is 16 bits deep in the standard mapping. What it shows depends on the product of near plane and number
-    of steps alone, wherever near is small against all distances.
+    It is 16 bits deep in the standard mapping. What it shows depends on the product of near plane
+    and number of steps alone, wherever near is small against all distances.
     """
 
-    near: float  # distance of the near plane, scene units; w is this, and the distance from the plate
-    last_wins: bool = False  # whether equal depths pass the test, so that the triangle drawn last wins
+    near: (
+        float  # distance of the near plane, scene units; w is this, and the distance from the plate
+    )
+    last_wins: bool = (
+        False  # whether equal depths pass the test, so that the triangle drawn last wins
+    )
     cleared: bool = False  # whether surfaces that are stored at the clear value are lost
 
     def stored(self, distance: Floats, reach: float) -> Floats:
@@ -274,25 +299,28 @@ EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnModel:
+class RendererModel:
     """How a plate was drawn. Lengths are in scene units, pairs and triples along x, y and z."""
 
     # What brings its images upright, and its apertures in order.
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    # Where in an upright image's pixels it samples: px to the right and down from the pixel's center.
+    # Where in an upright image's pixels it samples: px to the right and down from the pixel's
+    # center.
     shift: tuple[float, float] = (0.0, 0.0)
     # Half-extents of its film, and distances between its apertures, over those of the scene.
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
     # Offset of both cameras; 0 for cameras in the aperture itself.
     near: float = 0.0
-    # By how much all apertures are moved; a point p of the scene is drawn where scale p + offset belongs.
+    # By how much all apertures are moved; a point p of the scene is drawn where scale p + offset
+    # belongs.
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
-    # By how much the projection screen's center is moved, and its height over that of the scene's; a screen
-    # at another height keeps its size. They and the shear mean nothing for a centered frustum.
+    # By how much the projection screen's center is moved, and its height over that of the scene's;
+    # a screen at another height keeps its size. They and the shear mean nothing for a centered
+    # frustum.
     screen_center: tuple[float, float] = (0.0, 0.0)
     screen_height: float = 1.0
     recentering: Recentering = Recentering.RIGHT
@@ -310,14 +338,17 @@ class DrawnModel:
     conjugated: bool = True
     # Changes of the scene that was drawn (`changed_scene.changed`).
     changes: tuple[SceneChange, ...] = ()
-    # Apertures whose images hogels show, by their files' place; offsets of apertures of their own, x and y.
+    # Apertures whose images hogels show, by their files' place; offsets of apertures of their own,
+    # x and y.
     shows: tuple[tuple[Index, Index], ...] = ()
     offsets: tuple[tuple[Index, tuple[float, float]], ...] = ()
-    # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or down.
+    # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or
+    # down.
     odd_lines: tuple[int, int] | None = None
     normals: Normals = Normals.RIGHT
     film: Film = EVEN
-    # Heights toward the viewer and behind the plate beyond which nothing is drawn; None for the scene's.
+    # Heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
+    # scene's.
     reach: tuple[float, float] | None = None
     depth: DepthBuffer | None = None  # the depth buffer, where it shows
 
@@ -334,7 +365,7 @@ class DrawnModel:
             return False
         return self.recentering.factor(1) == self.recentering.factor(-1)
 
-    def camera(self, side: int) -> DrawnModel:
+    def camera(self, side: int) -> RendererModel:
         """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""
         one = self.one_camera
         if one is None or one.side == side:
@@ -346,7 +377,7 @@ class DrawnModel:
         """All numbers as one vector (P,), in the order of `FAULT_NAMES`."""
         return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
 
-    def with_parameters(self, values: Floats) -> DrawnModel:
+    def with_parameters(self, values: Floats) -> RendererModel:
         """Return the same guess with other numbers (P,)."""
         numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
         fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
@@ -399,14 +430,18 @@ class DrawnModel:
         screen, (x, y) = scene.frustum.screen, self.screen_center
         if screen is None or (x, y, self.screen_height) == (0.0, 0.0, 1.0):
             return scene.frustum
-        center, height = (screen.center[0] + x, screen.center[1] + y), screen.height * self.screen_height
+        center, height = (
+            (screen.center[0] + x, screen.center[1] + y),
+            screen.height * self.screen_height,
+        )
         return replace(scene.frustum, screen=replace(screen, height=height, center=center))
 
-    def pencil(self, scene: Scene, aperture: Aperture, side: int) -> Pencil:
+    def bundle(self, scene: Scene, aperture: Aperture, side: int) -> RayBundle:
         """Return the lines of C (side 1), of C* (side -1), or of both where they share them (side 0).
 
-        They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
-        the cameras are moved and made smaller instead. The half-extents of a mirrored film are negative.
+        They are lines of the scene as it was asked for: where a renderer has moved it or made it
+        larger, the cameras are moved and made smaller instead. The half-extents of a mirrored film
+        are negative.
         """
         camera, frustum = self.camera(side), self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
@@ -416,11 +451,17 @@ class DrawnModel:
         half_extent = tx * fov[0] * signs[0], ty * fov[1] * signs[1]
         crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=half_extent)
         fitted = abs(frustum.screen.height) if self.fit is Fit.SCREEN and frustum.screen else None
-        drawn = stepped_back(crossed, side * near, pivot=self.pivot, fitted=fitted)
+        drawn = offset_camera(crossed, side * near, pivot=self.pivot, fitted=fitted)
         viewer, back = self.reach or frustum.reach
-        first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[side]
+        first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[
+            side
+        ]
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
-        (width, height), (right, down), (tx, ty) = frustum.resolution, camera.shift, drawn.half_extent
+        (width, height), (right, down), (tx, ty) = (
+            frustum.resolution,
+            camera.shift,
+            drawn.half_extent,
+        )
         x, y, z = (
             (place - moved) / self.scene_scale
             for place, moved in zip(drawn.center, self.scene_offset, strict=True)
@@ -428,7 +469,10 @@ class DrawnModel:
         return replace(
             drawn,
             center=(x, y, z),
-            shear=(drawn.shear[0] + 2 * right / width * tx, drawn.shear[1] + -2 * down / height * ty),
+            shear=(
+                drawn.shear[0] + 2 * right / width * tx,
+                drawn.shear[1] + -2 * down / height * ty,
+            ),
             s_range=(first / self.scene_scale, last / self.scene_scale),
         )
 
@@ -442,11 +486,11 @@ class DrawnModel:
             return found
         plate = self.plate_height
         for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
-            found[here] = pixel_places(points[here], self.pencil(scene, aperture, side))
+            found[here] = pixel_places(points[here], self.bundle(scene, aperture, side))
         return found
 
 
-def unflipped(pencil: Pencil) -> Pencil:
+def unflipped(bundle: RayBundle) -> RayBundle:
     """Return the same lines on a film that is not mirrored: its pixels are in another order."""
-    tx, ty = pencil.half_extent
-    return replace(pencil, half_extent=(abs(tx), abs(ty)))
+    tx, ty = bundle.half_extent
+    return replace(bundle, half_extent=(abs(tx), abs(ty)))

@@ -14,17 +14,22 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Back,
     Culled,
     DepthBuffer,
-    DrawnModel,
     Film,
     Front,
     Normals,
+    RendererModel,
     unflipped,
 )
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
-from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.reference.lines.triangles import distance_to_triangles, facing, plane_places, triangle_normals
+from xfrustum.reference.lines.lines import RayBundle, pixel_places
+from xfrustum.reference.lines.triangles import (
+    distance_to_triangles,
+    facing,
+    plane_places,
+    triangle_normals,
+)
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
@@ -37,44 +42,47 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum, Screen
 COLOR_TOLERANCE = 2.3 / 255
 """Differences of linear radiance that two 8-bit pictures of one surface may have.
 
-Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2.4/1.055 at white), 1.14/255;
-once for the renderer's own rounding, once for storing.
+Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2.4/1.055 at white),
+1.14/255; once for the renderer's own rounding, once for storing.
 """
 
-# Smallest distance from a camera's own plane at which points of triangles are looked for, as a part of the
-# reach: in that plane they have no place on the film.
+# Smallest distance from a camera's own plane at which points of triangles are looked for, as a part
+# of the reach: in that plane they have no place on the film.
 CAMERA_DISTANCE_PER_REACH = 1e-6
 
-# Largest distance from a triangle of a point that is on it, as a part of the reach: a million roundings of
-# doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
+# Largest distance from a triangle of a point that is on it, as a part of the reach: a million
+# roundings of doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-# Largest number of surfaces along a line that a coarse depth buffer is thought to choose among, and step
-# behind each from which the next one is looked for, as a part of the reach: some roundings of float32.
+# Largest number of surfaces along a line that a coarse depth buffer is thought to choose among, and
+# step behind each from which the next one is looked for, as a part of the reach: some roundings of
+# float32.
 MAX_SURFACES, STEP_PER_REACH = 64, 1e-6
 
-Layers = dict[tuple[Pencil, bool, Culled, Film, DepthBuffer | None], Layer]
+Layers = dict[tuple[RayBundle, bool, Culled, Film, DepthBuffer | None], Layer]
 """Layers of cameras, by lines, whether the last surface along them won, faces left out, film and depth."""
 
 
-def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
+def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
     """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
     return as_image(reference, aperture, drawn(reference, model, aperture))
 
 
-def drawn(reference: Reference, model: DrawnModel, aperture: Aperture, known: Layers | None = None) -> Layer:
+def drawn(
+    reference: Reference, model: RendererModel, aperture: Aperture, known: Layers | None = None
+) -> Layer:
     """Return what the cameras of a guess show; `known` holds layers of this aperture for other guesses."""
     known, scene = {} if known is None else known, reference.scene
 
     def shown(side: int, *, last: bool = False) -> Layer:
-        pencil = model.pencil(scene, aperture, side)
-        key = (pencil, last, model.culled, model.film, model.depth)
+        bundle = model.bundle(scene, aperture, side)
+        key = (bundle, last, model.culled, model.film, model.depth)
         if key not in known and model.film == EVEN and model.depth is None:
-            known[key] = layer(scene, pencil, last=last, culled=model.culled)
+            known[key] = layer(scene, bundle, last=last, culled=model.culled)
         elif key not in known:
             # A ray tracer draws; no faces are culled.
             most = 1 if model.depth is None else MAX_SURFACES
-            surfaces = Surfaces.of(reference, pencil, model.film, last=last, most=most)
+            surfaces = Surfaces.from_bundle(reference, bundle, model.film, last=last, most=most)
             known[key] = surfaces.layer(model.depth)
         return known[key]
 
@@ -86,9 +94,11 @@ def drawn(reference: Reference, model: DrawnModel, aperture: Aperture, known: La
     return overlaid(layers if model.overlaid else layers[::-1])
 
 
-def layer(scene: Scene, pencil: Pencil, *, last: bool = False, culled: Culled = Culled.NONE) -> Layer:
+def layer(
+    scene: Scene, bundle: RayBundle, *, last: bool = False, culled: Culled = Culled.NONE
+) -> Layer:
     """Return what is first along a camera's lines, or what is last."""
-    triangles, film = scene.triangles, unflipped(pencil)
+    triangles, film = scene.triangles, unflipped(bundle)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
         # The faces that are left out turn this side to the viewer.
@@ -102,38 +112,45 @@ def layer(scene: Scene, pencil: Pencil, *, last: bool = False, culled: Culled = 
         decided = replace(decided, s=-decided.s)
     else:
         decided = first_surfaces(triangles, film)
-    found = Layer.of(film, decided.renumbered(kept))
+    found = Layer.from_surfaces(film, decided.renumbered(kept))
     # A film whose half-extents are negative has its pixels in another order.
-    flipped = Orientation(False, *(extent < 0 for extent in pencil.half_extent))
+    flipped = Orientation(False, *(extent < 0 for extent in bundle.half_extent))
     if flipped == UPRIGHT:
         return found
-    row, column, number = found.companions.T
-    column, row = flipped.cells(column, row, pencil.resolution)
-    arrays = {name: flipped.applied(getattr(found, name)) for name in ("triangle", "certainty", "position")}
-    return Layer(companions=np.stack((row, column, number), axis=1), **arrays)
+    row, column, number = found.tied_triangles.T
+    column, row = flipped.cells(column, row, bundle.resolution)
+    arrays = {
+        name: flipped.applied(getattr(found, name))
+        for name in ("triangle", "certainty", "position")
+    }
+    return Layer(tied_triangles=np.stack((row, column, number), axis=1), **arrays)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surfaces:
     """Surfaces along the lines of one camera, the first ones first, (K, N)."""
 
-    pencil: Pencil
+    bundle: RayBundle
     directions: Floats  # (H, W, 3) of the lines
     triangle: Numbers  # `NOTHING` behind the last one
     s: Floats
 
     @classmethod
-    def of(
+    def from_bundle(
         cls,
         reference: Reference,
-        pencil: Pencil,
+        bundle: RayBundle,
         film: Film,
         *,
         last: bool = False,
         most: int = MAX_SURFACES,
     ) -> Surfaces:
         """Find so many surfaces at most, one behind the other; with `last`, from the end of the lines."""
-        directions, center, (low, high) = film.directions(pencil), np.asarray(pencil.center), pencil.s_range
+        directions, center, (low, high) = (
+            film.directions(bundle),
+            np.asarray(bundle.center),
+            bundle.s_range,
+        )
         rays, corners = directions.reshape(-1, 3), reference.scene.triangles
         start, sign = (high, -1.0) if last else (low, 1.0)
         step = STEP_PER_REACH * reference.scene.frustum.longest_reach
@@ -153,20 +170,22 @@ class Surfaces:
             begin[active] = sign * np.maximum(sign * begin[active], sign * s[active]) + sign * step
             found.append((number, s))
         numbers, places = (np.stack(one) for one in zip(*found, strict=True))
-        return cls(pencil=pencil, directions=directions, triangle=numbers, s=places)
+        return cls(bundle=bundle, directions=directions, triangle=numbers, s=places)
 
     def shown(self, buffer: DepthBuffer) -> tuple[Numbers, Floats]:
         """Return triangle and s (N,) of the surfaces that a depth buffer keeps, triangles drawn in order."""
-        low, high = sorted(map(abs, self.pencil.s_range))
+        low, high = sorted(map(abs, self.bundle.s_range))
         # C keeps the smallest depth, and is cleared to the largest; C* the reverse.
-        side, clear = (-1, 0.0) if self.pencil.s_range[1] <= 0 else (1, high - low)
+        side, clear = (-1, 0.0) if self.bundle.s_range[1] <= 0 else (1, high - low)
         none = self.triangle == NOTHING
         stored = side * buffer.stored(np.maximum(np.abs(self.s) - low, 0.0), high - low)
         if buffer.cleared:
             none |= stored == side * buffer.stored(np.array(clear), high - low)
         stored = np.where(none, np.inf, stored)
         tied = (stored == stored.min(axis=0)) & ~none
-        drawn = np.where(tied, self.triangle, NOTHING if buffer.last_wins else np.iinfo(np.int32).max)
+        drawn = np.where(
+            tied, self.triangle, NOTHING if buffer.last_wins else np.iinfo(np.int32).max
+        )
         place = (drawn.argmax(axis=0) if buffer.last_wins else drawn.argmin(axis=0))[None]
         number, s = (np.take_along_axis(one, place, axis=0)[0] for one in (self.triangle, self.s))
         return np.where(tied.any(axis=0), number, NOTHING), s
@@ -179,8 +198,8 @@ class Surfaces:
         return Layer(
             triangle=number.reshape(shape),
             certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
-            companions=np.zeros((0, 3), dtype=np.int64),
-            position=np.asarray(self.pencil.center) + s * self.directions,
+            tied_triangles=np.zeros((0, 3), dtype=np.int64),
+            position=np.asarray(self.bundle.center) + s * self.directions,
         )
 
 
@@ -195,29 +214,33 @@ def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelIma
     )
 
 
-def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
+def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImage:
     """Return a prediction with the color of each pixel's own surface point; nothing is averaged.
 
-    Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares them with
-    C, and needs L* = -L.
+    Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares
+    them with C, and needs L* = -L.
     """
     front = answer.height > model.plate_height
     directions, of_c_star = (
-        model.film.directions(model.pencil(scene, answer.camera.aperture, side)) for side in (1, -1)
+        model.film.directions(model.bundle(scene, answer.camera.aperture, side)) for side in (1, -1)
     )
     directions[front] = of_c_star[front]
     scene = _with_normals(scene, model.normals)
 
     def radiance(lit: Scene) -> Singles:
-        # To decide which effects the scene calls for takes as long as to draw, and changes no color.
+        # To decide which effects the scene calls for takes as long as to draw, and changes no
+        # color.
         shader, position = Shader(lit, ALL_EFFECTS), answer.position.astype(np.float64)
         return shader.picture(answer.triangle, position, directions).astype(np.float32)
 
     color = radiance(scene)
     if not model.conjugated:
-        # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
+        # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the
+        # lights.
         lights = [(light, light.direction) for light in scene.appearance.lights]
-        reversed_lights = tuple(replace(light, direction=(-x, -y, -z)) for light, (x, y, z) in lights)
+        reversed_lights = tuple(
+            replace(light, direction=(-x, -y, -z)) for light, (x, y, z) in lights
+        )
         other = replace(scene, appearance=replace(scene.appearance, lights=reversed_lights))
         color = np.where(front[..., None], radiance(other), color)
     return replace(answer, color=color)
@@ -232,10 +255,15 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
     for number, one in enumerate(scene.objects):
         part = replace(one, vertex_normals=None)
         if normals is Normals.INVERTED:
-            # The side that is seen is that of the winding, which stays; each corner has a normal of its own.
+            # The side that is seen is that of the winding, which stays; each corner has a normal of
+            # its own.
             corners, smooth = one.faces.reshape(-1), one.vertex_normals
             flat = np.repeat(scene.normals[scene.object_of_triangle == number], 3, axis=0)
-            own = flat if smooth is None else np.where(np.isnan(smooth[corners]), flat, smooth[corners])
+            own = (
+                flat
+                if smooth is None
+                else np.where(np.isnan(smooth[corners]), flat, smooth[corners])
+            )
             part = replace(
                 one,
                 vertices=one.vertices[corners],
@@ -248,14 +276,16 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
     return replace(scene, objects=tuple(parts))
 
 
-def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:
+def reference_colors(
+    reference: Reference, question: RendererModel, answer: HogelImage
+) -> HogelImage:
     """Return the answer to a question with the reference's color.
 
     Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
     """
     aperture = answer.camera.aperture
     # Orientation and order turn pictures as wholes: nothing else may differ from the truth.
-    if replace(question, orientation=UPRIGHT, order=UPRIGHT) == DrawnModel():
+    if replace(question, orientation=UPRIGHT, order=UPRIGHT) == RendererModel():
         return replace(answer, color=reference.trace(aperture).color)
     shared = replace(question, near=0.0).one_pencil
     if question.film.smooth:
@@ -266,7 +296,7 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     return replace(answer, color=picture_of(reference, question, aperture).color)
 
 
-def _enlarged(reference: Reference, model: DrawnModel, aperture: Aperture) -> Singles:
+def _enlarged(reference: Reference, model: RendererModel, aperture: Aperture) -> Singles:
     """Return the color (H, W, 3) of a smaller picture whose pixels are interpolated between."""
     scene = reference.scene
     count = scene.frustum.resolution
@@ -276,37 +306,46 @@ def _enlarged(reference: Reference, model: DrawnModel, aperture: Aperture) -> Si
     color = reference_colors(there, even, trace_drawn(there, even, aperture)).color
     assert color is not None
     columns, rows = (
-        (np.arange(many) + 0.5) * few / many - 0.5 for many, few in zip(count, drawn_size, strict=True)
+        (np.arange(many) + 0.5) * few / many - 0.5
+        for many, few in zip(count, drawn_size, strict=True)
     )
     places = np.meshgrid(rows, columns, indexing="ij")
-    parts = [map_coordinates(one, places, order=1, mode="nearest") for one in np.moveaxis(color, -1, 0)]
+    parts = [
+        map_coordinates(one, places, order=1, mode="nearest") for one in np.moveaxis(color, -1, 0)
+    ]
     return np.stack(parts, axis=-1)
 
 
 def picture_of(
-    reference: Reference, model: DrawnModel, aperture: Aperture, finer: int = 1, wider: float = 1.0
+    reference: Reference,
+    model: RendererModel,
+    aperture: Aperture,
+    finer: int = 1,
+    wider: float = 1.0,
 ) -> HogelImage:
     """Return the reference's picture of an aperture under a model, without its near offset.
 
-    There are `finer` pixels for each pixel along each side, and the film is `wider` times as wide and high.
+    There are `finer` pixels for each pixel along each side, and the film is `wider` times as wide
+    and high.
     """
     scene = reference.scene
-    pencil = replace(model, near=0.0).pencil(scene, aperture, 0)
+    bundle = replace(model, near=0.0).bundle(scene, aperture, 0)
     width, height = scene.frustum.resolution
     frustum = Frustum(
         resolution=(round(width * finer * wider), round(height * finer * wider)),
-        reach=(-pencil.s_range[0], pencil.s_range[1]),
+        reach=(-bundle.s_range[0], bundle.s_range[1]),
         screen=Screen(
             height=-1.0,  # one unit behind the plate, where slopes are lengths
-            center=(pencil.center[0] + pencil.shear[0], pencil.center[1] + pencil.shear[1]),
-            size=(2 * wider * pencil.half_extent[0], 2 * wider * pencil.half_extent[1]),
+            center=(bundle.center[0] + bundle.shear[0], bundle.center[1] + bundle.shear[1]),
+            size=(2 * wider * bundle.half_extent[0], 2 * wider * bundle.half_extent[1]),
         ),
     )
-    # The plate of the picture is z = 0: where the scene lies higher or lower, it is its objects that move.
-    below = np.array([0.0, 0.0, pencil.center[2]])
+    # The plate of the picture is z = 0: where the scene lies higher or lower, it is its objects
+    # that move.
+    below = np.array([0.0, 0.0, bundle.center[2]])
     moved = tuple(replace(part, vertices=part.vertices - below) for part in scene.objects)
     there = replace(scene, frustum=frustum, objects=moved if below.any() else scene.objects)
-    return Reference(there).trace(replace(aperture, x=pencil.center[0], y=pencil.center[1]))
+    return Reference(there).trace(replace(aperture, x=bundle.center[0], y=bundle.center[1]))
 
 
 def shows_something(image: HogelImage) -> Mask:
@@ -339,12 +378,13 @@ def as_gray(image: HogelImage) -> Floats:
     return np.asarray((image.object + 1) / count, dtype=np.float64)
 
 
-def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
+def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Floats:
     """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
 
-    They are the image's own where it has them; else they lie where the line that a pixel has by a model
-    meets the triangle that it names. Where the line misses that triangle, the point of it that the model
-    draws nearest to the pixel's center is taken: a displacement is then at least what it is found to be.
+    They are the image's own where it has them; else they lie where the line that a pixel has by a
+    model meets the triangle that it names. Where the line misses that triangle, the point of it
+    that the model draws nearest to the pixel's center is taken: a displacement is then at least
+    what it is found to be.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
@@ -354,9 +394,9 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     rows, columns = np.nonzero((upright >= 0) & (upright < len(scene.faces)))
     corners = scene.triangles[upright[rows, columns]]
     best, off = np.full((len(rows), 3), np.nan), np.full(len(rows), np.inf)
-    pencils = {side: model.pencil(scene, aperture, side) for side in (1, -1)}
-    for side, pencil in pencils.items():
-        directions, center = model.film.directions(pencil)[rows, columns], np.asarray(pencil.center)
+    bundles = {side: model.bundle(scene, aperture, side) for side in (1, -1)}
+    for side, bundle in bundles.items():
+        directions, center = model.film.directions(bundle)[rows, columns], np.asarray(bundle.center)
         with np.errstate(divide="ignore", invalid="ignore"):
             s = plane_places(corners, triangle_normals(corners), center, directions)
             met: Floats = center + s[:, None] * directions
@@ -370,15 +410,17 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     nearest, least = np.full((len(missed), 3), np.nan), np.full(len(missed), np.inf)
-    for side, pencil in pencils.items():
+    for side, bundle in bundles.items():
         if model.film != EVEN:
             # Pixels lie where an even film has their lines.
-            lines = model.film.directions(pencil)[rows[missed], columns[missed]]
-            cells = pixel_places(np.asarray(pencil.center) + lines, pencil)
+            lines = model.film.directions(bundle)[rows[missed], columns[missed]]
+            cells = pixel_places(np.asarray(bundle.center) + lines, bundle)
         for first in range(3):
             ends = corners[missed][:, [first, (first + 1) % 3]]
             with np.errstate(divide="ignore", invalid="ignore"):
-                point, apart = _nearest_of_edge(ends, pencil, side, cells, CAMERA_DISTANCE_PER_REACH * reach)
+                point, apart = _nearest_of_edge(
+                    ends, bundle, side, cells, CAMERA_DISTANCE_PER_REACH * reach
+                )
             nearer = apart < least
             nearest[nearer], least[nearer] = point[nearer], apart[nearer]
     best[missed] = nearest
@@ -387,17 +429,17 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
 
 
 def _nearest_of_edge(
-    ends: Floats, pencil: Pencil, side: int, cells: Floats, closest: float
+    ends: Floats, bundle: RayBundle, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
     """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and their distances in pixels."""
-    center = np.asarray(pencil.center)
+    center = np.asarray(bundle.center)
     ahead = side * (center[2] - ends[..., 2])
     # The part of the edge behind the camera is cut off.
     t = np.clip((closest - ahead[:, 0]) / (ahead[:, 1] - ahead[:, 0]), 0.0, 1.0)
     cut = ends[:, 0] + t[:, None] * (ends[:, 1] - ends[:, 0])
     kept = np.where((ahead < closest)[..., None], cut[:, None], ends)
     s = center[2] - kept[..., 2]
-    drawn = pixel_places(kept, pencil)
+    drawn = pixel_places(kept, bundle)
     along = drawn[:, 1] - drawn[:, 0]
     part = np.einsum("ij,ij->i", cells - drawn[:, 0], along) / np.einsum("ij,ij->i", along, along)
     part = np.clip(np.nan_to_num(part), 0.0, 1.0)[:, None]

@@ -1,18 +1,21 @@
 """The one classifier of causes: edge, order, lost, or unexplained.
 
-A picture may show another triangle at a pixel than exact cameras do, because rasterizing rounds vertices and
-depths, and starts from a clear value that a surface must beat (docs/method.md, "The error budget"):
+A picture may show another triangle at a pixel than exact cameras do, because rasterizing rounds
+vertices and depths, and starts from a clear value that a surface must beat (docs/method.md, "The
+error budget"):
 
-* edge: rounding may have moved an edge of one of the two triangles across the pixel's center. Edges are also
-  those that clipping makes: cuts by the near plane and by the reach, the film's border, and seams. Where only
-  one picture shows something, at the pixel and all its neighbors, no snapped edge explains what is missing;
-* order: both triangles cover the pixel, and their stored depths differ by no more than depth's roundings;
-* lost: the stored depth of the expected surface differs by no more than that from the clear value, and what
-  is shown covers the pixel.
+* edge: rounding may have moved an edge of one of the two triangles across the pixel's center. Edges
+  are also those that clipping makes: cuts by the near plane and by the reach, the film's border,
+  and seams. Where only one picture shows something, at the pixel and all its neighbors, no snapped
+  edge explains what is missing;
+* order: both triangles cover the pixel, and their stored depths differ by no more than depth's
+  roundings;
+* lost: the stored depth of the expected surface differs by no more than that from the clear value,
+  and what is shown covers the pixel.
 
-A pixel that bears no mark is unexplained: somebody's bug. The classifier knows nothing of settings or of
-models of renderers. It takes cameras; `xfrustum.compare.attribution.budget` makes them for our rasterizer,
-`xfrustum.compare.judging.judged` for somebody else's renderer.
+A pixel that bears no mark is unexplained: somebody's bug. The classifier knows nothing of settings
+or of models of renderers. It takes cameras; `xfrustum.compare.attribution.budget` makes them for
+our rasterizer, `xfrustum.compare.judging.judged` for somebody else's renderer.
 """
 
 from __future__ import annotations
@@ -36,14 +39,14 @@ from xfrustum.compare.rounding.edges import (
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 
 HEADINGS = ("edge", "order", "lost", "unexplained")
 """Headings of `Causes`; the last one is for pixels that bear no mark."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Causes(Brief):
+class Causes(ShortRepr):
     """Pixels that show another triangle than expected, each under one heading: a list, for they are few."""
 
     shape: tuple[int, ...]  #: H, W
@@ -90,9 +93,9 @@ def find_causes(
 ) -> Causes:
     """Find the cause of every wrong pixel: those, by flat numbers (N,), at which the images differ.
 
-    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is what they show
-    without rounding, or with another depth buffer; its ties need no exception: they lie on an edge, or at one
-    depth. `shown` may name triangles that the scene does not have.
+    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is what
+    they show without rounding, or with another depth buffer; its ties need no exception: they lie
+    on an edge, or at one depth. `shown` may name triangles that the scene does not have.
     """
     shape = shown.triangle.shape
     if not len(pixels):
@@ -103,8 +106,8 @@ def find_causes(
     before, after = _marks(drawn, cameras, images, pixels)
     edge = (before.near_edge | after.near_edge) & _beside_likeness(expected, shown, (columns, rows))
     edge |= before.near_moved | after.near_moved | _near_border(cameras, (columns, rows))
-    # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
-    # a triangle are near its edge, and have their cause already.
+    # A depth test chooses only among triangles that cover the pixel. Centers that only rounding
+    # brings inside a triangle are near its edge, and have their cause already.
     chosen = before.possible & after.possible & ~edge
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if chosen.any():
@@ -112,8 +115,8 @@ def find_causes(
         one, other = depths(kept).at(kept.slots, (len(cameras), len(images), len(chosen)))
         order = np.asarray(one.indistinguishable_from(other).any(axis=0))
         lost = one.lost().any(axis=0) & ~order
-    # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both are looked
-    # at where nothing else explains the pixel.
+    # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both
+    # are looked at where nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
@@ -124,7 +127,9 @@ def find_causes(
     return Causes(shape=shape, pixels=pixels, heading=heading)
 
 
-def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage) -> Mask:
+def misplaced_pixels(
+    triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage
+) -> Mask:
     """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
     where: Mask = np.not_equal(shown.triangle, NOTHING)
     pixels = np.flatnonzero(where)
@@ -134,7 +139,10 @@ def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown
 
 
 def _drawn_by(
-    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
+    triangles: Floats,
+    cameras: Sequence[RoundingCamera],
+    images: Sequence[HogelImage],
+    pixels: Indices,
 ) -> PixelTriangles:
     """Return the triangles at pixels (N,) that each camera may have drawn, one or both of two at a cut.
 
@@ -148,11 +156,14 @@ def _drawn_by(
     # Each image's heights are compared as exactly as the image has them.
     may_draw = np.concatenate([camera.may_draw(height) for camera in cameras for height in heights])
     slots = np.flatnonzero(may_draw & np.tile(exists, len(cameras)))
-    return PixelTriangles.of(triangles, cameras, number, (columns, rows), slots)
+    return PixelTriangles.from_pixels(triangles, cameras, number, (columns, rows), slots)
 
 
 def _marks(
-    drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
+    drawn: PixelTriangles,
+    cameras: Sequence[RoundingCamera],
+    images: Sequence[HogelImage],
+    pixels: Indices,
 ) -> list[Placement]:
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
     marks = np.zeros((4, len(cameras), len(images), len(pixels)), dtype=np.bool_)
@@ -179,12 +190,15 @@ def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:
     for camera in cameras:
         if camera.film_shift is not None:
             points = _sampled(pixels, camera.film_shift)
-            near |= distance_to_border(points, camera.pencil.resolution) <= camera.precision.snap_px
+            near |= distance_to_border(points, camera.bundle.resolution) <= camera.precision.snap_px
     return near
 
 
 def _near_seam(
-    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: PixelIndex
+    triangles: Floats,
+    cameras: Sequence[RoundingCamera],
+    images: Sequence[HogelImage],
+    pixels: PixelIndex,
 ) -> Mask:
     """Return which pixels are sampled where clipping may have split a triangle that either image shows."""
     columns, rows = pixels
@@ -196,10 +210,10 @@ def _near_seam(
         for image in images:
             shown = image.triangle[rows, columns]
             numbers = np.unique(shown[(shown != NOTHING) & (shown < len(triangles))])
-            cut = clipped(triangles[numbers], camera.pencil, camera.film_shift)
+            cut = clipped(triangles[numbers], camera.bundle, camera.film_shift)
             for number in numbers[cut].tolist():
                 here = shown == number
-                split = seams(triangles[number], camera.pencil, camera.film_shift)
+                split = seams(triangles[number], camera.bundle, camera.film_shift)
                 near[here] |= distance_to_segments(points[here], split) <= camera.precision.snap_px
     return near
 

@@ -9,7 +9,11 @@ import numpy as np
 
 from xfrustum.compare.rounding.planes import Planes
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.compare.rounding.triangles import CLIPPED_VERTEX_ROUNDINGS, FilmTriangles, PixelTriangles
+from xfrustum.compare.rounding.triangles import (
+    CLIPPED_VERTEX_ROUNDINGS,
+    FilmTriangles,
+    PixelTriangles,
+)
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
@@ -29,7 +33,8 @@ class Depths:
 
     depth: Floats  #: (...) stored value 0..1 before rounding, NaN where there is no triangle
     tolerance: Floats  #: (...) how far the stored value may lie from `depth`
-    clear: Floats  #: (...) value of the buffer before anything is drawn, NaN where there is no triangle
+    #: (...) value of the buffer before anything is drawn, NaN where there is no triangle
+    clear: Floats
 
     def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
         """Return these depths at their slots of an array (cameras, images, N), for each image.
@@ -55,8 +60,8 @@ class Depths:
 def depths(shown: PixelTriangles) -> Depths:
     """Return the depth of one triangle at each pixel, as its camera's buffer stores it.
 
-    With w the distance along the axis, 1 / w is linear on the film, and so is what the hardware interpolates:
-    1 / w itself where a fragment writes its depth, else depth, a + b / w.
+    With w the distance along the axis, 1 / w is linear on the film, and so is what the hardware
+    interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w.
     """
     film, precision = shown.film, shown.film.precision
     (n, f), mapping = film.planes, precision.mapping
@@ -137,6 +142,8 @@ def _written(
             octaves = np.log(f / n)
             log = np.log(np.maximum(w, n) / n)
             rounding = of_w / w + np.maximum(LOG_ULPS * FLOAT32_ROUNDING * log, LOG_NEAR_ONE)
-            return np.log(w / n) / octaves, (rounding + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * log) / octaves
+            return np.log(w / n) / octaves, (
+                rounding + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * log
+            ) / octaves
         case _:
             assert_never(mapping)

@@ -1,8 +1,8 @@
 """Edges that rounding may move across a pixel's center: of the mesh, of cuts, and seams of clipping.
 
-A renderer that cuts triangles at its film and at its near and far planes draws what is left as several
-triangles. Which ones it does not say, but their common sides are diagonals of the polygon that is left: edges
-that no mesh has.
+A renderer that cuts triangles at its film and at its near and far planes draws what is left as
+several triangles. Which ones it does not say, but their common sides are diagonals of the polygon
+that is left: edges that no mesh has.
 """
 
 from itertools import combinations
@@ -12,7 +12,7 @@ import numpy as np
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.compare.rounding.triangles import AFTER_NEXT, NEXT, FilmTriangles, PixelTriangles
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
@@ -24,18 +24,22 @@ plane."""
 def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     """Return the smallest and the largest 1 / w at which the far plane may cut triangles, (T,) each.
 
-    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is known at
-    each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two corners it is linear, and so is its error:
-    the cut lies where |w - z| is at most the larger of the two errors, within (f - n) / n of that of w = f.
-    Where this is more than f, as with n below 2^-24 w, it may lie at any distance, beside the camera or
-    behind it. Reversed clip depth is zero at the far plane and has no such difference.
+    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is
+    known at each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two corners it is linear, and
+    so is its error: the cut lies where |w - z| is at most the larger of the two errors, within (f -
+    n) / n of that of w = f. Where this is more than f, as with n below 2^-24 w, it may lie at any
+    distance, beside the camera or behind it. Reversed clip depth is zero at the far plane and has
+    no such difference.
     """
     n, f = film.planes
     match film.precision.mapping:
         case DepthMapping.REVERSED:
             return 1 / f, 1 / f
-        # Where fragments write depth, clip depth may run either way: the larger bound holds for both.
-        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
+        # Where fragments write depth, clip depth may run either way: the larger bound holds for
+        # both.
+        case (
+            DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR
+        ):
             w = np.maximum(np.abs(film.vertices[..., 2]).max(axis=1, initial=0.0), f)
             moved = FAR_ROUNDINGS * FLOAT32_ROUNDING * w * (f - n) / n
             with np.errstate(divide="ignore"):
@@ -52,8 +56,8 @@ class Placement(NamedTuple):
 
     #: (N,) the center lies inside the triangle, or outside by no more than rounding moves its edges
     possible: Mask
-    #: (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of a cut by
-    #: the near plane or the reach
+    #: (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of
+    #: a cut by the near plane or the reach
     near_edge: Mask
     #: (N,) the center is near an edge that may move farther than by snapping: near a cut, or where
     #: coordinates are rounded as coarsely as in the camera's own plane
@@ -67,7 +71,8 @@ def placement(shown: PixelTriangles) -> Placement:
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
     before that their clip coordinates are rounded in float32, which moves the homogeneous edge
-    function by up to a sum of products. The mapping of depth decides how exactly the far plane cuts.
+    function by up to a sum of products. The mapping of depth decides how exactly the far plane
+    cuts.
     """
     film = shown.film
     functions = np.concatenate((film.lines, film.plane[None]))
@@ -76,7 +81,8 @@ def placement(shown: PixelTriangles) -> Placement:
     shifts = shown.linear_at(moved, np.abs(shown.points))
     snapped = shown.each(film.precision.snap_px * per_pixel(functions, film.resolution))
 
-    # The center lies inside where all three edge functions have one sign; each is known within a margin.
+    # The center lies inside where all three edge functions have one sign; each is known within a
+    # margin.
     sides, margins = values[:3], snapped[:3] + shifts
     possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
     near = np.abs(sides) <= margins
@@ -92,7 +98,9 @@ def placement(shown: PixelTriangles) -> Placement:
         # A triangle seen edge-on has no volume, and no cut.
         with np.errstate(invalid="ignore"):
             begin, end = volume * low - volume_bound * low, volume * high + volume_bound * high
-        return np.asarray((inverse >= shown.each(begin) - margin) & (inverse <= shown.each(end) + margin))
+        return np.asarray(
+            (inverse >= shown.each(begin) - margin) & (inverse <= shown.each(end) + margin)
+        )
 
     moves |= may_be_cut(1 / n, 1 / n) | may_be_cut(1 / f, 1 / f)
     edge: Mask = possible & (near.any(axis=0) | moves)
@@ -121,20 +129,22 @@ def _perturbation(film: FilmTriangles) -> tuple[Floats, Floats]:
         return np.asarray(next_a * after_b + after_a * next_b)
 
     moved = magnitude(0, 1) + magnitude(1, 0) + magnitude(1, 1)
-    # The volume is the product of the first corner with the line from the second corner to the third.
+    # The volume is the product of the first corner with the line from the second corner to the
+    # third.
     volume_bound = np.einsum("ij,ij->i", size[:, 0] + bound[:, 0], moved[:, 1])
     volume_bound += np.einsum("ij,ij->i", bound[:, 0], magnitude(0, 0)[:, 1])
     return np.ascontiguousarray(moved.transpose(1, 0, 2)), volume_bound
 
 
-def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats:
+def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
     """Return the diagonals (K, 2, 2) of what clipping leaves of a triangle with corners (3, 3).
 
-    Both ends of each are in pixels from the film's left and upper border; K is 0 where the triangle is not
-    cut, or where no more than three corners are left of it. The camera's lines run through the sampling
-    points, which are shifted from their pixels' centers by columns and rows; the film's borders are not.
+    Both ends of each are in pixels from the film's left and upper border; K is 0 where the triangle
+    is not cut, or where no more than three corners are left of it. The camera's lines run through
+    the sampling points, which are shifted from their pixels' centers by columns and rows; the
+    film's borders are not.
     """
-    polygon, bounds = _clip_places(corners, pencil, shift), _clip_bounds(pencil)
+    polygon, bounds = _clip_places(corners, bundle, shift), _clip_bounds(bundle)
     for bound in bounds:
         polygon = _cut(polygon, polygon @ bound)
     count = len(polygon)
@@ -143,29 +153,30 @@ def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats
     return places[np.array(diagonals, dtype=np.int64).reshape(-1, 2)]
 
 
-def clipped(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Mask:
+def clipped(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Mask:
     """Return which triangles (T, 3, 3) clipping cuts and leaves something of: others have no seams."""
-    beyond = np.less(_clip_places(corners, pencil, shift) @ _clip_bounds(pencil).T, 0.0)
+    beyond = np.less(_clip_places(corners, bundle, shift) @ _clip_bounds(bundle).T, 0.0)
     nothing_left = np.any(np.all(beyond, axis=1), axis=1)
     return np.asarray(np.any(beyond, axis=(1, 2)) & ~nothing_left)
 
 
-def _clip_places(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats:
+def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
     """Return homogeneous places (.., 4) of corners (.., 3): from the left and from above, w, and 1."""
-    width, height = pencil.resolution
-    q = corners - np.asarray(pencil.center)
-    # s is positive in front of a C and negative in front of a C*; the distance along the axis, w, never.
-    side = 1.0 if sum(pencil.s_range) > 0 else -1.0
+    width, height = bundle.resolution
+    q = corners - np.asarray(bundle.center)
+    # s is positive in front of a C and negative in front of a C*; the distance along the axis, w,
+    # never.
+    side = 1.0 if sum(bundle.s_range) > 0 else -1.0
     w = -side * q[..., 2]
-    film = (side * q[..., :2] - w[..., None] * pencil.shear) / pencil.half_extent
+    film = (side * q[..., :2] - w[..., None] * bundle.shear) / bundle.half_extent
     left = (film[..., 0] + w) * width / 2 + shift[0] * w
     top = (w - film[..., 1]) * height / 2 + shift[1] * w
     return np.stack((left, top, w, np.ones_like(w)), axis=-1)
 
 
-def _clip_bounds(pencil: Pencil) -> Floats:
+def _clip_bounds(bundle: RayBundle) -> Floats:
     """Return linear functions (6, 4) that clipping keeps from being negative: near, far, borders."""
-    (width, height), (begin, end) = pencil.resolution, sorted(abs(s) for s in pencil.s_range)
+    (width, height), (begin, end) = bundle.resolution, sorted(abs(s) for s in bundle.s_range)
     bounds = (
         (0, 0, 1, -begin),
         (0, 0, -1, end),
@@ -184,9 +195,13 @@ def distance_to_segments(points: Floats, segments: Floats) -> Floats:
         along = end - start
         squared = float(along @ along)
         share = (
-            np.clip((points - start) @ along / squared, 0.0, 1.0) if squared > 0 else np.zeros(len(points))
+            np.clip((points - start) @ along / squared, 0.0, 1.0)
+            if squared > 0
+            else np.zeros(len(points))
         )
-        nearest = np.minimum(nearest, np.linalg.norm(points - start - share[:, None] * along, axis=1))
+        nearest = np.minimum(
+            nearest, np.linalg.norm(points - start - share[:, None] * along, axis=1)
+        )
     return nearest
 
 

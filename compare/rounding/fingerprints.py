@@ -56,10 +56,12 @@ class Within:
 
     pixels: int
     within: int  #: that lie between the bounds
-    share_of_safe: float  #: median ratio of the tolerances to those of a device that nobody has measured
+    share_of_safe: (
+        float  #: median ratio of the tolerances to those of a device that nobody has measured
+    )
 
     @classmethod
-    def of(cls, inside: Mask, ratio: Floats | float) -> Within:
+    def from_ratio(cls, inside: Mask, ratio: Floats | float) -> Within:
         """Return the same of pixels (N,) inside or outside of the bounds; 1 where no ratio is known."""
         share = float(np.median(ratio)) if len(inside) else 1.0
         return cls(pixels=len(inside), within=int(inside.sum()), share_of_safe=share)
@@ -105,15 +107,17 @@ class Measured:
     @cached_property
     def ties(self) -> dict[str, int]:
         """Pixels that differ by each rule of ties that is among the best, corners rounded in the best way."""
-        counts = self._differs(self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__))
+        counts = self._differs(
+            self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__)
+        )
         return {rule: count for rule, count in counts.items() if count == min(counts.values())}
 
     @cached_property
     def cut_from_px(self) -> float | None:
         """Least distance from the window's middle of a corner whose triangle is cut at the sides, pixels.
 
-        A cut makes corners, which are snapped, so that pixels beside its edges differ from those of the whole
-        triangle. None where no triangle is cut.
+        A cut makes corners, which are snapped, so that pixels beside its edges differ from those of
+        the whole triangle. None where no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
@@ -126,7 +130,9 @@ class Measured:
         `farthest_px` is how far the farthest of these lies from the exact cut.
         """
         planes, drawn = self._planes, self.fingerprint.drawn
-        which, points, _ = self._stored(DepthFormat.D32F, np.zeros_like(drawn) | ~planes.uncut[:, None, None])
+        which, points, _ = self._stored(
+            DepthFormat.D32F, np.zeros_like(drawn) | ~planes.uncut[:, None, None]
+        )
         slopes = np.linalg.norm(planes.weights[..., :2], axis=-1) * 2 / SIZE
         sides = np.einsum("knc,nc->kn", planes.weights[:, which], points)
         inside = (sides > slopes[:, which]).all(axis=0)
@@ -151,7 +157,8 @@ class Measured:
     def plane_noise(self) -> float:
         """Roundings of 2^-24 in depths beside the plane nearest to those of a triangle; median of triangles.
 
-        Corners and gradient have their errors, but they make a plane. A rounding's variance is a twelfth.
+        Corners and gradient have their errors, but they make a plane. A rounding's variance is a
+        twelfth.
         """
         which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
         off, found = self._off_planes(snapped=self.snaps_depth), []
@@ -209,13 +216,17 @@ class Measured:
         which, points, stored = self._stored(depth, self.fingerprint.drawn)
         planes = self._planes
         exact = planes.exact(which, points)
-        step, (low, high), unknown = STEP[depth], model.stored(depth), safe_model(model.subpixel_bits)
+        step, (low, high), unknown = (
+            STEP[depth],
+            model.stored(depth),
+            safe_model(model.subpixel_bits),
+        )
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
         # What clipping leaves lies between zero and one, and is clamped to that.
         inside = np.abs(stored - np.clip(exact, 0.0, 1.0) - step * (high + low) / 2) <= tolerance
-        return Within.of(inside, tolerance / safe)
+        return Within.from_ratio(inside, tolerance / safe)
 
     def varyings_within(self, model: DeviceModel) -> Within:
         """Hold the smooth varyings of all triangles against a model's bounds."""
@@ -227,16 +238,17 @@ class Measured:
             found = self.fingerprint.fragment[..., 2 + number][self.fingerprint.drawn]
             off.append(np.abs(found - exact) <= tolerance)
             bounds.append(tolerance / self._planes.varying(corners, which, points, safe)[1])
-        return Within.of(off[0] & off[1], np.array(bounds))
+        return Within.from_ratio(off[0] & off[1], np.array(bounds))
 
     def filtered_within(self, model: DeviceModel) -> Within:
         """Hold filtered means of a texel of 0 and one of 1, which are weights, against a model's bounds."""
         filtered = self.fingerprint.filtered
         exact = (np.arange(len(filtered)) + 0.5) / len(filtered)
         bound, safe = (
-            one.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING for one in (model, safe_model())
+            one.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING
+            for one in (model, safe_model())
         )
-        return Within.of(np.abs(filtered - exact) <= bound, bound / safe)
+        return Within.from_ratio(np.abs(filtered - exact) <= bound, bound / safe)
 
     def as_json(self) -> dict[str, Any]:
         """Return `device.json`: what was measured, the model, and the model that pixels are explained by."""
@@ -264,7 +276,9 @@ class Measured:
                 "edges": len(self.fingerprint.edge_vertices),
                 "edges_in_window": int((self._reach <= SIZE / 2).sum()),
                 "reach_px": float(self._reach.max()),
-                "written": {d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()},
+                "written": {
+                    d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()
+                },
                 "filtered": len(self.fingerprint.filtered),
             },
             "within": {
@@ -317,17 +331,25 @@ class Measured:
         """Return stored minus exact depths of `_uncut` in steps, 2^-24 for D32F."""
         which, points, stored = self._stored(depth, self._uncut)
         planes = self._snapped if snapped else self._planes
-        return np.asarray((stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING))
+        return np.asarray(
+            (stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING)
+        )
 
     def off_by_slope(self, depth: DepthFormat, *, snapped: bool) -> Floats:
         """Return (T, 2) slope of a triangle's depth, steps a pixel, and its largest difference, steps.
 
-        The difference is that of stored from exact depths, on planes through corners that are snapped or not.
+        The difference is that of stored from exact depths, on planes through corners that are
+        snapped or not.
         """
         which, _, _ = self._stored(depth, self._uncut)
         planes, largest = self._snapped if snapped else self._planes, np.zeros(len(self._uncut))
         np.maximum.at(largest, which, np.abs(self._off_planes(snapped=snapped, depth=depth)))
-        slope = np.linalg.norm(planes.gradient[:, :2], axis=1) * 2 / SIZE / (STEP[depth] or FLOAT32_ROUNDING)
+        slope = (
+            np.linalg.norm(planes.gradient[:, :2], axis=1)
+            * 2
+            / SIZE
+            / (STEP[depth] or FLOAT32_ROUNDING)
+        )
         return np.stack((slope, largest), axis=1)[np.unique(which)]
 
     def stored_range(self, depth: DepthFormat) -> Range:
@@ -349,7 +371,9 @@ class Measured:
     @cached_property
     def _reach(self) -> Floats:
         """(E,) distances of the farthest corners from the window's middle along an axis, pixels."""
-        return np.asarray(np.abs(self.fingerprint.edge_vertices[..., :2]).max(axis=(1, 2)) * (SIZE / 2))
+        return np.asarray(
+            np.abs(self.fingerprint.edge_vertices[..., :2]).max(axis=(1, 2)) * (SIZE / 2)
+        )
 
     def _differs(self, bits: int, rounding: str) -> dict[str, int]:
         """Return by each rule of ties at how many pixels coverage is not that of corners snapped so.
@@ -358,25 +382,30 @@ class Measured:
         """
         whole, covered = self._reach <= SIZE / 2, self.fingerprint.covered
         return {
-            rule: int((one != covered)[whole].sum()) for rule, one in self._covers(bits, rounding).items()
+            rule: int((one != covered)[whole].sum())
+            for rule, one in self._covers(bits, rounding).items()
         }
 
     def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
         """Return by each rule of ties which pixels (E, 64, 64) triangles with corners snapped so cover.
 
-        Places are multiples of a grid, and products of them have at most 53 bits, so that all is exact.
+        Places are multiples of a grid, and products of them have at most 53 bits, so that all is
+        exact.
         """
         corners, grid = self.fingerprint.edge_vertices[..., :2].astype(np.float64), 2.0**bits
         places = ROUNDED[rounding]((corners + 1) / 2 * SIZE * grid) / grid
         rows, columns = np.mgrid[0:SIZE, 0:SIZE] + 0.5
         (x, y), (right, up) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
         turned = np.sign(x * up - y * right)[:, None]
-        found = dict.fromkeys(TIES, np.broadcast_to(turned[..., None] != 0, self.fingerprint.covered.shape))
+        found = dict.fromkeys(
+            TIES, np.broadcast_to(turned[..., None] != 0, self.fingerprint.covered.shape)
+        )
         for i in range(3):
             one, along = places[:, i], (places[:, (i + 1) % 3] - places[:, i]) * turned
             (x, y), (right, up) = one.T[:, :, None, None], along.T[:, :, None, None]
             side = right * (rows - y) - up * (columns - x)
-            # Counter-clockwise, with rows that count up: left sides go down, and those at the bottom right.
+            # Counter-clockwise, with rows that count up: left sides go down, and those at the
+            # bottom right.
             for rule in TIES:
                 left, bottom = (up < 0) == ("left" in rule), (right > 0) == ("bottom" in rule)
                 owns = np.where(up != 0, left, bottom)

@@ -23,17 +23,18 @@ the plane equation along x and y.
 GRADIENT_ROUNDINGS = 5
 """Roundings of 2^-24 in the gradient of a plane through three corners, relative to the products in it.
 
-Each product of an edge and a difference of depth has five: the edge, the difference, the quotient of edge
-and area, the product, and the difference of two products. The area has three in each of its two products,
-and two after that. Where the corners lie nearly on one line these products are large and cancel.
+Each product of an edge and a difference of depth has five: the edge, the difference, the quotient
+of edge and area, the product, and the difference of two products. The area has three in each of its
+two products, and two after that. Where the corners lie nearly on one line these products are large
+and cancel.
 """
 
 PLANE_ROUNDINGS = 11
 """Roundings of 2^-24 in a plane's value at a pixel, relative to that and to its rise from the film's corner.
 
-Four in a corner's place in pixels (quotient, two products, a sum), one each in the two products and the two
-sums that carry the plane to the film's corner, one each in the two products and the sum that carry it to the
-pixel. Renderers that begin at the triangle have fewer.
+Four in a corner's place in pixels (quotient, two products, a sum), one each in the two products and
+the two sums that carry the plane to the film's corner, one each in the two products and the sum
+that carry it to the pixel. Renderers that begin at the triangle have fewer.
 """
 
 
@@ -41,20 +42,25 @@ pixel. Renderers that begin at the triangle have fewer.
 class Planes:
     """A quantity Z / w over triangles (T,) in homogeneous film coordinates, linear on the film.
 
-    A device interpolates between corners V' = V + d: the triangle's, or those of a polygon that clipping
-    makes of it, each a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with weights m_i >= 0 for
-    which sum(m_i V'_i) = (p, 1). On the exact plane Z = G . V, so that
+    A device interpolates between corners V' = V + d: the triangle's, or those of a polygon that
+    clipping makes of it, each a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with
+    weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On the exact plane Z = G . V, so that
 
         found - exact = sum(m_i (dZ_i - G . d_i)),        sum(m_i w_i) = 1,
 
-    whatever triangles the polygon is drawn as. Two things move corners, and one the plane between them:
+    whatever triangles the polygon is drawn as. Two things move corners, and one the plane between
+    them:
 
-    * snapping, by half a subpixel step along each axis, where the plane is taken from snapped vertices;
-    * float32, by the bounds of each corner. A corner that clipping made has the bounds of the largest;
+    * snapping, by half a subpixel step along each axis, where the plane is taken from snapped
+      vertices;
+    * float32, by the bounds of each corner. A corner that clipping made has the bounds of the
+      largest;
     * the setup of the plane from corners in pixels, `GRADIENT_ROUNDINGS` and `PLANE_ROUNDINGS`.
     """
 
-    vertices: Floats  #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
+    vertices: (
+        Floats  #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
+    )
     value: Floats  #: (T, 3) Z of the corners
     moved: Floats  #: (T, 3, 3) bounds of the float32 errors of V
     moved_value: Floats  #: (T, 3) those of Z
@@ -65,7 +71,9 @@ class Planes:
     @cached_property
     def weights(self) -> Floats:
         """(3, T, 3) weight of each corner at a film point as linear functions of (u, v, 1)."""
-        following, after = (self.vertices.take(one, axis=1).reshape(-1, 3) for one in (NEXT, (2, 0, 1)))
+        following, after = (
+            self.vertices.take(one, axis=1).reshape(-1, 3) for one in (NEXT, (2, 0, 1))
+        )
         lines = cross_products(following, after).reshape(-1, 3, 3)
         volume = np.einsum("tc,tc->t", self.vertices[:, 0], lines[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -94,7 +102,8 @@ class Planes:
         by_corners = np.where(
             self.uncut.take(which),
             np.abs(np.einsum("nc,nc->n", each, points)),
-            np.abs(np.einsum("nc,nc->n", over_w.take(which, axis=0), points)) * all_alike.take(which),
+            np.abs(np.einsum("nc,nc->n", over_w.take(which, axis=0), points))
+            * all_alike.take(which),
         )
         cut = CUT_ROUNDINGS * (self.largest + slope_px @ size)
         whole = self._setup(slope_px, size) + PLANE_ROUNDINGS * self.largest
@@ -106,14 +115,19 @@ class Planes:
     ) -> tuple[Floats, Floats]:
         """Return what a smooth varying (T, 3) is at film points, exactly, and how far a device may be off.
 
-        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: what is found at p is
-        exact at a point within half a subpixel step of it, where a minus its exact value at p has risen by
-        its own slope alone. Float32 moves each by itself. Where 1 / w may vanish, nothing is known.
+        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: what is found
+        at p is exact at a point within half a subpixel step of it, where a minus its exact value at
+        p has risen by its own slope alone. Float32 moves each by itself. Where 1 / w may vanish,
+        nothing is known.
         """
         w, size = self.vertices[..., 2], np.asarray(self.resolution, dtype=np.float64)
         largest = [(np.abs(one) / w).max(axis=1) for one in (values, np.ones_like(w))]
-        over = replace(self, value=values, moved_value=FLOAT32_ROUNDING * np.abs(values), largest=largest[0])
-        inverse = replace(self, value=np.ones_like(w), moved_value=np.zeros_like(w), largest=largest[1])
+        over = replace(
+            self, value=values, moved_value=FLOAT32_ROUNDING * np.abs(values), largest=largest[0]
+        )
+        inverse = replace(
+            self, value=np.ones_like(w), moved_value=np.zeros_like(w), largest=largest[1]
+        )
         one_over_w = inverse.exact(which, points)
         exact = over.exact(which, points) / one_over_w
         flat = inverse.gradient.take(which, axis=0)
@@ -134,7 +148,10 @@ class Planes:
         worst = np.zeros(len(value))
         for i in range(3):
             one, other = places[:, i] - places[:, i - 2], places[:, i - 1] - places[:, i]
-            rise, fall = np.abs(value[:, i] - value[:, i - 2]), np.abs(value[:, i - 1] - value[:, i])
+            rise, fall = (
+                np.abs(value[:, i] - value[:, i - 2]),
+                np.abs(value[:, i - 1] - value[:, i]),
+            )
             # Edges crosswise: that along y gives the slope along x.
             crosswise, otherwise = np.abs(one[:, ::-1]), np.abs(other[:, ::-1])
             area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])

@@ -28,7 +28,8 @@ POSITION_TOLERANCE = POSITION_ROUNDINGS * FLOAT32_ROUNDING
 def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
     """Return the distance within which drawn surface points (N, 3) are known, (N,), scene units.
 
-    They are on triangles (N,); where that is `NOTHING`, the point's own coordinates stand for its triangle's.
+    They are on triangles (N,); where that is `NOTHING`, the point's own coordinates stand for its
+    triangle's.
     """
     known = triangle != NOTHING
     if known.all():

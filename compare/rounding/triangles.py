@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -37,15 +37,15 @@ class Precision:
 class RoundingCamera:
     """One camera of a renderer that rounds."""
 
-    #: Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its near and far
-    #: plane.
-    pencil: Pencil
+    #: Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its
+    #: near and far plane.
+    bundle: RayBundle
     precision: Precision
-    #: Lowest and highest z of the surfaces that the camera draws; None where images do not say at which
-    #: height their surfaces lie, so that any surface may be this camera's
+    #: Lowest and highest z of the surfaces that the camera draws; None where images do not say at
+    #: which height their surfaces lie, so that any surface may be this camera's
     heights: tuple[float, float] | None = None
-    #: Distance of the sampling points from the centers of their pixels, columns and rows, for a camera that
-    #: may clip triangles at the borders of its film; None for one that does not
+    #: Distance of the sampling points from the centers of their pixels, columns and rows, for a
+    #: camera that may clip triangles at the borders of its film; None for one that does not
     film_shift: tuple[float, float] | None = None
 
     def may_draw(self, height: NDArray[Any]) -> Mask:
@@ -77,35 +77,40 @@ class FilmTriangles:
     resolution: tuple[int, int]  #: W, H of their films in pixels
     #: (2, T) ends of `s_range` of each triangle's camera, its near and far plane; negative for C*
     ends: Floats
-    #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their float32
-    #: error bounds. u = x / s and v = y / s on the film; s is the distance from the center along the axis,
-    #: negative for C*.
+    #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their
+    #: float32 error bounds. u = x / s and v = y / s on the film; s is the distance from the center
+    #: along the axis, negative for C*.
     vertices: Floats
     bound: Floats
 
     @classmethod
-    def of(cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices) -> FilmTriangles:
+    def from_corners(
+        cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices
+    ) -> FilmTriangles:
         """Project corners (T, 3, 3), given the place (T,) of each triangle's camera among some."""
-        pencils = [camera.pencil for camera in cameras]
-        assert len({(camera.precision, camera.pencil.resolution) for camera in cameras}) == 1
+        bundles = [camera.bundle for camera in cameras]
+        assert len({(camera.precision, camera.bundle.resolution) for camera in cameras}) == 1
 
         def of_each(values: Sequence[Sequence[float]]) -> Floats:
             return np.array(values).take(drawn_by, axis=0)[:, None, :]
 
-        center = of_each([pencil.center for pencil in pencils])
+        center = of_each([bundle.center for bundle in bundles])
         shear, half = (
-            of_each([getattr(pencil, name) for pencil in pencils]) for name in ("shear", "half_extent")
+            of_each([getattr(bundle, name) for bundle in bundles])
+            for name in ("shear", "half_extent")
         )
         relative = corners - center
         s = -relative[..., 2:]
         lateral = (relative[..., :2] - shear * s) / half
         # The terms that the transform adds up, before they cancel.
         terms = np.abs(corners[..., :2]) + np.abs(center[..., :2]) + np.abs(shear * s)
-        bound = np.concatenate((terms / half, np.abs(corners[..., 2:]) + np.abs(center[..., 2:])), axis=-1)
+        bound = np.concatenate(
+            (terms / half, np.abs(corners[..., 2:]) + np.abs(center[..., 2:])), axis=-1
+        )
         return cls(
             precision=cameras[0].precision,
-            resolution=pencils[0].resolution,
-            ends=np.array([pencil.s_range for pencil in pencils]).T.take(drawn_by, axis=1),
+            resolution=bundles[0].resolution,
+            ends=np.array([bundle.s_range for bundle in bundles]).T.take(drawn_by, axis=1),
             vertices=np.concatenate((lateral, s), axis=-1),
             bound=CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * bound,
         )
@@ -125,7 +130,9 @@ class FilmTriangles:
     def lines(self) -> Floats:
         """(3, T, 3) edges as linear functions of (u, v, 1), from each corner to the next one."""
         following = self.vertices.take(NEXT, axis=1)
-        found = cross_products(self.vertices.reshape(-1, 3), following.reshape(-1, 3)).reshape(-1, 3, 3)
+        found = cross_products(self.vertices.reshape(-1, 3), following.reshape(-1, 3)).reshape(
+            -1, 3, 3
+        )
         return np.ascontiguousarray(found.transpose(1, 0, 2))
 
     @cached_property
@@ -150,7 +157,7 @@ class PixelTriangles:
     slots: Indices  #: (N,) places that the pixels have where those of all cameras lie side by side
 
     @classmethod
-    def of(
+    def from_pixels(
         cls,
         triangles: Floats,
         cameras: Sequence[RoundingCamera],
@@ -160,24 +167,28 @@ class PixelTriangles:
     ) -> PixelTriangles:
         """Take the triangles that each of some cameras may have drawn out of those of a scene (F, 3, 3).
 
-        `number` and `pixels` (P,) are triangles, all of which exist where they are asked for, and the pixels
-        that show them. `slots` (N,) are asked for: k P + p is that of pixel p drawn by camera k.
+        `number` and `pixels` (P,) are triangles, all of which exist where they are asked for, and
+        the pixels that show them. `slots` (N,) are asked for: k P + p is that of pixel p drawn by
+        camera k.
         """
         camera, place = np.divmod(slots, max(len(number), 1))
         drawn = camera * len(triangles) + number.take(place)
         distinct, which = np.unique(drawn, return_inverse=True)
         drawn_by, chosen = np.divmod(distinct, len(triangles))
         return cls(
-            film=FilmTriangles.of(triangles[chosen], cameras, drawn_by),
+            film=FilmTriangles.from_corners(triangles[chosen], cameras, drawn_by),
             which=which,
-            points=film_points(cameras[0].pencil.resolution, pixels).take(place, axis=0),
+            points=film_points(cameras[0].bundle.resolution, pixels).take(place, axis=0),
             slots=slots,
         )
 
     def some(self, kept: Indices) -> PixelTriangles:
         """Return some of the pixels, given by their places (M,)."""
         return replace(
-            self, which=self.which[kept], points=self.points.take(kept, axis=0), slots=self.slots[kept]
+            self,
+            which=self.which[kept],
+            points=self.points.take(kept, axis=0),
+            slots=self.slots[kept],
         )
 
     def each(self, values: Floats) -> Floats:

@@ -1,11 +1,11 @@
 """The truth once more, by brute force in integers, to check the reference with.
 
-This module is independent of the reference on purpose. The two share only the definition of the line of a
-pixel (`Pencil`). Here a line is intersected with a triangle's plane first; then the point is compared with
-the three edges in two dimensions, seen along the axis that the plane faces most. All doubles are integers
-over a common power of two, so that nothing is ever rounded. Conventions (CONVENTIONS.md): triangles are
-closed, a line that lies in a triangle's plane does not meet the triangle, the first s within the reach wins,
-and equal s is a tie.
+This module is independent of the reference on purpose. The two share only the definition of the
+line of a pixel (`RayBundle`). Here a line is intersected with a triangle's plane first; then the
+point is compared with the three edges in two dimensions, seen along the axis that the plane faces
+most. All doubles are integers over a common power of two, so that nothing is ever rounded.
+Conventions (CONVENTIONS.md): triangles are closed, a line that lies in a triangle's plane does not
+meet the triangle, the first s within the reach wins, and equal s is a tie.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
@@ -23,7 +23,8 @@ Ratio = tuple[int, int]  #: numerator and positive denominator
 
 BOX_MARGIN = 2.0**-40
 """Width added around every box, relative to the largest coordinate times 1 + the steepest slope. The bounds
-of a box are a difference of two coordinates and its product with a slope: at most 3 roundings of 2^-53, each
+of a box are a difference of two coordinates and its product with a slope: at most 3 roundings of
+2^-53, each
 of a number no larger than twice that product. The margin is over a thousand times as wide."""
 
 CHUNK_TRIANGLES = 1 << 13
@@ -34,16 +35,20 @@ CHUNK_TRIANGLES = 1 << 13
 class ExactRows:
     """The first triangle on each line of some rows, decided without any rounding."""
 
-    triangle: Numbers  #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
-    s: Floats  #: (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
-    ties: Indices  #: (N, 3) row of the image, column and number of all triangles first together, sorted
+    triangle: (
+        Numbers  #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
+    )
+    #: (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
+    s: Floats
+    #: (N, 3) row of the image, column and number of all triangles first together, sorted
+    ties: Indices
 
 
-def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> ExactRows:
+def first_by_brute_force(triangles: Floats, bundle: RayBundle, rows: range) -> ExactRows:
     """Decide the first of the triangles (F, 3, 3) on every line of some rows of a pencil, all in integers."""
-    width = pencil.resolution[0]
-    pixel, candidates, nearest = _boxes_met(triangles, pencil, rows)
-    lines = _ExactLines(triangles, np.unique(candidates), pencil)
+    width = bundle.resolution[0]
+    pixel, candidates, nearest = _boxes_met(triangles, bundle, rows)
+    lines = _ExactLines(triangles, np.unique(candidates), bundle)
     triangle = np.full((len(rows), width), NOTHING, dtype=np.int32)
     s = np.full((len(rows), width), np.nan)
     ties: list[tuple[int, int, int]] = []
@@ -61,16 +66,18 @@ def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> Exac
     return ExactRows(triangle=triangle, s=s, ties=np.array(ties, dtype=np.int64).reshape(-1, 3))
 
 
-def _boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> tuple[Indices, Indices, Floats]:
+def _boxes_met(
+    triangles: Floats, bundle: RayBundle, rows: range
+) -> tuple[Indices, Indices, Floats]:
     """Return pairs (N,) of a pixel and a triangle that may meet, and a lower bound of s for each.
 
-    Pixels are numbered within the given rows; pairs are sorted by pixel, then by this bound. A point of the
-    line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the least and the largest
-    s of the corners: s dx lies in the interval between these two times dx, and x - cx in the interval of the
-    corners. The two must overlap, for x and for y alike. Boxes are widened by `BOX_MARGIN`, so that rounding
-    loses no pair.
+    Pixels are numbered within the given rows; pairs are sorted by pixel, then by this bound. A
+    point of the line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the
+    least and the largest s of the corners: s dx lies in the interval between these two times dx,
+    and x - cx in the interval of the corners. The two must overlap, for x and for y alike. Boxes
+    are widened by `BOX_MARGIN`, so that rounding loses no pair.
     """
-    center, slopes = np.asarray(pencil.center), (pencil.dx, pencil.dy[rows.start : rows.stop])
+    center, slopes = np.asarray(bundle.center), (bundle.dx, bundle.dy[rows.start : rows.stop])
     steepest = max(np.abs(one).max() for one in slopes)
     pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
     for start in range(0, len(triangles), CHUNK_TRIANGLES):
@@ -79,14 +86,19 @@ def _boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> tuple[Indices,
         margin = (BOX_MARGIN * (1 + steepest) * size)[:, None]
         relative = (chunk - center) * [1.0, 1.0, -1.0]
         low, high = relative.min(axis=1) - margin, relative.max(axis=1) + margin
-        near, far = np.maximum(low[:, 2], pencil.s_range[0]), np.minimum(high[:, 2], pencil.s_range[1])
+        near, far = (
+            np.maximum(low[:, 2], bundle.s_range[0]),
+            np.minimum(high[:, 2], bundle.s_range[1]),
+        )
         in_row = _reached((near, far), (low[:, 1], high[:, 1]), slopes[1])
         some = np.flatnonzero((near <= far) & in_row.any(axis=1))
         in_column = _reached((near[some], far[some]), (low[some, 0], high[some, 0]), slopes[0])
         for box, columns in zip(some.tolist(), in_column, strict=True):
-            rows_of_box = np.flatnonzero(in_row[box])[:, None] * pencil.resolution[0]
+            rows_of_box = np.flatnonzero(in_row[box])[:, None] * bundle.resolution[0]
             pixel = (rows_of_box + np.flatnonzero(columns)).ravel()
-            pairs.append((pixel, np.full(len(pixel), start + box), np.full(len(pixel), low[box, 2])))
+            pairs.append(
+                (pixel, np.full(len(pixel), start + box), np.full(len(pixel), low[box, 2]))
+            )
     pixels, numbers, nearest = (np.concatenate(one) for one in zip(*pairs, strict=True))
     order = np.lexsort((nearest, pixels))
     return pixels[order], numbers[order], nearest[order]
@@ -103,8 +115,8 @@ def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floa
 class _Plane:
     """A triangle relative to the center, in integers: the plane is normal . q = offset.
 
-    It is seen along an axis that it does not contain. In the other two, x and y, each edge has coefficients
-    (u, v, w): u y - v x - w is at least zero on the triangle's side of the edge.
+    It is seen along an axis that it does not contain. In the other two, x and y, each edge has
+    coefficients (u, v, w): u y - v x - w is at least zero on the triangle's side of the edge.
     """
 
     normal: Integers
@@ -113,7 +125,7 @@ class _Plane:
     edges: tuple[Integers, ...]
 
     @classmethod
-    def of(cls, corners: list[Integers]) -> _Plane | None:
+    def through(cls, corners: list[Integers]) -> _Plane | None:
         """Return a triangle's plane and edges; None for a triangle without area, which no line meets."""
         # Step 1: the normal, by the cross product of two edges.
         p0, p1, p2 = corners
@@ -121,12 +133,15 @@ class _Plane:
         normal = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
         if not any(normal):
             return None
-        # Step 2: see the plane along the axis of the normal's largest component, which cannot be zero.
+        # Step 2: see the plane along the axis of the normal's largest component, which cannot be
+        # zero.
         facing = max(range(3), key=lambda axis: abs(normal[axis]))
         x, y = (facing + 1) % 3, (facing + 2) % 3
-        # Step 3: go around the triangle counterclockwise as x and y see it. The corners' own order is
-        # counterclockwise where that component of the normal is positive.
-        turns = ((p0, p1), (p1, p2), (p2, p0)) if normal[facing] > 0 else ((p1, p0), (p2, p1), (p0, p2))
+        # Step 3: go around the triangle counterclockwise as x and y see it. The corners' own order
+        # is counterclockwise where that component of the normal is positive.
+        turns = (
+            ((p0, p1), (p1, p2), (p2, p0)) if normal[facing] > 0 else ((p1, p0), (p2, p1), (p0, p2))
+        )
         edges = []
         for start, end in turns:
             u, v = end[x] - start[x], end[y] - start[y]
@@ -137,11 +152,13 @@ class _Plane:
 
     def met_by(self, d: Integers) -> Ratio | None:
         """Return the ratio s at which the line s d meets the triangle; None where it does not."""
-        # Step 1: the plane is met at s = offset / slope; slope zero is a line parallel to the plane.
+        # Step 1: the plane is met at s = offset / slope; slope zero is a line parallel to the
+        # plane.
         slope = self.normal[0] * d[0] + self.normal[1] * d[1] + self.normal[2] * d[2]
         if slope == 0:
             return None
-        # Step 2: make the denominator positive, so that multiplying an inequality by it keeps its sense.
+        # Step 2: make the denominator positive, so that multiplying an inequality by it keeps its
+        # sense.
         offset, slope = (self.offset, slope) if slope > 0 else (-self.offset, -slope)
         # Step 3: slope times the meeting point, compared with slope times each edge's equation.
         x, y = offset * d[self.axes[0]], offset * d[self.axes[1]]
@@ -165,21 +182,27 @@ class _Integral:
 class _ExactLines:
     """The lines of a pencil, and those of the triangles (F, 3, 3) that they may meet, in integers."""
 
-    def __init__(self, triangles: Floats, numbers: Indices, pencil: Pencil) -> None:
+    def __init__(self, triangles: Floats, numbers: Indices, bundle: RayBundle) -> None:
         # Lengths and slopes have scales of their own: each is a common power of two.
         corners = triangles[numbers]
-        length = _Integral(np.concatenate((corners.ravel(), pencil.center, pencil.s_range)))
-        slope = _Integral(np.concatenate((pencil.dx, pencil.dy)))
+        length = _Integral(np.concatenate((corners.ravel(), bundle.center, bundle.s_range)))
+        slope = _Integral(np.concatenate((bundle.dx, bundle.dy)))
         self._bits = length.bits, slope.bits
-        self._dx, self._dy = ([slope(one) for one in axis.tolist()] for axis in (pencil.dx, pencil.dy))
-        self._begin, self._end = (length(float(end)) for end in pencil.s_range)
-        cx, cy, cz = (length(float(value)) for value in pencil.center)
+        self._dx, self._dy = (
+            [slope(one) for one in axis.tolist()] for axis in (bundle.dx, bundle.dy)
+        )
+        self._begin, self._end = (length(float(end)) for end in bundle.s_range)
+        cx, cy, cz = (length(float(value)) for value in bundle.center)
         self._planes = {
-            number: _Plane.of([(length(x) - cx, length(y) - cy, length(z) - cz) for x, y, z in points])
+            number: _Plane.through(
+                [(length(x) - cx, length(y) - cy, length(z) - cz) for x, y, z in points]
+            )
             for number, points in zip(numbers.tolist(), corners.tolist(), strict=True)
         }
 
-    def first(self, row: int, column: int, pairs: list[tuple[int, float]]) -> tuple[list[int], float]:
+    def first(
+        self, row: int, column: int, pairs: list[tuple[int, float]]
+    ) -> tuple[list[int], float]:
         """Return the triangles met first, and the double nearest to their s; pairs ascend by s."""
         length_bits, slope_bits = self._bits
         d = (self._dx[column], self._dy[row], -(1 << slope_bits))
@@ -190,7 +213,10 @@ class _ExactLines:
                 break
             plane = self._planes[number]
             met = plane.met_by(d) if plane else None
-            if met is None or not self._begin * met[1] <= met[0] << slope_bits <= self._end * met[1]:
+            if (
+                met is None
+                or not self._begin * met[1] <= met[0] << slope_bits <= self._end * met[1]
+            ):
                 continue
             # The sign of the difference of two ratios, multiplied by both positive denominators.
             ahead = met[0] * first[1] - first[0] * met[1]

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
@@ -41,9 +41,10 @@ UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double
 
 PLANE_ROUNDINGS = 16
 """Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
-products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1 for the
-product, and 1 for the difference of two products. The product with q, a difference itself, has 2 more, and
-the sum of three products 2 more: 8, in whatever order. The number is doubled to cover terms of second order
+products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1
+for the product, and 1 for the difference of two products. The product with q, a difference itself,
+has 2 more, and the sum of three products 2 more: 8, in whatever order. The number is doubled to
+cover terms of second order
 and the rounding of this bound itself."""
 
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
@@ -87,8 +88,9 @@ class ViewCheck:
 class SphereCheck:
     """Lines from a sphere's center through its vertices and the middles of its edges.
 
-    Misses of the tracer are in float32. Wrong is a line that does not meet the right triangles: at a vertex
-    all its triangles and no others, at s = 1; in the middle of an edge one of its two triangles or both.
+    Misses of the tracer are in float32. Wrong is a line that does not meet the right triangles: at
+    a vertex all its triangles and no others, at s = 1; in the middle of an edge one of its two
+    triangles or both.
     """
 
     triangles: int
@@ -118,7 +120,9 @@ class SelfCheck:
     @property
     def agrees(self) -> bool:
         """Whether no image and no line of the sphere is wrong."""
-        return not any(view.wrong for view in self.views) and (self.sphere is None or self.sphere.agrees)
+        return not any(view.wrong for view in self.views) and (
+            self.sphere is None or self.sphere.agrees
+        )
 
     def total(self, count: str) -> int:
         """Return the sum of one of the counts over all views."""
@@ -154,23 +158,31 @@ def table(check: SelfCheck) -> str:
     ]
     result = "agree" if check.agrees else "DISAGREE"
     pixels = f"{check.total('pixels'):,} pixels"
-    return "\n".join([*lines, f"reference and integers {result} on {pixels} ({check.seconds:.0f} s)"])
+    return "\n".join(
+        [*lines, f"reference and integers {result} on {pixels} ({check.seconds:.0f} s)"]
+    )
 
 
 def selfcheck(
-    names: Sequence[str] = (), *, quick: bool = False, progress: bool = False, processes: int | None = None
+    names: Sequence[str] = (),
+    *,
+    quick: bool = False,
+    progress: bool = False,
+    processes: int | None = None,
 ) -> SelfCheck:
     """Compare the reference with exact brute force on every pixel of many images.
 
-    `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes smaller
-    images and a coarser sphere. `processes` compute; None for one per processor, 1 for this one alone. Raises
-    InputError where there is no such scene, or it is a giant.
+    `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes
+    smaller images and a coarser sphere. `processes` compute; None for one per processor, 1 for this
+    one alone. Raises InputError where there is no such scene, or it is a giant.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]
     pixels = sum(int(np.prod(scene.frustum.resolution)) for _, scene, _ in views)
     # Processes are spawned, not forked: they inherit no thread, no lock and no OpenGL context.
-    pool = ProcessPoolExecutor(processes or worker_count(), mp_context=multiprocessing.get_context("spawn"))
+    pool = ProcessPoolExecutor(
+        processes or worker_count(), mp_context=multiprocessing.get_context("spawn")
+    )
     compute: Compute = map if processes == 1 else pool.map
     try:
         with tqdm(total=pixels, unit="px", unit_scale=True, disable=not progress) as bar:
@@ -198,31 +210,40 @@ def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
     """Yield the images of a scene or hard case that are checked, small enough for integers."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
-        raise InputError(f"{name} is a giant, which integers take hours for: leave it out of the self-check")
+        raise InputError(
+            f"{name} is a giant, which integers take hours for: leave it out of the self-check"
+        )
     scene = case.build() if case else open_scene(name)
     if case is None:
-        # An odd number of columns has a middle one, whose lines have no slope in x: in symmetric scenes they
-        # run along edges.
+        # An odd number of columns has a middle one, whose lines have no slope in x: in symmetric
+        # scenes they run along edges.
         width, height = scene.frustum.resolution
         factor = sqrt((QUICK_VIEW_PIXELS if quick else VIEW_PIXELS) / (width * height))
         resolution = (max(1, round(width * factor)) | 1, max(1, round(height * factor)))
         scene = replace(scene, frustum=replace(scene.frustum, resolution=resolution))
     columns, rows = scene.plate.hogels
-    places = [(min(int(x * columns), columns - 1), min(int(y * rows), rows - 1)) for x, y in APERTURE_SHARES]
+    places = [
+        (min(int(x * columns), columns - 1), min(int(y * rows), rows - 1))
+        for x, y in APERTURE_SHARES
+    ]
     if case is not None:
         places = [*case.apertures, *(places if not quick else ())]
     yield from ((name, scene, scene.plate.aperture(*place)) for place in dict.fromkeys(places))
 
 
 def _exact_rows(compute: Compute, scene: Scene, aperture: Aperture) -> Iterator[ExactRows]:
-    pencil = crossed_frustum(scene.frustum, aperture)
-    width, height = pencil.resolution
+    bundle = crossed_frustum(scene.frustum, aperture)
+    width, height = bundle.resolution
     step = max(1, MAX_TASK_PIXELS // width)
     bands = [range(start, min(start + step, height)) for start in range(0, height, step)]
-    return compute(first_by_brute_force, [scene.triangles] * len(bands), [pencil] * len(bands), bands)
+    return compute(
+        first_by_brute_force, [scene.triangles] * len(bands), [bundle] * len(bands), bands
+    )
 
 
-def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows], bar: Any) -> ViewCheck:
+def _check(
+    name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows], bar: Any
+) -> ViewCheck:
     started = time.perf_counter()
     image = Reference(scene).trace(aperture)
     assert image.certainty is not None and image.overruled is not None
@@ -232,13 +253,13 @@ def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows
         bar.update(part.triangle.size)
     triangle, s, ties = (np.concatenate(one) for one in zip(*parts, strict=True))
     exact = ExactRows(triangle=triangle, s=s, ties=ties)
-    pencil = crossed_frustum(scene.frustum, aperture)
-    wrong, listed = disagreements(image, exact, pencil, scene.triangles)
+    bundle = crossed_frustum(scene.frustum, aperture)
+    wrong, listed = disagreements(image, exact, bundle, scene.triangles)
     counts = np.bincount(image.certainty.ravel(), minlength=len(Certainty))
     return ViewCheck(
         scene=name,
         aperture=aperture.index,
-        resolution=pencil.resolution,
+        resolution=bundle.resolution,
         pixels=image.triangle.size,
         covered=int(image.covered.sum()),
         proven=int(counts[Certainty.PROVEN]),
@@ -252,29 +273,32 @@ def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows
 
 
 def disagreements(
-    image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats
+    image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles: Floats
 ) -> tuple[Mask, tuple[Disagreement, ...]]:
     """Compare every pixel of a traced image with the exact answer for all its rows.
 
-    A pixel is wrong where its triangle is another one; where a tie is not called one, a pixel without a tie
-    is called one, or it was not examined; where its tie has other companions; and where its position is off
-    its line, or farther from the exact position along it than `position_bound`, than one rounding where the
-    reference claims rational arithmetic. Returns (H, W) pixels with any disagreement, and descriptions of the
-    first few.
+    A pixel is wrong where its triangle is another one; where a tie is not called one, a pixel
+    without a tie is called one, or it was not examined; where its tie has other companions; and
+    where its position is off its line, or farther from the exact position along it than
+    `position_bound`, than one rounding where the reference claims rational arithmetic. Returns (H,
+    W) pixels with any disagreement, and descriptions of the first few.
     """
-    assert image.certainty is not None and image.companions is not None
+    assert image.certainty is not None and image.tied_triangles is not None
     shape = exact.triangle.shape
-    expected, got = set(map(tuple, exact.ties.tolist())), set(map(tuple, image.companions.tolist()))
-    tie, companions = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
-    for mask, places in ((tie, expected), (companions, got ^ expected)):
+    expected, got = (
+        set(map(tuple, exact.ties.tolist())),
+        set(map(tuple, image.tied_triangles.tolist())),
+    )
+    tie, tied_triangles = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    for mask, places in ((tie, expected), (tied_triangles, got ^ expected)):
         for row, column, _ in places:
             mask[row, column] = True
     claimed = image.certainty == Certainty.TIE
     found: dict[str, Mask] = {
         "triangle": image.triangle != exact.triangle,
         "certainty": (claimed != tie) | (image.certainty == Certainty.UNEXAMINED),
-        "companions": companions,
-        "position": _misplaced(image, exact, pencil, triangles),
+        "companions": tied_triangles,
+        "position": _misplaced(image, exact, bundle, triangles),
     }
 
     def described(about: str, pixel: tuple[int, int]) -> Disagreement:
@@ -283,28 +307,37 @@ def disagreements(
         assert image.certainty is not None
         words = {
             "triangle": (str(exact.triangle[pixel]), str(image.triangle[pixel])),
-            "certainty": ("tie" if tied else "no tie", Certainty(image.certainty[pixel]).name.lower()),
+            "certainty": (
+                "tie" if tied else "no tie",
+                Certainty(image.certainty[pixel]).name.lower(),
+            ),
             "companions": (str(tied), str(said)),
             "position": (f"s = {exact.s[pixel]!r}", f"position {image.position[pixel].tolist()}"),
         }[about]
-        return Disagreement(row=pixel[0], column=pixel[1], about=about, expected=words[0], got=words[1])
+        return Disagreement(
+            row=pixel[0], column=pixel[1], about=about, expected=words[0], got=words[1]
+        )
 
-    pixels = [(about, (row, column)) for about, mask in found.items() for row, column in np.argwhere(mask)]
-    listed = tuple(described(about, (int(row), int(column))) for about, (row, column) in pixels[:MAX_LISTED])
+    pixels = [
+        (about, (row, column)) for about, mask in found.items() for row, column in np.argwhere(mask)
+    ]
+    listed = tuple(
+        described(about, (int(row), int(column))) for about, (row, column) in pixels[:MAX_LISTED]
+    )
     return np.logical_or.reduce(list(found.values())), listed
 
 
-def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
+def _misplaced(image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles: Floats) -> Mask:
     """Return the pixels whose position is not where the line meets the exact triangle, (H, W)."""
     assert image.certainty is not None
     mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
     same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
-    d, s = pencil.directions()[same], exact.s[same]
-    center = np.asarray(pencil.center)
+    d, s = bundle.directions()[same], exact.s[same]
+    center = np.asarray(bundle.center)
     allowed = position_bound(triangles[exact.triangle[same]] - center, d, s)
     allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
-    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8 covers
-    # these and the same operations in this check.
+    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8
+    # covers these and the same operations in this check.
     reach = np.abs(center) + np.abs(s[:, None] * d)
     off = np.abs(image.position[same] - (center + s[:, None] * d))
     mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
@@ -314,13 +347,17 @@ def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: F
 def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
-    `corners` (N, 3, 3) are those of the triangles met, relative to the center; d (N, 3) the directions, and s
-    (N,) the exact values, rounded. Where rounding leaves the sign of d . n in doubt, only rational arithmetic
-    can decide s: there the bound is that of a rounded exact s.
+    `corners` (N, 3, 3) are those of the triangles met, relative to the center; d (N, 3) the
+    directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n in
+    doubt, only rational arithmetic can decide s: there the bound is that of a rounded exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     magnitude = np.stack(
-        [np.abs(a[:, i] * b[:, j]) + np.abs(a[:, j] * b[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))], axis=1
+        [
+            np.abs(a[:, i] * b[:, j]) + np.abs(a[:, j] * b[:, i])
+            for i, j in ((1, 2), (2, 0), (0, 1))
+        ],
+        axis=1,
     )
     rounding = PLANE_ROUNDINGS * UNIT_ROUNDOFF
     offset_error = rounding * np.sum(np.abs(corners[:, 0]) * magnitude, axis=1)
@@ -335,7 +372,10 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
     """Ask the reference about every vertex and edge of a sphere about the origin: no line may miss it."""
     started = time.perf_counter()
     mesh = trimesh.creation.icosphere(subdivisions=QUICK_SUBDIVISIONS if quick else SUBDIVISIONS)
-    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    vertices, faces = (
+        np.asarray(mesh.vertices, dtype=np.float64),
+        np.asarray(mesh.faces, dtype=np.int64),
+    )
     edges = np.asarray(mesh.edges_unique, dtype=np.int64)
     middles = vertices[edges].mean(axis=1)
     # s runs from the center to beyond the unit sphere, which is met at about 1.
@@ -351,8 +391,8 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
         objects=(SceneObject(name="sphere", vertices=vertices, faces=faces),),
     )
     tracer = EmbreeTracer(scene)
-    # Wrong are vertices at which a line meets other triangles than exactly theirs, or not at s = 1, and edges
-    # at the rounded middle of which it meets a triangle that is not the edge's own.
+    # Wrong are vertices at which a line meets other triangles than exactly theirs, or not at s = 1,
+    # and edges at the rounded middle of which it meets a triangle that is not the edge's own.
     around: list[list[int]] = [[] for _ in vertices]
     for number, corners in enumerate(faces.tolist()):
         for vertex in corners:

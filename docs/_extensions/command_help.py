@@ -21,7 +21,9 @@ WIDTH = 100
 def help_of(words: list[str]) -> str:
     """Return the help of a command, given by its name and that of a command in it."""
     command: click.Command = cli
-    context = click.Context(cli, info_name="xfrustum", terminal_width=WIDTH, max_content_width=WIDTH)
+    context = click.Context(
+        cli, info_name="xfrustum", terminal_width=WIDTH, max_content_width=WIDTH
+    )
     for word in words:
         assert isinstance(command, click.Group)
         found = command.get_command(context, word)

@@ -27,7 +27,9 @@ def examples() -> dict[str, tuple[str, str]]:
     }
 
 
-def _add(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+def _add(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
     """Append the example of a name to its docstring."""
     del app, what, thing, options
     # |z| means the height's amount, and not the substitution that it would be in reStructuredText.

@@ -13,7 +13,7 @@ import numpy as np
 import plotly.graph_objects as go
 from PIL import Image
 
-from xfrustum import DoubleFrustum, Judge, open_scene
+from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
 # The scene is the built-in car, which stands across the plate, on a film of 160 x 160
@@ -29,14 +29,14 @@ buffers = {
 }
 
 # %%
-# A ``Judge`` draws an aperture with all settings, traces its truth once, and compares.
+# A ``Evaluator`` draws an aperture with all settings, traces its truth once, and compares.
 
 settings = [
     DoubleFrustum(near=near, depth=depth, mapping=mapping)
     for depth, mapping in buffers.values()
     for near in nears
 ]
-with Judge(scene) as judge:
+with Evaluator(scene) as judge:
     hogel = next(iter(judge.stream([scene.plate.middle], settings)))
 wrong = np.array(
     [drawing.comparison.surface.fraction for drawing in hogel.drawings]
@@ -63,7 +63,7 @@ chosen = [
     DoubleFrustum(near=scene.frustum.longest_reach * share)
     for share in (1e-2, 1e-5, 1e-7)
 ]
-with Judge(scene) as judge:
+with Evaluator(scene) as judge:
     shown = next(iter(judge.stream([scene.plate.middle], chosen, images=True)))
 pictures = [with_errors(drawing, shown.truth) for drawing in shown.drawings]
 picture = Image.fromarray((255 * np.hstack(pictures)).astype("uint8")).resize(

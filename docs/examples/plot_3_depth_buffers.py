@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from xfrustum import DoubleFrustum, Judge, open_scene
+from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
 # At n = 1e-7 of the reach the near offset bends nothing, so that what is wrong is the
@@ -30,7 +30,7 @@ buffers = [
 settings = [
     DoubleFrustum(near=near, depth=depth, mapping=mapping) for depth, mapping in buffers
 ]
-with Judge(scene) as judge:
+with Evaluator(scene) as judge:
     hogel = next(iter(judge.stream([scene.plate.middle], settings, images=True)))
 
 # %%

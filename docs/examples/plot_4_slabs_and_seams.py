@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from xfrustum import DoubleFrustum, Judge, open_scene
+from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
 # One pair of frusta; a cut at 15 mm whose first slab keeps the frustum's angle; and the
@@ -25,7 +25,7 @@ settings = {
     "cut at 15 mm, fit angle": DoubleFrustum(near=near, slabs=(15.0,), fit="angle"),
     "cut at 15 mm, fit 15 mm": DoubleFrustum(near=near, slabs=(15.0,)),
 }
-with Judge(scene) as judge:
+with Evaluator(scene) as judge:
     hogel = next(
         iter(judge.stream([scene.plate.middle], list(settings.values()), images=True))
     )

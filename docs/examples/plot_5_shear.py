@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from xfrustum import DoubleFrustum, Judge, open_scene
+from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
 # The hogel at the top left of the plate, where the shear is largest.
@@ -21,7 +21,7 @@ scene = open_scene("asymmetric-recentered")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(200, 150)))
 corner = scene.plate.aperture(0, 0)
 settings = [DoubleFrustum(near=1.0, pivot=pivot) for pivot in ("aperture", "camera")]
-with Judge(scene) as judge:
+with Evaluator(scene) as judge:
     hogel = next(iter(judge.stream([corner], settings, images=True)))
 
 # %%

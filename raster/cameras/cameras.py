@@ -57,7 +57,8 @@ _HYPERBOLIC = 0.0, 1.0
 
 _REVERSED = 1.0, 0.0
 """Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it only has to
-clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far plane, or
+clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far
+plane, or
 keep some behind it."""
 
 
@@ -65,7 +66,9 @@ MAPPINGS = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
     DepthMapping.GL: Mapping(ends=(-1.0, 1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
     DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
-    DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LOGARITHMIC: Mapping(
+        ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"
+    ),
     DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
 }
 """OpenGL's terms of each depth mapping."""
@@ -82,15 +85,19 @@ class FilmWindow:
     half_height: float
 
     @classmethod
-    def of(cls, frustum: Frustum, aperture: Aperture) -> FilmWindow:
+    def from_frustum(cls, frustum: Frustum, aperture: Aperture) -> FilmWindow:
         """Return the window: fixed angles, or the fixed screen as seen from the aperture."""
         screen = frustum.screen
         if screen is None:
             assert frustum.fov is not None
             half_width, half_height = (math.tan(angle / 2) for angle in frustum.fov)
             return cls(axis=(0.0, 0.0), half_width=half_width, half_height=half_height)
-        left, right = (screen.center[0] + side * screen.size[0] / 2 - aperture.x for side in (-1, 1))
-        bottom, top = (screen.center[1] + side * screen.size[1] / 2 - aperture.y for side in (-1, 1))
+        left, right = (
+            screen.center[0] + side * screen.size[0] / 2 - aperture.x for side in (-1, 1)
+        )
+        bottom, top = (
+            screen.center[1] + side * screen.size[1] / 2 - aperture.y for side in (-1, 1)
+        )
         return cls(
             axis=((left + right) / 2 / screen.height, (bottom + top) / 2 / screen.height),
             half_width=abs((right - left) / 2 / screen.height),
@@ -102,17 +109,22 @@ class FilmWindow:
 class SlabCamera:
     """One camera: where it stands, and what it keeps."""
 
-    orthoscopic: bool  #: True for C, which looks away from the viewer; False for C*, which looks back
+    orthoscopic: (
+        bool  #: True for C, which looks away from the viewer; False for C*, which looks back
+    )
     #: Distance by which the camera has stepped back from the plate, against its direction of view
     step: float
     #: near, far: Distances of the near and the far plane from the camera
     near: float
     far: float
     heights: tuple[float, float]  #: |z| of the two planes
-    scale: float  #: Factor of the film window: below one where a plane other than infinity is drawn exactly
+    #: Factor of the film window: below one where a plane other than infinity is drawn exactly
+    scale: float
 
 
-def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool) -> list[SlabCamera]:
+def slab_cameras(
+    frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool
+) -> list[SlabCamera]:
     """Return the cameras of C or of C*, innermost slab first (paper, section 4: splitting)."""
     cameras = []
     for low, high in settings.sections(frustum.reach[1 if orthoscopic else 0]):
@@ -126,7 +138,8 @@ def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool
                 near=settings.near if touches_plate else low,
                 far=step + high,
                 heights=(low if step or not touches_plate else settings.near, high),
-                # The window at the fitted height is that of the true frustum, seen from n farther away.
+                # The window at the fitted height is that of the true frustum, seen from n farther
+                # away.
                 scale=1.0 if fitted is None or not touches_plate else fitted / (fitted + step),
             )
         )
@@ -137,14 +150,16 @@ def clip_from_scene(
     frustum: Frustum, aperture: Aperture, camera: SlabCamera, pivot: Pivot, ends: Ends
 ) -> Floats:
     """Return the matrix of one camera."""
-    window = FilmWindow.of(frustum, aperture)
+    window = FilmWindow.from_frustum(frustum, aperture)
     projection = clip_from_eye(window, camera, ends)
     eye = eye_from_sheared(camera)
     stands_at = camera.step if camera.orthoscopic else -camera.step
     # The shear moves nothing in the plane of its pivot, which is the plate (paper, figure 6) or the
     # plane that the camera stands in.
     return (
-        projection @ eye @ sheared_from_scene(window, aperture, 0.0 if pivot is Pivot.APERTURE else stands_at)
+        projection
+        @ eye
+        @ sheared_from_scene(window, aperture, 0.0 if pivot is Pivot.APERTURE else stands_at)
     )
 
 
@@ -160,10 +175,10 @@ def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: flo
 def eye_from_sheared(camera: SlabCamera) -> Floats:
     """Return the matrix to eye coordinates, in which the camera stands at the origin and looks to -z.
 
-    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3), because
-    lines that cross at the aperture leave it on the other side of the axis. These two flips and the
-    opposite direction of view are three mirrors, an odd number, which reverses window winding: faces
-    turned to C* run clockwise.
+    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
+    because lines that cross at the aperture leave it on the other side of the axis. These two flips
+    and the opposite direction of view are three mirrors, an odd number, which reverses window
+    winding: faces turned to C* run clockwise.
     """
     matrix = np.eye(4) if camera.orthoscopic else np.diag([-1.0, -1.0, -1.0, 1.0])
     matrix[2, 3] = -camera.step
@@ -193,10 +208,11 @@ class Pass:
     clear: float  #: The value that the depth buffer is cleared to
     depth_function: str  #: The comparison that a fragment must pass
     front_face: str  #: The window winding of faces that are turned to the camera
-    #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
-    #: toward it; None where all are drawn
+    #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera,
+    #: `front` toward it; None where all are drawn
     culled_face: str | None
-    orthoscopic: bool  #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
+    #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
+    orthoscopic: bool
 
     @property
     def line_of_pixel(self) -> Floats:
@@ -207,19 +223,24 @@ class Pass:
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
     """Return (.., 3, 3) directions away from cameras (.., 4, 4), scene axes, of film points (u, v, 1) upward.
 
-    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d from it has
-    (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes (u, v, 1) to d.
+    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d
+    from it has (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes
+    (u, v, 1) to d.
     """
     return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
 
 
 def drawing_order(
-    scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+    scene: Scene,
+    aperture: Aperture,
+    settings: DoubleFrustum,
+    effects: frozenset[Effect] = ALL_EFFECTS,
 ) -> list[Pass]:
     """Return the passes of an image, from the back: each is nearer to the viewer than those before it.
 
-    The slabs of C come first, from the outermost inward, then those of C*, from the innermost outward. Slabs
-    in which the scene has nothing are left out, and so are cameras that are not among the effects.
+    The slabs of C come first, from the outermost inward, then those of C*, from the innermost
+    outward. Slabs in which the scene has nothing are left out, and so are cameras that are not
+    among the effects.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]
@@ -234,7 +255,9 @@ def cameras_in_order(
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
     chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
     cameras = [
-        x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
+        x
+        for x in chosen[settings.camera]
+        if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
     ]
     # Slabs that no triangle reaches into are left out.
     lowest, highest = scene.height_ranges
@@ -255,7 +278,9 @@ def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: S
     away = "back" if camera.orthoscopic else "front"
     smaller_wins = camera.orthoscopic == (mapping.stored_near < mapping.stored_far)
     return Pass(
-        clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
+        clip_from_scene=clip_from_scene(
+            scene.frustum, aperture, camera, settings.pivot, mapping.ends
+        ),
         planes=(camera.near, camera.far),
         heights=kept_heights(camera),
         clear=mapping.stored_far if camera.orthoscopic else mapping.stored_near,

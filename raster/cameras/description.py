@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.raster.cameras.cameras import MAPPINGS, FilmWindow, SlabCamera, cameras_in_order, pass_of
+from xfrustum.raster.cameras.cameras import (
+    MAPPINGS,
+    FilmWindow,
+    SlabCamera,
+    cameras_in_order,
+    pass_of,
+)
 from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
 
 Record = dict[str, Any]  #: a JSON object, or a part of it
@@ -40,15 +46,19 @@ CONVENTIONS = (
 def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]) -> Record:
     """Return the cameras of some apertures: the JSON object of `camera --for json`.
 
-    It has the question as the scene file and the command line put it, angles in radians, and the passes of
-    each aperture in drawing order, the farthest from the viewer first. Slabs in which the scene has nothing
-    are left out, as `raster` leaves them out. Raises InputError where the settings make no sense.
+    It has the question as the scene file and the command line put it, angles in radians, and the
+    passes of each aperture in drawing order, the farthest from the viewer first. Slabs in which the
+    scene has nothing are left out, as `raster` leaves them out. Raises InputError where the
+    settings make no sense.
     """
     settings.check_against(scene.frustum)
     slabs, mapping = cameras_in_order(scene, settings), MAPPINGS[settings.mapping]
 
     def camera(aperture: Aperture, slab: SlabCamera) -> Record:
-        drawn, window = pass_of(scene, aperture, settings, slab), FilmWindow.of(scene.frustum, aperture)
+        drawn, window = (
+            pass_of(scene, aperture, settings, slab),
+            FilmWindow.from_frustum(scene.frustum, aperture),
+        )
         rows = drawn.clip_from_scene[(0, 1, 3), :]
         # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
         x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
@@ -57,9 +67,11 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
             "clip_from_scene": drawn.clip_from_scene,
             "position": (float(x), float(y), float(z)),
             "looks_to": "-z" if slab.orthoscopic else "+z",
-            # Left-right and up-down, against the ordinary picture of a camera that looks that way, y axis up.
+            # Left-right and up-down, against the ordinary picture of a camera that looks that way,
+            # y axis up.
             "film_flipped": not slab.orthoscopic,
-            # k and t of the film, slopes about the center of projection, the factor of the fit included.
+            # k and t of the film, slopes about the center of projection, the factor of the fit
+            # included.
             "shear": (-window.axis[0], -window.axis[1]),
             "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
             "near": slab.near,
@@ -74,11 +86,14 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
                 "far_value": mapping.stored_far,
                 # Depths over w between which the pass clips.
                 "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
-                "written_by_fragment": bool(mapping.fragment_depth),  # no interpolation gives such a depth
+                "written_by_fragment": bool(
+                    mapping.fragment_depth
+                ),  # no interpolation gives such a depth
                 "test": drawn.depth_function,
                 "clear": drawn.clear,
             },
-            # Window winding of faces that are turned to the camera, and of those left out, as in OpenGL.
+            # Window winding of faces that are turned to the camera, and of those left out, as in
+            # OpenGL.
             "front_face": drawn.front_face,
             "culled_face": drawn.culled_face,
         }
@@ -124,16 +139,20 @@ def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
     """Yield every camera, and what entries of both formats say of it."""
     for one in cameras["apertures"]:
         for number, camera in enumerate(one["passes"]):
-            told = {"aperture": one["aperture"], "pass": number, "rows_reversed": camera["film_flipped"]}
+            told = {
+                "aperture": one["aperture"],
+                "pass": number,
+                "rows_reversed": camera["film_flipped"],
+            }
             yield camera, told | {"wins": camera["wins"]}
 
 
 def gltf(cameras: Record) -> Record:
     """Return a glTF 2.0 document with a camera and a node for each pass.
 
-    The camera is the smallest with a centered picture that contains the film. One that looks to +z is an
-    ordinary one turned about its y axis: the film of C* is that picture with its rows reversed, for slopes
-    k + u t grow with its x, and k + v t against its y.
+    The camera is the smallest with a centered picture that contains the film. One that looks to +z
+    is an ordinary one turned about its y axis: the film of C* is that picture with its rows
+    reversed, for slopes k + u t grow with its x, and k + v t against its y.
     """
     lenses: list[Record] = []
     nodes: list[Record] = []
@@ -148,7 +167,12 @@ def gltf(cameras: Record) -> Record:
         perspective = {"yfov": 2 * math.atan(up), "aspectRatio": across / up, **ends}
         film = dict(zip(("left", "right", "bottom", "top"), sides, strict=True))
         extras = told | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
-        node = {"name": name, "camera": len(lenses), "translation": camera["position"], "extras": extras}
+        node = {
+            "name": name,
+            "camera": len(lenses),
+            "translation": camera["position"],
+            "extras": extras,
+        }
         lenses.append({"name": name, "type": "perspective", "perspective": perspective})
         nodes.append(node | ({"rotation": HALF_TURN_ABOUT_Y} if camera["looks_to"] == "+z" else {}))
     noted = {"note": GLTF_NOTE, "units": cameras["units"]}
@@ -164,8 +188,9 @@ def gltf(cameras: Record) -> Record:
 def mitsuba(cameras: Record) -> Record:
     """Return a sensor plugin of Mitsuba 3 as a dict for each pass.
 
-    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`. Raises
-    InputError where pixels of the film are not square, which Mitsuba's sensor takes for granted.
+    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`.
+    Raises InputError where pixels of the film are not square, which Mitsuba's sensor takes for
+    granted.
     """
     width, height = cameras["frustum"].resolution
     sensors = []
@@ -191,7 +216,12 @@ def mitsuba(cameras: Record) -> Record:
             "near_clip": camera["near"],
             "far_clip": camera["far"],
             "to_world": to_world,
-            "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
+            "film": {
+                "type": "hdrfilm",
+                "width": width,
+                "height": height,
+                "rfilter": {"type": "box"},
+            },
         }
         sensors.append(told | {"camera": camera["camera"], "sensor": sensor})
     return {"scene": cameras["scene"], "units": cameras["units"], "sensors": sensors}

@@ -24,7 +24,9 @@ from OpenGL.platform.egl import EGLPlatform
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
-REQUIRED_VERSION = 450  #: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
+REQUIRED_VERSION = (
+    450  #: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
+)
 OLDEST_VERSION = 330  #: OpenGL 3.3: the oldest that moderngl can say anything about
 
 _HELP = (
@@ -51,7 +53,9 @@ def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
         found = [f"OpenGL {one.version} of {one.renderer}" for one in egl_devices() if one.renderer]
         has = f"this machine has {', '.join(found) or 'no OpenGL at all'}"
         helps = overlooked_card() or _HELP
-        raise InputError(f"no OpenGL {version / 100:.1f} through EGL ({reason}); {has}: {helps}") from error
+        raise InputError(
+            f"no OpenGL {version / 100:.1f} through EGL ({reason}); {has}: {helps}"
+        ) from error
     renderer = context.info["GL_RENDERER"]
     if is_software(renderer) and (told := overlooked_card()):
         warnings.warn(f"{renderer} draws in software: {told}", SoftwareWarning, stacklevel=2)
@@ -114,7 +118,11 @@ def overlooked_card() -> str | None:
     models = [_card_name(card) for card in sorted(NVIDIA_CARDS.glob("*/information"))]
     if gpu_indices():
         asked = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
-        return f"this machine has a card, and {asked[0]} keeps EGL from it; unset that" if asked else None
+        return (
+            f"this machine has a card, and {asked[0]} keeps EGL from it; unset that"
+            if asked
+            else None
+        )
     if not models:
         return None
     named = os.environ.get(VENDORS_ASKED, "")
@@ -132,7 +140,9 @@ def overlooked_card() -> str | None:
 
 def _card_name(information: Path) -> str:
     lines = information.read_text(errors="replace").splitlines()
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("Model:")), "")
+    model = next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("Model:")), ""
+    )
     return model or "an NVIDIA card"
 
 
@@ -158,7 +168,10 @@ class ContextOwner(ABC):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.release()
 
@@ -174,13 +187,16 @@ SOFTWARE = b"EGL_MESA_device_software"
 def gpu_indices() -> tuple[int, ...]:
     """Return the indices of the EGL devices that are no software; none where EGL does not tell.
 
-    No context is made. The order is that of eglQueryDevicesEXT, in which moderngl counts devices too.
+    No context is made. The order is that of eglQueryDevicesEXT, in which moderngl counts devices
+    too.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         return ()
     try:
         return tuple(
-            index for index, extensions in enumerate(_extensions()) if SOFTWARE not in extensions.split()
+            index
+            for index, extensions in enumerate(_extensions())
+            if SOFTWARE not in extensions.split()
         )
     except error.Error:
         # The driver has no such extension: nobody can choose a device then.
@@ -194,7 +210,9 @@ def cuda_index(device: int) -> int | None:
     """
     number = EGL.EGLAttrib()
     try:
-        found = eglQueryDeviceAttribEXT(_devices()[device], EGL_CUDA_DEVICE_NV, ctypes.byref(number))
+        found = eglQueryDeviceAttribEXT(
+            _devices()[device], EGL_CUDA_DEVICE_NV, ctypes.byref(number)
+        )
     except (error.Error, IndexError):
         return None
     return int(number.value) if found else None
@@ -230,19 +248,19 @@ NANOSECOND = 1e-9  #: seconds in a nanosecond, the unit of OpenGL's timestamps
 class StageTime:
     """The time of one stage."""
 
-    #: Seconds between two timestamps in the device's own queue: the time that the device needed, whenever
-    #: that was
+    #: Seconds between two timestamps in the device's own queue: the time that the device needed,
+    #: whenever that was
     gpu_s: float
-    #: Seconds that the processor spent on giving the orders. A software renderer transforms vertices in this
-    #: time; a GPU works in parallel.
+    #: Seconds that the processor spent on giving the orders. A software renderer transforms
+    #: vertices in this time; a GPU works in parallel.
     wall_s: float
 
 
 class GpuTimer:
     """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
 
-    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect` waits for
-    them.
+    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect`
+    waits for them.
     """
 
     def __init__(self) -> None:
@@ -288,8 +306,9 @@ MAX_TRIANGLES = (1 << 31) // 3
 
 PIXEL_BYTES = 190
 """Bytes of memory that a pixel takes from the first drawing until its image is written: 28 on the device
-(identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the numbers, positions,
-normals and colors that are read back; and the channels of the file. Measured with llvmpipe: 185 at
+(identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the numbers,
+positions, normals and colors that are read back; and the channels of the file. Measured with
+llvmpipe: 185 at
 2048 x 2048."""
 
 _TARGETS = (
@@ -303,7 +322,9 @@ _TARGETS = (
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
     """Raise InputError where the device has no room for images, or for vertices in a block."""
     if len(scene.faces) > MAX_TRIANGLES:
-        raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
+        raise InputError(
+            f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
+        )
     _check_image(scene.frustum.resolution, device)
     block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
     # Normals and indices of triangles are blocks of their own: three numbers of 32 bits a triangle.

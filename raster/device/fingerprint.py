@@ -1,7 +1,7 @@
 """Draws triangles, writes depths and filters a texture, so that a device shows how it rounds.
 
-It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw hogels;
-without clip control all clip depth runs from -1 to 1.
+It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw
+hogels; without clip control all clip depth runs from -1 to 1.
 """
 
 from __future__ import annotations
@@ -23,12 +23,26 @@ from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 SIZE = 64  #: pixels along each side of what is drawn
-TRIANGLES, EDGES = 240, 160  #: triangles whose depth is looked at, and first ones of those whose coverage is
-UPRIGHT, FARTHEST = 60, 23  #: triangles with sides along rows and columns; the largest have 2^23 pixels
+TRIANGLES, EDGES = (
+    240,
+    160,
+)  #: triangles whose depth is looked at, and first ones of those whose coverage is
+UPRIGHT, FARTHEST = (
+    60,
+    23,
+)  #: triangles with sides along rows and columns; the largest have 2^23 pixels
 SEED = 11  #: of the random triangles; the recorded fingerprints have the same ones
 EMPTY = -9.0  #: what pixels hold at which no fragment was drawn
 
-WRITTEN = ((0.96, 101), (0.5, 1021), (0.25, 1), (0.1, 977), (0.001, 4099), (1e-6, 65537), (0.9999, 1))
+WRITTEN = (
+    (0.96, 101),
+    (0.5, 1021),
+    (0.25, 1),
+    (0.1, 977),
+    (0.001, 4099),
+    (1e-6, 65537),
+    (0.9999, 1),
+)
 """First depth that fragments write, and the step from one to the next in units in the last place."""
 
 _READ: dict[DepthFormat, tuple[int, type]] = {
@@ -67,11 +81,14 @@ class Fingerprint:
     zero_to_one: NDArray[np.bool_]  #: (T,) whether clip depth runs from 0 to 1, not from -1
     varyings: Singles  #: (T, 3, 2) of the corners
     stored: dict[DepthFormat, NDArray[Any]]  #: stored depths, in steps of D16 and D24
-    fragment: Singles  #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
+    fragment: (
+        Singles  #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
+    )
     others: Singles  #: likewise, noperspective varyings, then flat ones
     #: stored depths of each format by those that fragments wrote, float32
     written: dict[DepthFormat, tuple[Singles, NDArray[Any]]]
-    filtered: Singles  #: (4096,) places between a texel of 0 and one of 1, as a filter in float32 weighs them
+    #: (4096,) places between a texel of 0 and one of 1, as a filter in float32 weighs them
+    filtered: Singles
     edge_vertices: Singles  #: (E, 3, 4) triangles with corners at centers, or at 1/512 pixel
     covered: Mask  #: (E, 64, 64) pixels that they cover
 
@@ -116,7 +133,9 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
     for k in range(TRIANGLES):
         kind = k % 6
         size = (20.0, 2.0, 0.5, 0.05, 1.0, 1.0)[kind]
-        xy = rng.uniform(-1, 1, (3, 2)) * size + (rng.uniform(-0.8, 0.8, 2) if kind in (2, 3) else 0)
+        xy = rng.uniform(-1, 1, (3, 2)) * size + (
+            rng.uniform(-0.8, 0.8, 2) if kind in (2, 3) else 0
+        )
         w = np.ones(3) if kind in (0, 3) else np.exp(rng.uniform(-4, 4, 3))
         z = rng.uniform(-0.98, 0.98, 3) if kind != 5 else 1 - np.exp(rng.uniform(-14, -8, 3))
         corners = np.concatenate([xy, z[:, None], np.ones((3, 1))], axis=1) * w[:, None]
@@ -129,18 +148,22 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 def edge_triangles() -> Iterator[Singles]:
     """Yield corners (3, 4) at pixel centers, so that ties decide, and at odd multiples of 1/512 pixel.
 
-    Then some with two sides along rows and columns, half a subpixel beside their centers, with 8 bits or 4,
-    so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
+    Then some with two sides along rows and columns, half a subpixel beside their centers, with 8
+    bits or 4, so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
     """
     rng = np.random.default_rng(SEED)
     places = [
-        rng.integers(-40 * 512, 40 * 512, (3, 2)) / 512 if k % 2 else rng.integers(-40, 40, (3, 2)) + 0.5
+        rng.integers(-40 * 512, 40 * 512, (3, 2)) / 512
+        if k % 2
+        else rng.integers(-40, 40, (3, 2)) + 0.5
         for k in range(EDGES)
     ]
     for _ in range(UPRIGHT):
         beside = rng.choice((0, 2.0**-9, -(2.0**-9), 2.0**-5, -(2.0**-5)), (2, 2))
         (left, right), (bottom, top) = np.sort(rng.integers(-31, 31, (2, 2)) + 0.5 + beside)
-        places.append(np.array([(left, bottom), (right, bottom), (left, top)])[:: rng.choice((-1, 1))])
+        places.append(
+            np.array([(left, bottom), (right, bottom), (left, top)])[:: rng.choice((-1, 1))]
+        )
         places[-1] *= rng.choice((-1, 1))
     for doubled in range(6, FARTHEST + 1):
         # One side runs through the window, the third corner lies as far away.
@@ -158,9 +181,13 @@ class _Canvas:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        pictures = {GL.GL_COLOR_ATTACHMENT0 + number: self._texture(GL.GL_RGBA32F) for number in range(2)}
+        pictures = {
+            GL.GL_COLOR_ATTACHMENT0 + number: self._texture(GL.GL_RGBA32F) for number in range(2)
+        }
         self._framebuffers = {
-            depth: framebuffer({**pictures, GL.GL_DEPTH_ATTACHMENT: self._texture(internal)}, [0, 1])
+            depth: framebuffer(
+                {**pictures, GL.GL_DEPTH_ATTACHMENT: self._texture(internal)}, [0, 1]
+            )
             for depth, internal in INTERNAL_FORMAT.items()
         }
 
@@ -174,7 +201,9 @@ class _Canvas:
         look_up_single_texels(GL.GL_TEXTURE_2D, texture)
         return texture
 
-    def draw(self, program: moderngl.Program, corners: Singles, depth: DepthFormat, content: str) -> None:
+    def draw(
+        self, program: moderngl.Program, corners: Singles, depth: DepthFormat, content: str
+    ) -> None:
         """Draw corners with what `content` says is with each, into cleared pictures."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[depth])
         GL.glViewport(0, 0, SIZE, SIZE)
@@ -216,7 +245,9 @@ def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Finge
     for number, (corners, values) in enumerate(fingerprint_triangles()):
         from_zero = bool(number % 2) and clip_control
         if clip_control:
-            GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE if from_zero else GL.GL_NEGATIVE_ONE_TO_ONE)
+            GL.glClipControl(
+                GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE if from_zero else GL.GL_NEGATIVE_ONE_TO_ONE
+            )
         for depth, pictures in stored.items():
             canvas.draw(program, np.concatenate([corners, values], axis=1), depth, "4f 2f")
             pictures.append(canvas.depth(depth))
@@ -227,7 +258,9 @@ def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Finge
         zero_to_one.append(from_zero)
     edges, covered = list(edge_triangles()), []
     for corners in edges:
-        canvas.draw(program, np.concatenate([corners, np.zeros((3, 2))], axis=1), DepthFormat.D32F, "4f 2f")
+        canvas.draw(
+            program, np.concatenate([corners, np.zeros((3, 2))], axis=1), DepthFormat.D32F, "4f 2f"
+        )
         covered.append(canvas.picture(0)[..., 0] != EMPTY)
     return Fingerprint(
         device=device,
@@ -248,7 +281,9 @@ _WHOLE = np.array([[-1, -1, 0, 1], [3, -1, 0, 1], [-1, 3, 0, 1]], np.float32)
 _WHOLE_VERTEX = "#version 330\nin vec4 p; void main() { gl_Position = p; }"
 
 
-def _written(context: moderngl.Context, canvas: _Canvas) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
+def _written(
+    context: moderngl.Context, canvas: _Canvas
+) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
     """Return depths that fragments wrote, and what each format kept of them."""
     program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_WRITES)
     found = {}

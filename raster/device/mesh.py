@@ -18,13 +18,14 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 class NumberedMesh:
     """A mesh's triangles over more vertices, in the same order and with the same first corners.
 
-    A shader that asks for `gl_PrimitiveID` gets a number that starts again with every draw, and costs
-    Mesa's software pipeline three vertices a triangle. The last corner of a triangle is the one that a
-    flat varying comes from: with a vertex of its own there, the vertex's number is the triangle's.
+    A shader that asks for `gl_PrimitiveID` gets a number that starts again with every draw, and
+    costs Mesa's software pipeline three vertices a triangle. The last corner of a triangle is the
+    one that a flat varying comes from: with a vertex of its own there, the vertex's number is the
+    triangle's.
     """
 
-    #: (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The first F
-    #: are the triangles' last corners.
+    #: (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The
+    #: first F are the triangles' last corners.
     source: Indices
     faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
@@ -38,8 +39,9 @@ def number_triangles(faces: Indices) -> NumberedMesh:
     """Return the mesh of some faces (F, 3) in which triangle t ends with vertex t.
 
     Each of the other two corners takes the copy of its vertex with the largest number up to its own
-    triangle's, or else the next larger one, so that neighboring triangles go on sharing vertices that the
-    vertex stage still holds. A vertex that ends no triangle has one copy, behind the others.
+    triangle's, or else the next larger one, so that neighboring triangles go on sharing vertices
+    that the vertex stage still holds. A vertex that ends no triangle has one copy, behind the
+    others.
     """
     count = len(faces)
     last = faces[:, 2]
@@ -48,8 +50,8 @@ def number_triangles(faces: Indices) -> NumberedMesh:
     owner = last[copies]
     numbered = np.empty((count, 3), dtype=np.int64)
     numbered[:, 2] = np.arange(count)
-    # Vertex and triangle of each copy as one ascending number: a search for (vertex, triangle) finds the
-    # copy that follows.
+    # Vertex and triangle of each copy as one ascending number: a search for (vertex, triangle)
+    # finds the copy that follows.
     keys = owner * count + copies
     without_copy = np.setdiff1d(faces[:, :2], last)
     for corner in (0, 1):
@@ -61,7 +63,8 @@ def number_triangles(faces: Indices) -> NumberedMesh:
         extra = count + np.searchsorted(without_copy, vertex)
         numbered[:, corner] = np.where(has_copy, chosen, extra)
     return NumberedMesh(
-        source=read_only(np.concatenate([last, without_copy])), faces=read_only(numbered.astype(np.uint32))
+        source=read_only(np.concatenate([last, without_copy])),
+        faces=read_only(numbered.astype(np.uint32)),
     )
 
 
@@ -72,15 +75,17 @@ ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 
 SIDE_SLACK = 2.0**-10
 """Slack of heights by which a triangle is taken for one that lies on one side of the plate alone, relative to
-the largest length along z. Clip depth is a sum of two products in float32, each within some 2^-22 of that
-length, and grows with the same factor as the distance to the near plane does. A triangle all of whose corners
+the largest length along z. Clip depth is a sum of two products in float32, each within some 2^-22
+of that length, and grows with the same factor as the distance to the near plane does. A triangle
+all of whose corners
 lie this far before that plane is clipped whole by any device; the plane is the plate, or lies beyond it."""
 
 
 class Mesh:
     """Corners, indices and normals of triangles, uploaded once; other attributes when first asked for.
 
-    In float32, a texture of W texels is looked up at coordinate U to within about U W 2^-24 of a texel.
+    In float32, a texture of W texels is looked up at coordinate U to within about U W 2^-24 of a
+    texel.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -109,9 +114,15 @@ class Mesh:
         """
         if side not in self._sides:
             lowest, highest = self._scene.height_ranges
-            largest = max(self._scene.frustum.longest_reach, -float(lowest.min()), float(highest.max()))
+            largest = max(
+                self._scene.frustum.longest_reach, -float(lowest.min()), float(highest.max())
+            )
             slack = SIDE_SLACK * largest
-            kept = {-1: lowest <= slack, 0: np.ones(len(lowest), dtype=np.bool_), 1: highest >= -slack}[side]
+            kept = {
+                -1: lowest <= slack,
+                0: np.ones(len(lowest), dtype=np.bool_),
+                1: highest >= -slack,
+            }[side]
             faces = self._numbered.faces[kept]
             # A buffer cannot be empty.
             self._sides[side] = self._context.buffer(faces.tobytes()) if len(faces) else None
@@ -146,7 +157,11 @@ def attribute_of(scene: Scene, name: str) -> Singles:
     if name == "in_position":
         return scene.vertices.astype(np.float32)
     surface = scene.surface
-    found = {"in_normal": surface.vertex_normals, "in_color": surface.vertex_colors, "in_uv": surface.uv}
+    found = {
+        "in_normal": surface.vertex_normals,
+        "in_color": surface.vertex_colors,
+        "in_uv": surface.uv,
+    }
     values = found[name]
     if values is None:
         return np.zeros((len(scene.vertices), ATTRIBUTES[name]), dtype=np.float32)

@@ -19,7 +19,9 @@ SHADING = (
 )
 """The effects that are parts of the picture's shaders; the others are cameras and passes of their own."""
 
-Defines = Mapping[str, str]  #: names that a shader asks for with `#ifdef`, and the text that replaces each
+Defines = Mapping[
+    str, str
+]  #: names that a shader asks for with `#ifdef`, and the text that replaces each
 
 
 def shader(name: str) -> str:
@@ -35,7 +37,9 @@ def shader(name: str) -> str:
 def defined(source: str, defines: Defines) -> str:
     """Return a shader with names defined after its first line, which is the version of GLSL."""
     version, rest = source.split("\n", 1)
-    return "\n".join((version, *(f"#define {name} {value}" for name, value in defines.items()), rest))
+    return "\n".join(
+        (version, *(f"#define {name} {value}" for name, value in defines.items()), rest)
+    )
 
 
 def defines_of(effects: Iterable[Effect]) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Framebuffers with the depth formats that moderngl does not offer, made, bound and freed through PyOpenGL.
 
-moderngl draws into whichever framebuffer is bound and need not know it. It could wrap one, but without its
-attachments and without freeing it, and it cannot wrap a framebuffer of several samples.
+moderngl draws into whichever framebuffer is bound and need not know it. It could wrap one, but
+without its attachments and without freeing it, and it cannot wrap a framebuffer of several samples.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _OFF = (
 def forget_history() -> None:
     """Set all that pictures depend on and that no draw sets for itself, so that none depends on another.
 
-    What a draw sets for itself: its framebuffer and viewport, depth test and function, blending, culling and
-    the facing of faces, clip control, programs, buffers and textures.
+    What a draw sets for itself: its framebuffer and viewport, depth test and function, blending,
+    culling and the facing of faces, clip control, programs, buffers and textures.
     """
     for state in _OFF:
         GL.glDisable(state)
@@ -106,22 +106,25 @@ def look_up_single_texels(kind: int, texture: int) -> None:
 class Target:
     """One framebuffer of W, H pixels and a depth format in the current context, reused from image to image.
 
-    Color is the mean over several coverage samples; identities cannot be read then, for a pixel has several.
-    A device may store more samples than are asked for: the attribute `samples` is the number that it stores.
+    Color is the mean over several coverage samples; identities cannot be read then, for a pixel has
+    several. A device may store more samples than are asked for: the attribute `samples` is the
+    number that it stores.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
         self.size = size
         self.samples = samples
         self._kind = GL.GL_TEXTURE_2D if samples == 1 else GL.GL_TEXTURE_2D_MULTISAMPLE
-        formats = {GL.GL_COLOR_ATTACHMENT0 + number: internal for number, internal in _FORMATS.items()}
+        formats = {
+            GL.GL_COLOR_ATTACHMENT0 + number: internal for number, internal in _FORMATS.items()
+        }
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[depth]
         self._textures = {point: self._store(internal) for point, internal in formats.items()}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
         # Triangle numbers alone are drawn without a color to clear and to write.
         self._numbers = framebuffer(self._textures, [IDENTITY])
-        # Reflections read the identities, which therefore must not be attached; reflection.frag says how
-        # it does without a depth buffer.
+        # Reflections read the identities, which therefore must not be attached; reflection.frag
+        # says how it does without a depth buffer.
         self._reflection = framebuffer(self._textures, [COLOR], depth=False)
         self._resolved = None if samples == 1 else Target(size, depth)
 
@@ -188,7 +191,9 @@ class Target:
         GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
         return self.read_color()
 
-    def _read(self, attachment: int, layout: int, kind: int, channels: int, dtype: type) -> NDArray[Any]:
+    def _read(
+        self, attachment: int, layout: int, kind: int, channels: int, dtype: type
+    ) -> NDArray[Any]:
         into: NDArray[Any] = np.empty((*self.size[::-1], channels), dtype)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + attachment)

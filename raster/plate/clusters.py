@@ -1,8 +1,9 @@
 """Clusters of triangles that a hogel's frusta cannot see, found before anything is drawn.
 
-Culling may cost time but no pixel. A cluster is left out only if every vertex in its box lies outside one
-and the same clip plane, in the device's own float32 arithmetic: then OpenGL would have clipped all
-its triangles away. The others are drawn in the scene's order, so that equal depths are decided as ever.
+Culling may cost time but no pixel. A cluster is left out only if every vertex in its box lies
+outside one and the same clip plane, in the device's own float32 arithmetic: then OpenGL would have
+clipped all its triangles away. The others are drawn in the scene's order, so that equal depths are
+decided as ever.
 """
 
 from __future__ import annotations
@@ -27,13 +28,15 @@ and need more draws."""
 TRANSFORM_ROUNDING = 8 * 2.0**-24
 """Relative error allowed to x, y, z, w of a vertex in clip coordinates, in units of sum |m_j| |p_j|.
 
-Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 + 3 u) of
-that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section 3.1). Twice that bound
-also covers this module's own roundings in double precision, which are 2^29 times smaller.
+Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 + 3
+u) of that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section 3.1).
+Twice that bound also covers this module's own roundings in double precision, which are 2^29 times
+smaller.
 """
 
 _PLANES = np.array(
-    [(1, 0, 0, 1), (-1, 0, 0, 1), (0, 1, 0, 1), (0, -1, 0, 1), (0, 0, 1, 0), (0, 0, -1, 1)], dtype=np.float64
+    [(1, 0, 0, 1), (-1, 0, 0, 1), (0, 1, 0, 1), (0, -1, 0, 1), (0, 0, 1, 0), (0, 0, -1, 1)],
+    dtype=np.float64,
 )
 """Linear forms of (x, y, z, w) that are not negative inside the left, right, bottom and top clip plane, and
 inside the start and end of the range of depth."""
@@ -49,11 +52,12 @@ _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 
 class Boxes:
     """Axis-parallel boxes, laid out for `reached`."""
 
-    #: (11, N) rows 0 to 3: center and 1; 4 to 6: half extent; 7 to 10: largest absolute coordinates and 1
+    #: (11, N) rows 0 to 3: center and 1; 4 to 6: half extent; 7 to 10: largest absolute coordinates
+    #: and 1
     columns: Floats
 
     @classmethod
-    def of(cls, lowest: Floats, highest: Floats) -> Boxes:
+    def from_bounds(cls, lowest: Floats, highest: Floats) -> Boxes:
         """Return the boxes with given corners, (N, 3) each, scene units."""
         # Halves first: the sum of two huge coordinates may overflow.
         center, extent = lowest / 2 + highest / 2, highest / 2 - lowest / 2
@@ -65,19 +69,23 @@ class Boxes:
 WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])  #: least and largest u, then v, of a whole film
 
 
-def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM) -> tuple[Floats, Floats]:
+def clip_planes(
+    matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM
+) -> tuple[Floats, Floats]:
     """Return the clip planes of clip-from-scene matrices (.., 4, 4), and what bounds rounding there.
 
-    `clip_control` is the range of clip depth that OpenGL keeps, `windows` (.., 4) the least and largest u and
-    v that the planes at the sides of each film keep. Both results are (.., 6, 4): left, right, bottom, top,
-    and the start and end of the range of depth. A vertex is kept where plane . (x, y, z, 1) >= 0. Magnitudes
-    have the absolute value of every term: rounding errors of that product in float32 are at most
-    `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y), abs(z), 1).
+    `clip_control` is the range of clip depth that OpenGL keeps, `windows` (.., 4) the least and
+    largest u and v that the planes at the sides of each film keep. Both results are (.., 6, 4):
+    left, right, bottom, top, and the start and end of the range of depth. A vertex is kept where
+    plane . (x, y, z, 1) >= 0. Magnitudes have the absolute value of every term: rounding errors of
+    that product in float32 are at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y),
+    abs(z), 1).
     """
     # A plane of clip coordinates becomes one of scene coordinates when multiplied by the matrix.
     combined = _PLANES + (_OPENGL_NEAR if clip_control == GL.GL_NEGATIVE_ONE_TO_ONE else 0)
     combined = np.broadcast_to(combined, (*windows.shape[:-1], *combined.shape)).copy()
-    # Inside, u = x / w lies between the window's ends: x - least w and largest w - x are not negative.
+    # Inside, u = x / w lies between the window's ends: x - least w and largest w - x are not
+    # negative.
     combined[..., SIDES, 3] = windows * (-1.0, 1.0, -1.0, 1.0)
     exact = matrices.astype(np.float64)
     return combined @ exact, np.abs(combined) @ np.abs(exact)
@@ -86,17 +94,22 @@ def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FI
 def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
     """Return which of N boxes may have a vertex that the device finds inside, for every plane (.., P, 4).
 
-    The mask (.., N) is False only where all of a box lies outside one of the planes, roundings included.
+    The mask (.., N) is False only where all of a box lies outside one of the planes, roundings
+    included.
     """
     # The bound is a sum of three terms, one for each group of rows in `Boxes.columns`:
     #  1. plane . (center, 1), the value at the middle of the box;
     #  2. abs(plane) . half extent, by which it rises to the corner that lies farthest inside;
     #  3. TRANSFORM_ROUNDING magnitude . (largest coordinates, 1), which rounding may add there.
-    rows = np.concatenate([planes, np.abs(planes[..., :3]), TRANSFORM_ROUNDING * magnitudes], axis=-1)
+    rows = np.concatenate(
+        [planes, np.abs(planes[..., :3]), TRANSFORM_ROUNDING * magnitudes], axis=-1
+    )
     return np.asarray((rows @ boxes.columns >= 0).all(axis=-2))
 
 
-def triangles_in_depth(vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats) -> Indices:
+def triangles_in_depth(
+    vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats
+) -> Indices:
     """Return the ascending numbers of triangles between a camera's near and far plane, for all apertures."""
     found = [np.zeros(0, dtype=np.int64)]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE):
@@ -114,13 +127,14 @@ def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
         firsts = np.arange(0, len(part), size)
         lowest.append(np.minimum.reduceat(corners.min(axis=1), firsts).astype(np.float64))
         highest.append(np.maximum.reduceat(corners.max(axis=1), firsts).astype(np.float64))
-    return Boxes.of(np.concatenate(lowest), np.concatenate(highest))
+    return Boxes.from_bounds(np.concatenate(lowest), np.concatenate(highest))
 
 
 def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     """Return row, first column and end column of every run in a mask of visible clusters (L, N), row by row.
 
-    A single hidden cluster between two visible ones joins them: drawing it costs less than a second draw.
+    A single hidden cluster between two visible ones joins them: drawing it costs less than a second
+    draw.
     """
     # A hidden column on either side, so that every run begins and ends inside the array.
     padded = np.pad(visible, ((0, 0), (1, 1)))
@@ -150,7 +164,8 @@ DRAW_COMMAND = np.dtype(
 class PassGeometry:
     """The triangles that one camera can see from anywhere on the plate."""
 
-    #: first, count: Place of the triangles' first index in the index buffer, and the number of triangles
+    #: first, count: Place of the triangles' first index in the index buffer, and the number of
+    #: triangles
     first: int
     count: int
     boxes: Boxes  #: Boxes of the clusters of triangles
@@ -159,9 +174,10 @@ class PassGeometry:
 class PlateGeometry:
     """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
 
-    `passes` are the cameras as they are for any one aperture; only what all apertures share is used.
-    `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects (F,).
-    `surfaces` and `reflections` are the triangles that each camera draws, and the reflective ones among them.
+    `passes` are the cameras as they are for any one aperture; only what all apertures share is
+    used. `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects
+    (F,). `surfaces` and `reflections` are the triangles that each camera draws, and the reflective
+    ones among them.
     """
 
     def __init__(
@@ -217,7 +233,9 @@ class PlateGeometry:
         planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
         hogel, begin, end = runs(visible)
-        begin, end = (np.minimum(TRIANGLES_PER_CLUSTER * edge, geometry.count) for edge in (begin, end))
+        begin, end = (
+            np.minimum(TRIANGLES_PER_CLUSTER * edge, geometry.count) for edge in (begin, end)
+        )
         commands = np.zeros(len(hogel), dtype=DRAW_COMMAND)
         commands["count"], commands["instances"] = 3 * (end - begin), 1
         commands["first"], commands["hogel"] = geometry.first + 3 * begin, hogel

@@ -37,8 +37,9 @@ def averaged(
 ) -> Iterator[PlateHogel]:
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
-    Other channels are those seen through the aperture itself, drawn besides for them. `points` returns the
-    points of an aperture's area, `draw` yields the image of each point, in order, with colors in float32.
+    Other channels are those seen through the aperture itself, drawn besides for them. `points`
+    returns the points of an aperture's area, `draw` yields the image of each point, in order, with
+    colors in float32.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
     surfaces = content.channels != (Channel.COLOR,)
@@ -107,18 +108,26 @@ class OneByOne(ContextOwner):
         """Draw apertures and yield their images in the same order."""
         normals = Channel.NORMAL in self.content.channels
         for aperture in apertures:
-            yield plate_hogel(self._rasterizer.render(aperture, self.settings, normals=normals), self.content)
+            yield plate_hogel(
+                self._rasterizer.render(aperture, self.settings, normals=normals), self.content
+            )
 
 
 class PlainLoop(ContextOwner):
     """The loop that anybody would write first, against which drawing many hogels at once is measured.
 
-    Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`, triangles
-    take their numbers from vertices, as in `PlateRenderer`: that is as fast as a loop without numbers.
+    Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`,
+    triangles take their numbers from vertices, as in `PlateRenderer`: that is as fast as a loop
+    without numbers.
     """
 
     def __init__(
-        self, scene: Scene, settings: DoubleFrustum, content: PlateContent, *, numbered: bool = False
+        self,
+        scene: Scene,
+        settings: DoubleFrustum,
+        content: PlateContent,
+        *,
+        numbered: bool = False,
     ) -> None:
         self.scene, self.settings = scene, settings
         effects = needed(scene, Question(settings=(settings,))) - {Effect.REFLECTION}
@@ -135,7 +144,9 @@ class PlainLoop(ContextOwner):
             defines = {**many, **picture_defines(self._mapping, effects), **self._shading.defines}
             self._program = program(context, "hogel.frag", defines)
             faces = scene.faces.astype(np.uint32)
-            attributes: dict[str, NDArray[Any]] = {name: attribute_of(scene, name) for name in ATTRIBUTES}
+            attributes: dict[str, NDArray[Any]] = {
+                name: attribute_of(scene, name) for name in ATTRIBUTES
+            }
             self._hogel: moderngl.Buffer | None = None
             of_vertices = []
             if numbered:
@@ -144,7 +155,9 @@ class PlainLoop(ContextOwner):
                 attributes = {name: values[mesh.source] for name, values in attributes.items()}
                 attributes |= flat_attributes(scene, mesh, self._shading.surfaces)
                 self._hogel = context.buffer(reserve=HOGEL.itemsize, dynamic=True)
-                of_vertices.append((context.buffer(np.zeros(1, np.uint32).tobytes()), "1u4/i", "in_hogel"))
+                of_vertices.append(
+                    (context.buffer(np.zeros(1, np.uint32).tobytes()), "1u4/i", "in_hogel")
+                )
             of_vertices += [
                 (context.buffer(values.tobytes()), FORMATS[name], name)
                 for name, values in attributes.items()

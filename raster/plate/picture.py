@@ -1,7 +1,7 @@
 """The pictures of several hogels: every camera's picture and, over them, every camera's reflections.
 
-The programs are made of the same shaders as those that draw one hogel. A submission draws several hogels, and
-owns its target and buffers until it is read back.
+The programs are made of the same shaders as those that draw one hogel. A submission draws several
+hogels, and owns its target and buffers until it is read back.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ from xfrustum.raster.device.programs import (
     set_facing,
 )
 from xfrustum.raster.drawing import Environment, Shading, reflecting
-from xfrustum.raster.plate.clusters import DRAW_COMMAND, FORMATS, WHOLE_FILM, PassGeometry, PlateGeometry
+from xfrustum.raster.plate.clusters import (
+    DRAW_COMMAND,
+    FORMATS,
+    WHOLE_FILM,
+    PassGeometry,
+    PlateGeometry,
+)
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.effects import Effect
@@ -37,12 +43,17 @@ HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3,
 
 SUBMISSION_BYTES = 1 << 20
 """Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
-ROUND_BYTES = 1 << 25  #: largest size of the attachments of one round of submissions, which bounds the memory
+ROUND_BYTES = (
+    1 << 25
+)  #: largest size of the attachments of one round of submissions, which bounds the memory
 MAX_HOGELS = 4
 """Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
 ROUNDS = 2  #: number of rounds: one is drawn while the one before it is read back
 
-PICTURE, REFLECTION = 0, 1  #: places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`
+PICTURE, REFLECTION = (
+    0,
+    1,
+)  #: places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
@@ -79,7 +90,7 @@ class Batching:
     submissions: int
 
     @classmethod
-    def of(cls, size: tuple[int, int], form: TargetFormat, *, layered: bool) -> Batching:
+    def from_size(cls, size: tuple[int, int], form: TargetFormat, *, layered: bool) -> Batching:
         """Return the batching of images of W, H pixels; `layered` devices draw on several layers at once."""
         hogel_bytes = form.bytes_per_pixel * size[0] * size[1]
 
@@ -94,8 +105,8 @@ class Batching:
 class Slot:
     """The target and buffers that one submission owns until it has been read.
 
-    The target has a layer for each hogel; `hogels` are buffers with the matrices of the hogels, one for each
-    camera (`hogel_block`), `commands` buffers with the draws, by drawing and camera.
+    The target has a layer for each hogel; `hogels` are buffers with the matrices of the hogels, one
+    for each camera (`hogel_block`), `commands` buffers with the draws, by drawing and camera.
     """
 
     target: LayeredTarget
@@ -118,7 +129,11 @@ def make_rounds(
     def slot() -> Slot:
         # These buffers grow as needed.
         commands = [buffers(DRAW_COMMAND.itemsize) for _ in range(drawings)]
-        return Slot(target=make_target(), hogels=buffers(HOGEL.itemsize * batching.hogels), commands=commands)
+        return Slot(
+            target=make_target(),
+            hogels=buffers(HOGEL.itemsize * batching.hogels),
+            commands=commands,
+        )
 
     return [[slot() for _ in range(batching.submissions)] for _ in range(ROUNDS)]
 
@@ -127,7 +142,7 @@ def make_rounds(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class CoarseView:
     """The way in which a plate is drawn, with up to so many hogels in one submission."""
 
     mapping: Mapping
@@ -149,14 +164,18 @@ class PlateDrawing:
         self.program = program
         self._geometry, self._cameras = geometry, cameras
         content = [
-            (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
+            (geometry.attribute(name), form, name)
+            for name, form in FORMATS.items()
+            if name in program
         ]
         # This attribute advances with the instance; every draw names its first instance.
         numbers = np.arange(hogels, dtype=np.uint32)
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
 
-    def commands(self, number: int, matrices: Singles, windows: Floats = WHOLE_FILM) -> NDArray[np.void]:
+    def commands(
+        self, number: int, matrices: Singles, windows: Floats = WHOLE_FILM
+    ) -> NDArray[np.void]:
         """Return the draws of a camera for hogels with some matrices; see `PlateGeometry.commands`."""
         return self._geometry.commands(self._cameras[number], matrices, windows)
 
@@ -170,11 +189,14 @@ class PlateDrawing:
 class PlatePicture:
     """A scene with triangles on the GPU, its materials and lights, and the programs that draw it.
 
-    The context is current whenever something is drawn. `passes` are the cameras as for any one aperture.
-    Raises InputError where textures or the environment map are larger than the device allows.
+    The context is current whenever something is drawn. `passes` are the cameras as for any one
+    aperture. Raises InputError where textures or the environment map are larger than the device
+    allows.
     """
 
-    def __init__(self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: Look) -> None:
+    def __init__(
+        self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: CoarseView
+    ) -> None:
         self._context, self._mapping = context, look.mapping
         mirrors = reflective_triangles(scene, look.effects)
         self._shading = Shading(context, scene, look.effects)
@@ -182,7 +204,9 @@ class PlatePicture:
             context, scene, passes, look.mapping.clip_control, (self._shading.surfaces, mirrors)
         )
 
-        def drawing(fragment: str, defines: Defines, cameras: Sequence[PassGeometry]) -> PlateDrawing:
+        def drawing(
+            fragment: str, defines: Defines, cameras: Sequence[PassGeometry]
+        ) -> PlateDrawing:
             many = many_defines(context, look.hogels)
             made = program(context, fragment, {**many, **defines, **self._shading.defines})
             return PlateDrawing(context, made, geometry, cameras, look.hogels)
@@ -226,7 +250,9 @@ class PlatePicture:
         self._shading.bind(self.drawings[PICTURE].program)
         self._draw(PICTURE, slot, number, camera, draws)
 
-    def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
+    def reflect(
+        self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int
+    ) -> None:
         """Add every camera's reflections, if anything reflects, wherever its picture has stayed visible."""
         if self.environment is None:
             return

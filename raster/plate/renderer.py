@@ -29,7 +29,7 @@ from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
     Batching,
-    Look,
+    CoarseView,
     PlatePicture,
     Slot,
     lets_vertices_choose_layers,
@@ -42,26 +42,37 @@ from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
-from xfrustum.scenes.model.plate_content import Channel, ColorType, FilmPart, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import (
+    Channel,
+    ColorType,
+    FilmPart,
+    PlateContent,
+    PlateHogel,
+)
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-Parts = Mapping[tuple[int, int], FilmPart]  #: part of the film that is wanted, by column and row of the hogel
+ParquetParts = Mapping[
+    tuple[int, int], FilmPart
+]  #: part of the film that is wanted, by column and row of the hogel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Wanted:
+class FrameRequest:
     """What is wanted of the hogels of one submission."""
 
-    #: (L, 4) least and largest u and v of each part, with its pixels' borders; see `clusters.clip_planes`
+    #: (L, 4) least and largest u and v of each part, with its pixels' borders; see
+    #: `clusters.clip_planes`
     windows: Floats
-    #: First column, first row from the bottom, width and height in pixels of what holds all parts; None for
-    #: whole films
+    #: First column, first row from the bottom, width and height in pixels of what holds all parts;
+    #: None for whole films
     box: tuple[int, int, int, int] | None
 
     @classmethod
-    def of(cls, apertures: Sequence[Aperture], parts: Parts | None, size: tuple[int, int]) -> Self:
+    def from_apertures(
+        cls, apertures: Sequence[Aperture], parts: ParquetParts | None, size: tuple[int, int]
+    ) -> Self:
         """Return what is wanted of some hogels whose films have a size W, H; all where `parts` is None."""
         if parts is None:
             return cls(windows=WHOLE_FILM, box=None)
@@ -85,7 +96,7 @@ class Wanted:
         return cls(windows=windows, box=box)
 
 
-WHOLE = Wanted(windows=WHOLE_FILM, box=None)  #: whole films
+WHOLE = FrameRequest(windows=WHOLE_FILM, box=None)  #: whole films
 
 
 Item = TypeVar("Item")
@@ -109,12 +120,14 @@ def _untimed(_name: str) -> AbstractContextManager[None]:
 class PlateRenderer(ContextOwner):
     """A scene on the GPU, uploaded once, ready to be drawn from many apertures with the same settings.
 
-    A context manager; `content` are the images that are read back, and the effects that are simulated. Raises
-    InputError where the settings do not fit the frustum, the scene asks for more than one sample a pixel
-    beside sub-apertures, or the device cannot draw it.
+    A context manager; `content` are the images that are read back, and the effects that are
+    simulated. Raises InputError where the settings do not fit the frustum, the scene asks for more
+    than one sample a pixel beside sub-apertures, or the device cannot draw it.
     """
 
-    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
+    def __init__(
+        self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None
+    ) -> None:
         settings.check_against(scene.frustum)
         if scene.sampling != Sampling(aperture=scene.sampling.aperture):
             raise InputError(
@@ -148,11 +161,15 @@ class PlateRenderer(ContextOwner):
         self._positions = Positions(self._context, self.scene) if solid and measured else None
         form = TargetFormat(depth=self.settings.depth, content=content, identified=identified)
         size = self.scene.frustum.resolution
-        self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
+        self.batching = Batching.from_size(
+            size, form, layered=lets_vertices_choose_layers(self._context)
+        )
         self._picture: PlatePicture | None = None
         if self._cameras:
-            look = Look(
-                mapping=MAPPINGS[self.settings.mapping], effects=self.effects, hogels=self.batching.hogels
+            look = CoarseView(
+                mapping=MAPPINGS[self.settings.mapping],
+                effects=self.effects,
+                hogels=self.batching.hogels,
             )
             passes = self._passes(self.scene.plate.middle)
             self._picture = PlatePicture(self._context, self.scene, passes, look)
@@ -171,13 +188,16 @@ class PlateRenderer(ContextOwner):
                 slot.target.release()
         self._context.release()
 
-    def hogels(self, apertures: Iterable[Aperture], parts: Parts | None = None) -> Iterator[PlateHogel]:
+    def hogels(
+        self, apertures: Iterable[Aperture], parts: ParquetParts | None = None
+    ) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order, in bounded memory.
 
-        While one round of submissions is drawn, the round before it is read back. Where the scene asks for
-        sub-apertures, each is drawn as a hogel of its own, and color is their mean. `parts` are the parts of
-        the films that are wanted, by column and row of the hogel: their pixels are those of whole films, bit
-        for bit, and take less time; those outside mean nothing.
+        While one round of submissions is drawn, the round before it is read back. Where the scene
+        asks for sub-apertures, each is drawn as a hogel of its own, and color is their mean.
+        `parts` are the parts of the films that are wanted, by column and row of the hogel: their
+        pixels are those of whole films, bit for bit, and take less time; those outside mean
+        nothing.
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:
@@ -190,7 +210,7 @@ class PlateRenderer(ContextOwner):
         )
 
     def _stream(
-        self, apertures: Iterable[Aperture], stage: Stage, parts: Parts | None = None
+        self, apertures: Iterable[Aperture], stage: Stage, parts: ParquetParts | None = None
     ) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
         size = self.scene.frustum.resolution
@@ -201,10 +221,14 @@ class PlateRenderer(ContextOwner):
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(slot, group, stage, wanted=Wanted.of(group, parts, size))
-                    # The device fills these pixels while the next submission's vertices are transformed.
+                    self._draw(
+                        slot, group, stage, wanted=FrameRequest.from_apertures(group, parts, size)
+                    )
+                    # The device fills these pixels while the next submission's vertices are
+                    # transformed.
                     GL.glFlush()
-                # A driver that draws in software finishes everything before it lets anything be read.
+                # A driver that draws in software finishes everything before it lets anything be
+                # read.
                 with stage("read-back"):
                     for slot, _ in drawn:
                         slot.target.start_reading()
@@ -215,12 +239,15 @@ class PlateRenderer(ContextOwner):
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
 
-        Without `rasterize` OpenGL discards triangles before they become pixels, and clears no depth.
+        Without `rasterize` OpenGL discards triangles before they become pixels, and clears no
+        depth.
         """
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:
             for number, group in enumerate(groups(apertures, self.batching.hogels)):
-                self._draw(self._rounds[0][number % self.batching.submissions], group, _untimed, enabled)
+                self._draw(
+                    self._rounds[0][number % self.batching.submissions], group, _untimed, enabled
+                )
                 GL.glFlush()
             GL.glFinish()
 
@@ -252,7 +279,7 @@ class PlateRenderer(ContextOwner):
         apertures: Sequence[Aperture],
         stage: Stage,
         enabled: int = moderngl.DEPTH_TEST,
-        wanted: Wanted = WHOLE,
+        wanted: FrameRequest = WHOLE,
     ) -> None:
         picture = self._picture
         if picture is None:
@@ -272,12 +299,16 @@ class PlateRenderer(ContextOwner):
                 drawn = [counts[REFLECTION] for counts in draws]
                 picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
 
-    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]], stage: Stage) -> Iterator[PlateHogel]:
+    def _finish(
+        self, waiting: Sequence[tuple[Slot, list[Aperture]]], stage: Stage
+    ) -> Iterator[PlateHogel]:
         normals = Channel.NORMAL in self.content.channels
         for slot, apertures in waiting:
             with self._context, stage("read-back"):
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
-                heights = [self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)]
+                heights = [
+                    self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)
+                ]
             for layer, aperture in enumerate(apertures):
                 numbers = None if triangle is None else triangle[layer]
                 yield PlateHogel(
@@ -285,7 +316,9 @@ class PlateRenderer(ContextOwner):
                     color=color[layer],
                     triangle=numbers if self.content.ids else None,
                     height=heights[layer],
-                    normal=None if numbers is None or not normals else normals_of(self.scene, numbers),
+                    normal=None
+                    if numbers is None or not normals
+                    else normals_of(self.scene, numbers),
                 )
 
     def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
-from xfrustum.raster.device.targets import COLOR, IDENTITY, forget_history, framebuffer, look_up_single_texels
+from xfrustum.raster.device.targets import (
+    COLOR,
+    IDENTITY,
+    forget_history,
+    framebuffer,
+    look_up_single_texels,
+)
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
@@ -34,7 +40,8 @@ class TargetFormat:
 
     depth: DepthFormat  #: Format of the depth buffer
     content: PlateContent  #: The images that are read back
-    #: Whether a later pass looks up the triangle numbers that were drawn; reading them back implies it
+    #: Whether a later pass looks up the triangle numbers that were drawn; reading them back implies
+    #: it
     identified: bool = False
 
     @property
@@ -66,13 +73,17 @@ class Layer:
 class LayeredTarget:
     """One framebuffer of W, H pixels with a layer for each hogel of a submission, read through buffers.
 
-    moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current context.
+    moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current
+    context.
     """
 
     def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
         self.size, self.layers = size, layers
         self._content = form.content
-        formats = {GL.GL_COLOR_ATTACHMENT0 + number: form.attachments[number] for number in form.attachments}
+        formats = {
+            GL.GL_COLOR_ATTACHMENT0 + number: form.attachments[number]
+            for number in form.attachments
+        }
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[form.depth]
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
@@ -81,7 +92,9 @@ class LayeredTarget:
         per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize}
         if self._content.ids:
             per_pixel[IDENTITY] = 4
-        self._pack_bytes = {number: count * math.prod(size) * layers for number, count in per_pixel.items()}
+        self._pack_bytes = {
+            number: count * math.prod(size) * layers for number, count in per_pixel.items()
+        }
         self._packs = {number: self._pack(self._pack_bytes[number]) for number in per_pixel}
         self._box = (0, 0, *size)
         self._views: list[int] = []
@@ -104,8 +117,8 @@ class LayeredTarget:
     def begin(self, box: tuple[int, int, int, int] | None = None) -> None:
         """Draw here from now on, on empty layers: number 0, black.
 
-        `box` is the part of the films that is drawn and read: first column, first row from the bottom, width
-        and height; None for all. What lies outside reads as black.
+        `box` is the part of the films that is drawn and read: first column, first row from the
+        bottom, width and height; None for all. What lies outside reads as black.
         """
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)

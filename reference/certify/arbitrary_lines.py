@@ -1,8 +1,9 @@
 """First surfaces along any lines through one point, not only those of a film; all decided exactly.
 
-The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle that
-reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex. Only
-lines in that cap, or in the opposite one, can meet the triangle. Those lines are decided in integers.
+The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle
+that reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex.
+Only lines in that cap, or in the opposite one, can meet the triangle. Those lines are decided in
+integers.
 """
 
 from collections import defaultdict
@@ -13,7 +14,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from xfrustum.reference.certify.exact import ExactPencil, Integers
-from xfrustum.reference.lines.lines import Pencil, Vector
+from xfrustum.reference.lines.lines import RayBundle, Vector
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
@@ -28,9 +29,9 @@ MAX_CHORD = 1.4
 class FirstAlong:
     """The first surfaces along N lines.
 
-    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the place on
-    the line, to the nearest double, NaN for none. `ties` has the numbers of the triangles that are first
-    together, in ascending order, by the number of the line.
+    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the
+    place on the line, to the nearest double, NaN for none. `ties` has the numbers of the triangles
+    that are first together, in ascending order, by the number of the line.
     """
 
     triangle: Numbers
@@ -43,8 +44,8 @@ def first_surfaces_along(
 ) -> FirstAlong:
     """Decide what the lines center + s d meet first; meant for up to some 1e6 lines.
 
-    Triangles (F, 3, 3) have their corners in scene units, directions d (N, 3) any length but zero. Surfaces
-    count with s in the closed range, and the smallest s comes first.
+    Triangles (F, 3, 3) have their corners in scene units, directions d (N, 3) any length but zero.
+    Surfaces count with s in the closed range, and the smallest s comes first.
     """
     exact = ExactLines(triangles, center, directions, s_range)
     met: dict[int, list[tuple[Fraction, int]]] = defaultdict(list)
@@ -71,8 +72,12 @@ class ExactLines(ExactPencil):
     def __init__(
         self, triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
     ) -> None:
-        no_film = Pencil(
-            center=center, shear=(0.0, 0.0), half_extent=(1.0, 1.0), resolution=(1, 1), s_range=s_range
+        no_film = RayBundle(
+            center=center,
+            shear=(0.0, 0.0),
+            half_extent=(1.0, 1.0),
+            resolution=(1, 1),
+            s_range=s_range,
         )
         super().__init__(triangles, no_film)
         ratios = [[x.as_integer_ratio() for x in d] for d in directions.tolist()]
@@ -98,8 +103,8 @@ def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
     length = np.linalg.norm(middle, axis=1, keepdims=True)
     middle /= np.where(length > 0, length, 1.0)
     chord = np.linalg.norm(seen - middle[:, None], axis=2).max(axis=1) + CHORD_MARGIN
-    # The argument needs a cap smaller than a half sphere. Where the corners' directions cancel, the middle
-    # is no unit vector, and the chord is too long as well.
+    # The argument needs a cap smaller than a half sphere. Where the corners' directions cancel, the
+    # middle is no unit vector, and the chord is too long as well.
     everywhere = near | (chord > MAX_CHORD)
 
     # Lines run both ways from the center: each one is looked for by its two directions.

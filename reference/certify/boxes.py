@@ -1,8 +1,9 @@
 """The broad phase: the bounding box, on the film, of every triangle that may show there.
 
-The box of a triangle is the range of the projections of its corners on one side of the center; a triangle
-that crosses the height of the center reaches to infinity there. Boxes are widened by what rounding may do
-(docs/truth.md, "Nothing is left out"), so that a pixel outside a triangle's box does not show it.
+The box of a triangle is the range of the projections of its corners on one side of the center; a
+triangle that crosses the height of the center reaches to infinity there. Boxes are widened by what
+rounding may do (docs/truth.md, "Nothing is left out"), so that a pixel outside a triangle's box
+does not show it.
 """
 
 from collections.abc import Sequence
@@ -11,10 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, dr, on_device, product
-from xfrustum.reference.certify.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Planes, Triangles, Viewpoint
+from xfrustum.reference.backend import (
+    Bool,
+    Int32,
+    UInt32,
+    constants,
+    difference,
+    dr,
+    on_device,
+    product,
+)
+from xfrustum.reference.certify.cone import (
+    EDGES,
+    ROUNDING,
+    UNIT_ROUNDOFF,
+    Planes,
+    Triangles,
+    Viewpoint,
+)
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 
 MAX_ROWS = 1 << 31
 """Largest number of rows that the boxes of one `Boxes` can have together: they are counted in 32 bits."""
@@ -26,11 +43,12 @@ class Boxes:
 
     number: Any  #: Triangle numbers; a triangle on both sides of the center's height has two boxes
     box: list[Any]  #: First and last column, first and last row, inclusive
-    #: Sign of the edge functions inside each triangle; None where it is in doubt, or where the triangle's box
-    #: in space contains the center: these triangles are not cut by their edges row by row
+    #: Sign of the edge functions inside each triangle; None where it is in doubt, or where the
+    #: triangle's box in space contains the center: these triangles are not cut by their edges row
+    #: by row
     turn: Any = None
-    #: Whether the center lies in the closed triangle, exactly; None for triangles of known turn, which do not
-    #: hold it
+    #: Whether the center lies in the closed triangle, exactly; None for triangles of known turn,
+    #: which do not hold it
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
@@ -59,20 +77,24 @@ class Boxes:
 
 
 def bounding_boxes(
-    triangles: Triangles, pencil: Pencil, exact: ExactPencil, margin: float = 0.0, border: int = 0
+    triangles: Triangles,
+    bundle: RayBundle,
+    exact: ExactPencil,
+    margin: float = 0.0,
+    border: int = 0,
 ) -> list[Boxes]:
     """Return the boxes of all triangles that a pencil's film may show; those without any are left out.
 
-    This is called while `recording`; `exact` are the pencil's lines in integers. With a margin, in pixels,
-    boxes are wider than rounding asks for: places of other points are rounded as well, and its bound is
-    doubled. A border are columns and rows about the film, from which boxes are counted, for all that lies
-    beside it.
+    This is called while `recording`; `exact` are the pencil's lines in integers. With a margin, in
+    pixels, boxes are wider than rounding asks for: places of other points are rounded as well, and
+    its bound is doubled. A border are columns and rows about the film, from which boxes are
+    counted, for all that lies beside it.
     """
     found: list[Boxes] = []
-    seen_from = Viewpoint.of(pencil)
-    film = [FilmAxis(pencil, axis, margin, border) for axis in range(2)]
-    sides = [side for side in (1, -1) if side * pencil.s_range[side > 0] > 0]
-    height = pencil.resolution[1] + 2 * border
+    seen_from = Viewpoint.from_bundle(bundle)
+    film = [FilmAxis(bundle, axis, margin, border) for axis in range(2)]
+    sides = [side for side in (1, -1) if side * bundle.s_range[side > 0] > 0]
+    height = bundle.resolution[1] + 2 * border
     most = max(1, MAX_ROWS // height)
     for start in range(0, len(triangles), most):
         lane = dr.arange(UInt32, min(most, len(triangles) - start)) + dr.opaque(UInt32, start)
@@ -82,7 +104,7 @@ def bounding_boxes(
         low, high = seen_from.depths(z)
         imaged = (low <= seen_from.ends[1]) & (high >= seen_from.ends[0])
         touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
-        planes = Planes.of(points, seen_from.center, False)
+        planes = Planes.from_points(points, seen_from.center, False)
         in_doubt = abs(planes.offset) <= planes.bound
         boxed = []
         for side in sides:
@@ -96,12 +118,13 @@ def bounding_boxes(
             found += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
         reached: Any = dr.compress(touching)
         around = reached.numpy() + start
-        # The others may contain the center, and may then be met by every line. A triangle whose plane runs
-        # through the center beside the triangle is met by none, and neither is one without area.
+        # The others may contain the center, and may then be met by every line. A triangle whose
+        # plane runs through the center beside the triangle is met by none, and neither is one
+        # without area.
         holds = {n: exact.contains_center(n) for n in around.tolist()}
         whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
         if whole:
-            ends = (0, pencil.resolution[0] - 1 + 2 * border, 0, height - 1)
+            ends = (0, bundle.resolution[0] - 1 + 2 * border, 0, height - 1)
             found.append(
                 Boxes(
                     number=on_device(np.array(whole, dtype=np.uint32)),
@@ -112,30 +135,31 @@ def bounding_boxes(
     return found
 
 
-def pixel_slack(pencil: Pencil, axis: int) -> float:
+def pixel_slack(bundle: RayBundle, axis: int) -> float:
     """Return a bound in pixels on the rounding of a projection near the film, and of the slopes themselves.
 
-    A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again. Near the
-    film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is twice the result.
+    A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again.
+    Near the film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is
+    twice the result.
     """
-    ratio = abs(pencil.shear[axis]) / pencil.half_extent[axis]
-    return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
+    ratio = abs(bundle.shear[axis]) / bundle.half_extent[axis]
+    return 16 * UNIT_ROUNDOFF * bundle.resolution[axis] * (ratio + 2)
 
 
 class FilmAxis:
     """The map from slopes to columns or rows, (slope - shear) scale + middle, known to within `slack`.
 
-    With a margin, `slack` is wider, see `bounding_boxes`. Boxes reach `border` pixels beyond the film's ends;
-    `steepest` is the largest slope.
+    With a margin, `slack` is wider, see `bounding_boxes`. Boxes reach `border` pixels beyond the
+    film's ends; `steepest` is the largest slope.
     """
 
-    def __init__(self, pencil: Pencil, axis: int, margin: float = 0.0, border: int = 0) -> None:
-        count, slack = pencil.resolution[axis], pixel_slack(pencil, axis)
+    def __init__(self, bundle: RayBundle, axis: int, margin: float = 0.0, border: int = 0) -> None:
+        count, slack = bundle.resolution[axis], pixel_slack(bundle, axis)
         slack = margin + 2 * slack if margin else slack
-        steepest = float(np.abs((pencil.dx, pencil.dy)[axis]).max())
-        scale = count / (2 * pencil.half_extent[axis])
+        steepest = float(np.abs((bundle.dx, bundle.dy)[axis]).max())
+        scale = count / (2 * bundle.half_extent[axis])
         self.shear, self.scale, self.middle, self.slack, self.steepest = constants(
-            [pencil.shear[axis], scale, (count - 1) / 2, slack, steepest]
+            [bundle.shear[axis], scale, (count - 1) / 2, slack, steepest]
         )
         self.count, self.border, self.last = constants([count, border, count - 1 + border])
 
@@ -173,16 +197,20 @@ def _box(corners: list[list[Any]], film: Sequence[FilmAxis], side: int) -> list[
 def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     """Return the range of x / s over the part of each triangle on one side of the center.
 
-    A triangle that crosses s = 0 reaches to infinity there, in the direction of the points where its edges
-    cross.
+    A triangle that crosses s = 0 reaches to infinity there, in the direction of the points where
+    its edges cross.
     """
     ahead = [one > 0 if side > 0 else one < 0 for one in s]
     slopes = [one / depth for one, depth in zip(x, s, strict=True)]
-    low = _least([dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
-    high = _most([dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
+    low = _least(
+        [dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
+    )
+    high = _most(
+        [dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
+    )
     for i, j in EDGES:
-        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in doubt,
-        # the range reaches to infinity both ways.
+        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in
+        # doubt, the range reaches to infinity both ways.
         crosses = ahead[i] ^ ahead[j]
         here, there = product(x[j], s[i]), product(x[i], s[j])
         toward = product(dr.select(s[i] - s[j] > 0, float(side), -float(side)), here - there)

@@ -1,9 +1,10 @@
 """The decision: where a pixel is proven, decided in integers, or named a tie.
 
-The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every rounding
-error. So a triangle that surely is met before the nearest possible point of every other triangle is first,
-whatever any tracer says: the pixel is proven. What the filter leaves open, edge functions at the pixel's
-center may still prove; triangles that coincide are a tie; integers decide the rest.
+The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every
+rounding error. So a triangle that surely is met before the nearest possible point of every other
+triangle is first, whatever any tracer says: the pixel is proven. What the filter leaves open, edge
+functions at the pixel's center may still prove; triangles that coincide are a tie; integers decide
+the rest.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Filter, Pairs
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
@@ -30,7 +31,7 @@ class FirstSurfaces:
     s: Floats  #: (rows, W) float64 place along the line, NaN where it meets none
     certainty: Bytes  #: (rows, W) uint8 `Certainty`
     #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
-    companions: Indices
+    tied_triangles: Indices
     #: `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None
     device: tuple[Any, Any] | None = None
 
@@ -38,20 +39,23 @@ class FirstSurfaces:
         """Return the same decisions with other triangle numbers: number i of (F,) is that of triangle i."""
         # The last entry is that of `NOTHING`, which is -1.
         known = np.append(numbers, NOTHING)
-        companions = self.companions.copy()
-        companions[:, 2] = known[companions[:, 2]]
+        tied_triangles = self.tied_triangles.copy()
+        tied_triangles[:, 2] = known[tied_triangles[:, 2]]
         return replace(
-            self, triangle=known[self.triangle].astype(np.int32), companions=companions, device=None
+            self,
+            triangle=known[self.triangle].astype(np.int32),
+            tied_triangles=tied_triangles,
+            device=None,
         )
 
 
 class Certifier:
     """Decides the first surfaces along the lines of one image."""
 
-    def __init__(self, triangles: Triangles, pencil: Pencil) -> None:
-        self.pencil = pencil
-        self._exact = ExactPencil(triangles.corners, pencil)
-        self._filter = Filter(triangles, pencil, self._exact)
+    def __init__(self, triangles: Triangles, bundle: RayBundle) -> None:
+        self.bundle = bundle
+        self._exact = ExactPencil(triangles.corners, bundle)
+        self._filter = Filter(triangles, bundle, self._exact)
 
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps` and `Filter.gaps`."""
@@ -59,42 +63,45 @@ class Certifier:
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
-        sifted = self._filter.sift(rows)
-        shape = (len(rows), self.pencil.resolution[0])
+        sifted = self._filter.classify_pixels(rows)
+        shape = (len(rows), self.bundle.resolution[0])
         found = FirstSurfaces(
             triangle=sifted.triangle.reshape(shape),
             s=sifted.s.reshape(shape),
             # Proven unless contested: `_settle` overwrites the contested ones.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
-            companions=np.zeros((0, 3), dtype=np.int64),
+            tied_triangles=np.zeros((0, 3), dtype=np.int64),
             device=sifted.device,
         )
-        if not len(sifted.contested.pixel):
+        if not len(sifted.ambiguous.pixel):
             return found
         found = replace(found, triangle=found.triangle.copy(), s=found.s.copy(), device=None)
-        companions = self._settle(found, sifted.contested, rows.start * shape[1])
-        return replace(found, companions=companions)
+        tied_triangles = self._settle(found, sifted.ambiguous, rows.start * shape[1])
+        return replace(found, tied_triangles=tied_triangles)
 
-    def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
+    def _settle(self, found: FirstSurfaces, ambiguous: Pairs, base: int) -> Indices:
         """Fill in the pixels of contested pairs, numbered from `base`; return the companions of ties."""
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
-        width = self.pencil.resolution[0]
+        width = self.bundle.resolution[0]
         # Step 1: pixels that one sure contender is left for are proven.
-        contenders = _not_behind(contested, base, len(triangle))
-        rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
+        contenders = _not_behind(ambiguous, base, len(triangle))
+        rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[
+            contenders.pixel - base
+        ]
         proven = (rivals == 1) & contenders.sure
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
         s[contenders.pixel[proven] - base] = contenders.s[proven]
 
-        # Step 2: pixels whose contenders coincide on every line are ties, known without asking this line.
-        groups = _Groups.of(contenders[~proven])
+        # Step 2: pixels whose contenders coincide on every line are ties, known without asking this
+        # line.
+        groups = _Groups.from_pairs(contenders[~proven])
         tied = groups.tied(self._exact)
         leaders = groups.starts[tied]
         triangle[groups.pairs.pixel[leaders] - base] = groups.pairs.triangle[leaders]
         s[groups.pairs.pixel[leaders] - base] = groups.pairs.s[leaders]
         certainty[groups.pairs.pixel[leaders] - base] = Certainty.TIE
         sharing = groups.pairs[np.repeat(tied, groups.sizes)]
-        companions = [np.stack((*np.divmod(sharing.pixel, width), sharing.triangle), axis=-1)]
+        tied_triangles = [np.stack((*np.divmod(sharing.pixel, width), sharing.triangle), axis=-1)]
 
         # Step 3: the other pixels are decided in integers, one by one.
         for pixel, numbers in groups.items(~tied):
@@ -103,13 +110,15 @@ class Certifier:
                 triangle[pixel - base], s[pixel - base] = winners[0], where
             certainty[pixel - base] = Certainty.TIE if len(winners) > 1 else Certainty.EXACT
             if len(winners) > 1:
-                companions.append(np.array([(*divmod(pixel, width), winner) for winner in winners]))
-        return np.concatenate(companions)
+                tied_triangles.append(
+                    np.array([(*divmod(pixel, width), winner) for winner in winners])
+                )
+        return np.concatenate(tied_triangles)
 
 
-def first_surfaces(corners: Floats, pencil: Pencil) -> FirstSurfaces:
+def first_surfaces(corners: Floats, bundle: RayBundle) -> FirstSurfaces:
     """Decide the first surface of every pixel of an image at once; `corners` are (F, 3, 3)."""
-    return Certifier(Triangles(corners), pencil).decide(range(pencil.resolution[1]))
+    return Certifier(Triangles(corners), bundle).decide(range(bundle.resolution[1]))
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
@@ -128,9 +137,10 @@ class _Groups:
     sizes: Indices
 
     @classmethod
-    def of(cls, contested: Pairs) -> _Groups:
-        # A triangle whose side is in doubt has two pairs for a pixel. The sure one is sorted first and kept.
-        pairs = contested[np.lexsort((~contested.sure, contested.triangle, contested.pixel))]
+    def from_pairs(cls, ambiguous: Pairs) -> _Groups:
+        # A triangle whose side is in doubt has two pairs for a pixel. The sure one is sorted first
+        # and kept.
+        pairs = ambiguous[np.lexsort((~ambiguous.sure, ambiguous.triangle, ambiguous.pixel))]
         again = (np.diff(pairs.pixel, prepend=-1) == 0) & (np.diff(pairs.triangle, prepend=-1) == 0)
         pairs = pairs[~again]
         _, starts, sizes = np.unique(pairs.pixel, return_index=True, return_counts=True)
@@ -139,8 +149,8 @@ class _Groups:
     def tied(self, exact: ExactPencil) -> Mask:
         """Return which groups consist of triangles that every line meets at one and the same s.
 
-        These are triangles through the center, which are met at s = 0 without any error, and triangles
-        in exactly one plane.
+        These are triangles through the center, which are met at s = 0 without any error, and
+        triangles in exactly one plane.
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
@@ -152,7 +162,9 @@ class _Groups:
         asked = np.flatnonzero(sure & ~known)
         planes = np.stack((self.pairs.triangle[leader[asked]], self.pairs.triangle[asked]), axis=-1)
         different, which = np.unique(planes, axis=0, return_inverse=True)
-        coplanar = np.array([exact.coplanar(one, other) for one, other in different.tolist()], dtype=np.bool_)
+        coplanar = np.array(
+            [exact.coplanar(one, other) for one, other in different.tolist()], dtype=np.bool_
+        )
         known[asked] = coplanar[which.ravel()]
         # A tie takes at least two, all of them surely met.
         alone = self.sizes == 1
@@ -160,7 +172,9 @@ class _Groups:
 
     def items(self, chosen: Mask) -> Iterator[tuple[int, list[int]]]:
         """Yield the pixel and the triangle numbers of some groups."""
-        for start, size in zip(self.starts[chosen].tolist(), self.sizes[chosen].tolist(), strict=True):
+        for start, size in zip(
+            self.starts[chosen].tolist(), self.sizes[chosen].tolist(), strict=True
+        ):
             yield int(self.pairs.pixel[start]), self.pairs.triangle[start : start + size].tolist()
 
 

@@ -4,15 +4,16 @@ For q_i = p_i - center, a line center + s d meets the triangle's edge (i, j) whe
 
     E_ij(d) = d . (q_i x q_j)
 
-is zero, and the triangle itself where E_01, E_12 and E_20 have one common sign, on either side
-of the center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0).
+is zero, and the triangle itself where E_01, E_12 and E_20 have one common sign, on either side of
+the center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0).
 All three edge functions are linear in d: a crossed frustum needs no clipping and no second case.
 
 Rounding (docs/truth.md derives the constants): with u = 2^-53, every edge function and both dot
 products are computed within `ROUNDING` times their own sum of absolute products. Valid while no
 product under- or overflows; coordinates between 1e-75 and 1e75, and zero, are safe.
 
-All arrays are Dr.Jit's, with one lane for each pair of a line and a triangle, or each row of a triangle.
+All arrays are Dr.Jit's, with one lane for each pair of a line and a triangle, or each row of a
+triangle.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from xfrustum.reference.backend import (
     product,
     recording,
 )
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
 UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounded operation in double precision, u
@@ -83,10 +84,10 @@ class Viewpoint:
     slack: Any
 
     @classmethod
-    def of(cls, pencil: Pencil) -> Viewpoint:
+    def from_bundle(cls, bundle: RayBundle) -> Viewpoint:
         """Return the viewpoint of a pencil."""
-        (slack,) = constants([0.0 if pencil.center[2] == 0 else 2 * UNIT_ROUNDOFF])
-        return cls(center=constants(pencil.center), ends=constants(pencil.s_range), slack=slack)
+        (slack,) = constants([0.0 if bundle.center[2] == 0 else 2 * UNIT_ROUNDOFF])
+        return cls(center=constants(bundle.center), ends=constants(bundle.s_range), slack=slack)
 
     def depths(self, heights: Sequence[Any]) -> tuple[Any, Any]:
         """Return a lower and an upper bound of s over triangles, given q_z of their corners."""
@@ -108,13 +109,15 @@ class Planes:
     bound: Any
 
     @classmethod
-    def of(cls, points: Sequence[Sequence[Any]], center: Sequence[Any], holds: Any) -> Planes:
+    def from_points(
+        cls, points: Sequence[Sequence[Any]], center: Sequence[Any], holds: Any
+    ) -> Planes:
         """Return the planes of triangles; `holds` says which are known to contain the center."""
         # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
         first, second = difference(points[1], points[0]), difference(points[2], points[0])
         normal, magnitude = cross(first, second), _cross_magnitude(first, second)
-        # The bound is that of the sum of all absolute products in q_0 . n. Where the center lies in the
-        # triangle both are exactly zero.
+        # The bound is that of the sum of all absolute products in q_0 . n. Where the center lies in
+        # the triangle both are exactly zero.
         corner = difference(points[0], center)
         offset = _dot(corner, normal)
         bound = product(ROUNDING, _dot([abs(part) for part in corner], magnitude))
@@ -130,9 +133,9 @@ class Planes:
 class Cones:
     """Triangles as seen from a pencil's center.
 
-    `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in them.
-    `within` says whether all of a triangle surely lies in the pencil's range, `holds` whether the center
-    lies in the closed triangle.
+    `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in
+    them. `within` says whether all of a triangle surely lies in the pencil's range, `holds` whether
+    the center lies in the closed triangle.
     """
 
     edges: list[list[Any]]
@@ -142,7 +145,9 @@ class Cones:
     holds: Any
 
     @classmethod
-    def of(cls, points: Sequence[Sequence[Any]], seen_from: Viewpoint, holds: Any) -> Cones:
+    def from_points(
+        cls, points: Sequence[Sequence[Any]], seen_from: Viewpoint, holds: Any
+    ) -> Cones:
         """Return triangles, given by their corners, as cones."""
         # The corners q_i relative to the center. One rounding each.
         corners = [difference(point, seen_from.center) for point in points]
@@ -150,7 +155,7 @@ class Cones:
         return cls(
             edges=[cross(corners[i], corners[j]) for i, j in EDGES],
             magnitudes=[_cross_magnitude(corners[i], corners[j]) for i, j in EDGES],
-            planes=Planes.of(points, seen_from.center, holds),
+            planes=Planes.from_points(points, seen_from.center, holds),
             within=(low >= seen_from.ends[0]) & (high <= seen_from.ends[1]),
             holds=holds,
         )
@@ -164,9 +169,14 @@ class Cones:
             bound = product(ROUNDING, size)
             positive.append(value > bound)
             negative.append(value < -bound)
-        inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
-        outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
-        # Lines through a triangle that holds the center meet it there, whatever its edge functions are.
+        inside = (positive[0] & positive[1] & positive[2]) | (
+            negative[0] & negative[1] & negative[2]
+        )
+        outside = (positive[0] | positive[1] | positive[2]) & (
+            negative[0] | negative[1] | negative[2]
+        )
+        # Lines through a triangle that holds the center meet it there, whatever its edge functions
+        # are.
         return self.holds | ~outside, self.holds | inside
 
     def along_rows(self, dy: Any) -> RowPlanes:
@@ -204,11 +214,11 @@ class RowPlanes:
 
             |s - s_true| <= (bound + |s| slope_bound) / (|slope| - slope_bound).
 
-        The error is infinite where the slope may be zero, and zero where the plane runs through the center
-        exactly.
+        The error is infinite where the slope may be zero, and zero where the plane runs through the
+        center exactly.
         """
-        # The denominator d . n and its bound. It is certain to have its sign, with a margin to spare, where
-        # it is more than twice its bound.
+        # The denominator d . n and its bound. It is certain to have its sign, with a margin to
+        # spare, where it is more than twice its bound.
         slope = product(self.normal_x, dx) + self.level
         slope_bound = product(ROUNDING, product(self.magnitude_x, abs(dx)) + self.level_magnitude)
         margin = abs(slope) - slope_bound
@@ -217,8 +227,8 @@ class RowPlanes:
         s = dr.select(certain, self.offset / dr.select(certain, slope, 1.0), 0.0)
         # The bound above, from the errors of both dot products.
         error = (self.bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
-        # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of quotients
-        # below full precision.
+        # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of
+        # quotients below full precision.
         error = product(error, 1 + ROUNDING) + product(ROUNDING, abs(s))
         error = error + dr.select(self.bound > 0, UNDERFLOW, 0.0)
         return s, dr.select(certain, error, np.inf)
@@ -227,9 +237,10 @@ class RowPlanes:
 def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
     """Return whether s, known to within an error, may lie in a range, and whether a hit surely counts there.
 
-    A triangle that surely lies within the range needs no test against its ends, which would leave a hit
-    close to them in doubt. Where not even the sign of s is certain, the triangle may well be first, but its
-    place is unknown: the pixel is left to the integers. An infinite error never counts.
+    A triangle that surely lies within the range needs no test against its ends, which would leave a
+    hit close to them in doubt. Where not even the sign of s is certain, the triangle may well be
+    first, but its place is unknown: the pixel is left to the integers. An infinite error never
+    counts.
     """
     largest = float(np.finfo(np.float64).max)
     first, last = dr.select(within, -largest, ends[0]), dr.select(within, largest, ends[1])

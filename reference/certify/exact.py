@@ -1,8 +1,8 @@
 """Decisions in integers: whether and where a line meets a triangle.
 
 All coordinates and slopes are doubles, hence integers over a common power of two; every quantity
-here is a Python integer or a ratio of two. Triangles are closed, and a line that lies in a triangle's
-plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
+here is a Python integer or a ratio of two. Triangles are closed, and a line that lies in a
+triangle's plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
 """
 
 from collections import deque
@@ -12,7 +12,7 @@ from weakref import ref
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
 Integers = tuple[int, int, int]
@@ -71,10 +71,10 @@ class ExactPencil:
         Lines through one point.
     """
 
-    def __init__(self, triangles: Floats, pencil: Pencil) -> None:
+    def __init__(self, triangles: Floats, bundle: RayBundle) -> None:
         self._triangles = triangles
-        self._pencil = pencil
-        self._range = (Fraction(pencil.s_range[0]), Fraction(pencil.s_range[1]))
+        self._pencil = bundle
+        self._range = (Fraction(bundle.s_range[0]), Fraction(bundle.s_range[1]))
         self.cone = lru_cache(maxsize=1 << 16)(self._cone)
 
     @cached_property
@@ -140,10 +140,14 @@ class ExactPencil:
     def contains_center(self, triangle: int) -> bool:
         """Return whether the pencil's center lies in a closed triangle: every line meets it at s = 0."""
         edges, normal, offset = self.cone(triangle)
-        return offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
+        return (
+            offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
+        )
 
     def coplanar(self, one: int, other: int) -> bool:
         """Return whether every line meets two triangles' planes at the same s."""
         _, a, a_offset = self.cone(one)
         _, b, b_offset = self.cone(other)
-        return _cross(a, b) == (0, 0, 0) and all(a[i] * b_offset == b[i] * a_offset for i in range(3))
+        return _cross(a, b) == (0, 0, 0) and all(
+            a[i] * b_offset == b[i] * a_offset for i in range(3)
+        )

@@ -1,14 +1,16 @@
 """The filter: in doubles, with every rounding bounded, which triangles may be first at each pixel.
 
-Broad phase: `boxes` has the bounding boxes of triangles on the film. Narrow phase: there is one lane for each
-row of pixels of a box. It cuts the row by the triangle's edges, which leaves columns from first to last, and
-an inner interval of columns where the triangle surely covers the pixel's center. Then it walks its columns:
+Broad phase: `boxes` has the bounding boxes of triangles on the film. Narrow phase: there is one
+lane for each row of pixels of a box. It cuts the row by the triangle's edges, which leaves columns
+from first to last, and an inner interval of columns where the triangle surely covers the pixel's
+center. Then it walks its columns:
 
-1. Every pixel is given the smallest of the largest s at which a triangle that is surely met can lie: the
-   first surface lies no farther than this limit.
-2. Triangles that may be met no farther than the limit are counted. A pixel with one of them, surely met, is
-   settled: nothing else can be first, because nothing is left out.
-3. Of all other pixels, the pairs of pixel and triangle are returned, for integers to decide (`certify`).
+1. Every pixel is given the smallest of the largest s at which a triangle that is surely met can
+   lie: the first surface lies no farther than this limit.
+2. Triangles that may be met no farther than the limit are counted. A pixel with one of them, surely
+   met, is settled: nothing else can be first, because nothing is left out.
+3. Of all other pixels, the pairs of pixel and triangle are returned, for integers to decide
+   (`certify`).
 
 All formulas are those of `cone`; docs/truth.md derives the bounds.
 """
@@ -21,7 +23,16 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, dr, on_device, product, recording
+from xfrustum.reference.backend import (
+    Bool,
+    Float64,
+    Int32,
+    UInt32,
+    dr,
+    on_device,
+    product,
+    recording,
+)
 from xfrustum.reference.certify.boxes import Boxes, FilmAxis, bounding_boxes
 from xfrustum.reference.certify.cone import (
     ROUNDING,
@@ -33,7 +44,7 @@ from xfrustum.reference.certify.cone import (
     in_range,
 )
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
@@ -42,8 +53,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 class Pairs:
     """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
 
-    The true place where the line meets the triangle's plane lies in s +- error; `sure` says whether the line
-    surely meets the triangle, inside the pencil's range.
+    The true place where the line meets the triangle's plane lies in s +- error; `sure` says whether
+    the line surely meets the triangle, inside the pencil's range.
     """
 
     pixel: Indices
@@ -70,12 +81,17 @@ class Pairs:
     def joined(parts: Sequence[Pairs]) -> Pairs:
         """Return the pairs of all parts, one part after the other."""
         return Pairs(
-            **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+            **{
+                name: np.concatenate([vars(part)[name] for part in parts])
+                for name in vars(parts[0])
+            }
         )
 
 
 _NONE = np.zeros(0, dtype=np.int64)
-NO_PAIRS = Pairs(pixel=_NONE, triangle=_NONE, s=np.zeros(0), error=np.zeros(0), sure=np.zeros(0, np.bool_))
+NO_PAIRS = Pairs(
+    pixel=_NONE, triangle=_NONE, s=np.zeros(0), error=np.zeros(0), sure=np.zeros(0, np.bool_)
+)
 
 
 DOUBTFUL_WEIGHT = 2
@@ -86,14 +102,15 @@ DOUBTFUL_WEIGHT = 2
 class Sifted:
     """The triangles that may be first in some rows of an image.
 
-    Number and place (pixels,) are those of the triangle that surely is first; `NOTHING` and NaN where the
-    line meets none, and where `contested` has pairs: all of the pixels for which several triangles may be
-    first, or one that is not surely met. `device` is `triangle` and `s` as arrays of Dr.Jit.
+    Number and place (pixels,) are those of the triangle that surely is first; `NOTHING` and NaN
+    where the line meets none, and where `ambiguous` has pairs: all of the pixels for which several
+    triangles may be first, or one that is not surely met. `device` is `triangle` and `s` as arrays
+    of Dr.Jit.
     """
 
     triangle: Numbers
     s: Floats
-    contested: Pairs
+    ambiguous: Pairs
     device: tuple[Any, Any]
 
 
@@ -101,8 +118,9 @@ class Sifted:
 class _Lanes:
     """Rows of triangles' boxes, cut by their edges, one lane each: columns from `first` to `last`, if any.
 
-    Coverage is certain between the slopes dx of `surely`; of triangles that are not cut by their edges it is
-    asked of `cones`. `within` says whether a triangle surely lies within the pencil's range.
+    Coverage is certain between the slopes dx of `surely`; of triangles that are not cut by their
+    edges it is asked of `cones`. `within` says whether a triangle surely lies within the pencil's
+    range.
     """
 
     number: Any
@@ -128,16 +146,16 @@ class _Lanes:
 class Filter:
     """The filter of the lines of one image; `exact` are the same lines in integers."""
 
-    def __init__(self, triangles: Triangles, pencil: Pencil, exact: ExactPencil) -> None:
-        self._triangles, self._pencil = triangles, pencil
+    def __init__(self, triangles: Triangles, bundle: RayBundle, exact: ExactPencil) -> None:
+        self._triangles, self._pencil = triangles, bundle
         with recording():
-            self._boxes = bounding_boxes(triangles, pencil, exact)
-            self._film = FilmAxis(pencil, 0)
-            self._seen_from = Viewpoint.of(pencil)
-            self._dx, self._dy = on_device(pencil.dx), on_device(pencil.dy)
-            self._width = dr.opaque(UInt32, pencil.resolution[0])
+            self._boxes = bounding_boxes(triangles, bundle, exact)
+            self._film = FilmAxis(bundle, 0)
+            self._seen_from = Viewpoint.from_bundle(bundle)
+            self._dx, self._dy = on_device(bundle.dx), on_device(bundle.dy)
+            self._width = dr.opaque(UInt32, bundle.resolution[0])
 
-    def sift(self, rows: range) -> Sifted:
+    def classify_pixels(self, rows: range) -> Sifted:
         """Return the triangles that may be first in some rows of the image."""
         pixels = len(rows) * self._pencil.resolution[0]
         with recording():
@@ -158,7 +176,7 @@ class Filter:
 
                 some.walk(note)
                 dr.eval(count, number, place)
-            contested = NO_PAIRS
+            ambiguous = NO_PAIRS
             unsettled = count > 1
             size = int(dr.sum(dr.select(unsettled, count, UInt32(0)))[0])
             if size:
@@ -166,17 +184,21 @@ class Filter:
                 number = dr.select(unsettled, NOTHING, number)
                 place = dr.select(unsettled, np.nan, place)
                 parts = [self._pairs(some, rows, limit, unsettled, size) for some in lanes]
-                contested = Pairs.joined(parts)
+                ambiguous = Pairs.joined(parts)
             dr.eval(number, place)
             return Sifted(
-                triangle=number.numpy(), s=place.numpy(), contested=contested, device=(number, place)
+                triangle=number.numpy(),
+                s=place.numpy(),
+                ambiguous=ambiguous,
+                device=(number, place),
             )
 
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return how far the next surface lies behind the first one on the same side, (pixels,).
 
-        It is the smallest s of what surely lies behind, minus the largest s of the first surface; infinite
-        without either. With `numbers` (pixels,) only triangles of smaller numbers count as next ones.
+        It is the smallest s of what surely lies behind, minus the largest s of the first surface;
+        infinite without either. With `numbers` (pixels,) only triangles of smaller numbers count as
+        next ones.
         """
         with recording():
             lanes = self._cut(rows)
@@ -208,7 +230,7 @@ class Filter:
     def _lanes(self, boxes: Boxes, box: Any, row: Any) -> _Lanes:
         number = dr.gather(UInt32, boxes.number, box)
         holds = False if boxes.holds is None else dr.gather(Bool, boxes.holds, box)
-        cones = Cones.of(self._triangles.points(number), self._seen_from, holds)
+        cones = Cones.from_points(self._triangles.points(number), self._seen_from, holds)
         dy = dr.gather(Float64, self._dy, UInt32(row))
         first, last = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
         surely = None
@@ -231,7 +253,8 @@ class Filter:
             cones=None if surely is not None else cones,
             holds=holds,
         )
-        # Kernels wait for memory: what is computed at once from other arrays is not kept for the next ones.
+        # Kernels wait for memory: what is computed at once from other arrays is not kept for the
+        # next ones.
         kept = [getattr(lanes.planes, field.name) for field in fields(RowPlanes)]
         whole = () if lanes.cones is None else (*lanes.cones.edges, *lanes.cones.magnitudes)
         dr.eval(number, lanes.row, lanes.within, lanes.first, lanes.last, surely, *kept, *whole)
@@ -265,7 +288,9 @@ class Filter:
             dr.eval(limit)
         return limit
 
-    def _may_be_first(self, lanes: _Lanes, column: Any, rows: range, limit: Any) -> tuple[Any, Any, Any, Any]:
+    def _may_be_first(
+        self, lanes: _Lanes, column: Any, rows: range, limit: Any
+    ) -> tuple[Any, Any, Any, Any]:
         s, error, sure, possible = self._met(lanes, column)
         nearest = dr.gather(Float64, limit, self._pixel(lanes, column, rows))
         return s, error, sure, possible & (s - error <= nearest)
@@ -281,7 +306,9 @@ class Filter:
             s, error, sure, possible = self._may_be_first(lanes, column, rows, limit)
             wanted = possible & dr.gather(Bool, unsettled, self._pixel(lanes, column, rows))
             slot = dr.scatter_inc(written, UInt32(0), wanted)
-            for target, value in zip(out, (lanes.number, lanes.row, column, s, error, sure), strict=True):
+            for target, value in zip(
+                out, (lanes.number, lanes.row, column, s, error, sure), strict=True
+            ):
                 dr.scatter(target, value, slot, wanted)
 
         lanes.walk(write)
@@ -293,8 +320,9 @@ class Filter:
             dr.gather(type(one), one, dr.arange(UInt32, count)) for one in out
         )
         if lanes.surely is not None:
-            # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center say more.
-            cones = Cones.of(self._triangles.points(number), self._seen_from, False)
+            # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center
+            # say more.
+            cones = Cones.from_points(self._triangles.points(number), self._seen_from, False)
             dx, dy = dr.gather(Float64, self._dx, column), dr.gather(Float64, self._dy, row)
             may_cover, covers = cones.covering(dx, dy)
             _, counts = in_range(s, error, cones.within, self._seen_from.ends)
@@ -321,22 +349,25 @@ def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) ->
 def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[Any, Any, Any, Any]:
     """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
 
-    Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so each edge
-    bounds dx on one side, at its zero -rest / slope. No line with a slope outside [low, high] meets the
-    triangle; every line with a slope inside [surely_low, surely_high] does.
+    Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so
+    each edge bounds dx on one side, at its zero -rest / slope. No line with a slope outside [low,
+    high] meets the triangle; every line with a slope inside [surely_low, surely_high] does.
     """
     low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
     for edge, magnitude in zip(cones.edges, cones.magnitudes, strict=True):
-        # The edge function along the row, turned to be positive inside, and the bound of its rounding.
+        # The edge function along the row, turned to be positive inside, and the bound of its
+        # rounding.
         slope = product(turn, edge[0])
         rest = product(turn, product(edge[1], dy) - edge[2])
         size = product(film.steepest, magnitude[0]) + product(abs(dy), magnitude[1]) + magnitude[2]
         bound = product(ROUNDING, size)
         # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
-        # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums below.
+        # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums
+        # below.
         zero = -rest / slope
         margin = product(2.0, bound) / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
-        # Where the slope is so small that the quotient overflows, E has one sign along the whole row.
+        # Where the slope is so small that the quotient overflows, E has one sign along the whole
+        # row.
         level = ~dr.isfinite(margin)
         # A rising edge bounds dx from below, a falling one from above.
         rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
@@ -344,7 +375,8 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
         surely_low = dr.maximum(surely_low, dr.select(rising, zero + margin, -np.inf))
         high = dr.minimum(high, dr.select(falling, zero + margin, np.inf))
         surely_high = dr.minimum(surely_high, dr.select(falling, zero - margin, np.inf))
-        # A level edge empties the interval if it is surely negative, and the sure one unless surely positive.
+        # A level edge empties the interval if it is surely negative, and the sure one unless surely
+        # positive.
         low = dr.select(level & (rest < -bound), np.inf, low)
         surely_low = dr.select(level & (rest <= bound), np.inf, surely_low)
     return low, high, surely_low, surely_high

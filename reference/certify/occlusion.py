@@ -1,16 +1,17 @@
 """The occlusion query: which drawn points another surface hides on their own lines (docs/truth.md).
 
-The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A point's own
-line is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if this line meets it
-before the point by more than half of the tolerance within which the point is known, and if the point lies
-farther from the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its
-other side, where the triangle does not hide it. What doubles leave open is decided in rational numbers.
+The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A
+point's own line is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if
+this line meets it before the point by more than half of the tolerance within which the point is
+known, and if the point lies farther from the triangle's plane than this tolerance: a point nearer
+to the plane may as well lie on its other side, where the triangle does not hide it. What doubles
+leave open is decided in rational numbers.
 
-Points are sorted by the cells of the film that their lines pass: one cell about each pixel's center, with a
-border for all that lies beside it. A triangle's box of cells holds every cell in which a line may meet it, so
-that what shares no cell with a point cannot hide it. There is one lane for each row of cells of a triangle's
-box: it walks the points in these cells, which lie one behind the other, and notes those before which it may
-be met.
+Points are sorted by the cells of the film that their lines pass: one cell about each pixel's
+center, with a border for all that lies beside it. A triangle's box of cells holds every cell in
+which a line may meet it, so that what shares no cell with a point cannot hide it. There is one lane
+for each row of cells of a triangle's box: it walks the points in these cells, which lie one behind
+the other, and notes those before which it may be met.
 """
 
 import math
@@ -39,9 +40,17 @@ from xfrustum.reference.backend import (
 )
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.boxes import FilmAxis, bounding_boxes
-from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Cones, Planes, Triangles, Viewpoint, in_range
+from xfrustum.reference.certify.cone import (
+    ROUNDING,
+    UNDERFLOW,
+    Cones,
+    Planes,
+    Triangles,
+    Viewpoint,
+    in_range,
+)
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
@@ -61,8 +70,9 @@ class SurfacePoints:
     position: Floats  #: (N, 3) scene units, off the height of the center from which they are seen
     #: (N,) number of the triangle that each point lies on, `NOTHING` where that is not known
     triangle: Numbers
-    #: (N,) distance within which each point is known, scene units: a triangle whose plane passes within this
-    #: distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
+    #: (N,) distance within which each point is known, scene units: a triangle whose plane passes
+    #: within this distance of a point does not hide it. Thus a mesh's tessellation makes no
+    #: difference.
     tolerance: Floats
 
 
@@ -70,8 +80,9 @@ class SurfacePoints:
 class _Lines:
     """The lines through points, sorted by the cells of the film; `start` is the first line of each cell.
 
-    `line` has slopes dx and dy, end, and the number of the point's own triangle, (4 N,) line by line; `point`
-    the numbers of the points, and `positions` the coordinates x, y and z of all points, and their tolerances.
+    `line` has slopes dx and dy, end, and the number of the point's own triangle, (4 N,) line by
+    line; `point` the numbers of the points, and `positions` the coordinates x, y and z of all
+    points, and their tolerances.
     """
 
     line: Any
@@ -87,15 +98,18 @@ class _Rows:
     first: Any
     behind: Any
     number: Any
-    holds: Any  # whether the triangle holds the center, where all lines meet it; None where none does
+    holds: (
+        Any  # whether the triangle holds the center, where all lines meet it; None where none does
+    )
 
 
-def _rows_of_cells(triangles: Triangles, pencil: Pencil) -> list[_Rows]:
+def _rows_of_cells(triangles: Triangles, bundle: RayBundle) -> list[_Rows]:
     """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
-    # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
-    endless = replace(pencil, s_range=(pencil.s_range[0], math.inf))
-    exact = ExactPencil(triangles.corners, pencil)
-    width, height = (side + 2 for side in pencil.resolution)
+    # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and
+    # hide.
+    endless = replace(bundle, s_range=(bundle.s_range[0], math.inf))
+    exact = ExactPencil(triangles.corners, bundle)
+    width, height = (side + 2 for side in bundle.resolution)
     found = []
     for boxes in bounding_boxes(triangles, endless, exact, HALF_CELL, 1):
         reaching = boxes.rows(range(height))
@@ -122,26 +136,30 @@ class Occlusion:
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
         # The settings of one aperture share its rows, and several threads judge an aperture each.
-        self._rows = lru_cache(maxsize=worker_count() + 1)(lambda pencil: _rows_of_cells(triangles, pencil))
+        self._rows = lru_cache(maxsize=worker_count() + 1)(
+            lambda bundle: _rows_of_cells(triangles, bundle)
+        )
 
-    def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
+    def hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
         """Return which points (N,) lie behind another surface on their own line from a pencil's center."""
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
         with recording():
             hidden = dr.zeros(Bool, len(behind))
-            lines = _sorted_lines(pencil, points)
-            open_pairs = [self._sifted(pencil, rows, lines, hidden) for rows in self._rows(pencil)]
+            lines = _sorted_lines(bundle, points)
+            open_pairs = [self._sifted(bundle, rows, lines, hidden) for rows in self._rows(bundle)]
             behind |= hidden.numpy()
         for point, triangle in open_pairs:
             # Only points that nothing surely hides are decided in rational numbers.
             asked = np.flatnonzero(~behind[point])
-            met = self._hides(pencil, points, point[asked], triangle[asked])
+            met = self._hides(bundle, points, point[asked], triangle[asked])
             behind[point[asked][met]] = True
         return behind
 
-    def _sifted(self, pencil: Pencil, rows: _Rows, lines: _Lines, hidden: Any) -> tuple[Indices, Indices]:
+    def _sifted(
+        self, bundle: RayBundle, rows: _Rows, lines: _Lines, hidden: Any
+    ) -> tuple[Indices, Indices]:
         """Mark points that triangles surely hide, and return the pairs of point and triangle left open."""
         none = np.zeros(0, dtype=np.int64)
         first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
@@ -151,9 +169,11 @@ class Occlusion:
             return none, none
         first, last, number = (dr.gather(UInt32, one, lane) for one in (first, last, rows.number))
         holds = False if rows.holds is None else dr.gather(Bool, rows.holds, lane)
-        cones = Cones.of(self._triangles.points(number), Viewpoint.of(pencil), holds)
+        cones = Cones.from_points(
+            self._triangles.points(number), Viewpoint.from_bundle(bundle), holds
+        )
         room = max(MIN_PAIRS, int(PAIRS_PER_POINT * dr.width(lines.point)))
-        (nearest,) = constants(pencil.s_range[:1])
+        (nearest,) = constants(bundle.s_range[:1])
         found, pairs = _walk(cones, (first, last, number), lines, nearest, room)
         if found > room:
             found, pairs = _walk(cones, (first, last, number), lines, nearest, found)
@@ -162,9 +182,9 @@ class Occlusion:
         at = dr.arange(UInt32, found)
         point, triangle, sure = (dr.gather(type(one), one, at) for one in pairs)
         x, y, z, tolerance = (dr.gather(Float64, one, point) for one in lines.positions)
-        # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The length of n
-        # has the bounds of its coordinates.
-        planes = Planes.of(self._triangles.points(triangle), (x, y, z), False)
+        # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The
+        # length of n has the bounds of its coordinates.
+        planes = Planes.from_points(self._triangles.points(triangle), (x, y, z), False)
         length, magnitude = (dr.sqrt(dot(one, one)) for one in (planes.normal, planes.magnitude))
         beyond = abs(planes.offset) - product(tolerance, length)
         bound = planes.bound + product(product(ROUNDING, tolerance), magnitude) + UNDERFLOW
@@ -175,21 +195,25 @@ class Occlusion:
         dr.eval(hidden, point, triangle)
         return point.numpy().astype(np.int64), triangle.numpy().astype(np.int64)
 
-    def _hides(self, pencil: Pencil, points: SurfacePoints, point: Indices, triangle: Indices) -> Mask:
+    def _hides(
+        self, bundle: RayBundle, points: SurfacePoints, point: Indices, triangle: Indices
+    ) -> Mask:
         """Return which triangles hide points, pair by pair, decided in rational numbers."""
         if not len(point):
             return np.zeros(0, dtype=np.bool_)
         position, tolerance = points.position[point], points.tolerance[point]
         # The same doubles as in `_sorted_lines`.
-        offset = position - pencil.center
+        offset = position - bundle.center
         dx, dy = offset[:, 0] / -offset[:, 2], offset[:, 1] / -offset[:, 2]
         ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
         # Nothing is met before its end by a line that ends before the range.
-        ends = np.maximum(ends, pencil.s_range[0]).tolist()
+        ends = np.maximum(ends, bundle.s_range[0]).tolist()
         corners = self._triangles.corners
-        exact = ExactLines(corners[numbers], pencil.center, directions, (pencil.s_range[0], max(ends)))
+        exact = ExactLines(
+            corners[numbers], bundle.center, directions, (bundle.s_range[0], max(ends))
+        )
         return np.array(
             [
                 (s := exact.meets(pair, number)) is not None
@@ -200,14 +224,14 @@ class Occlusion:
         )
 
 
-def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
+def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
     """Return the lines to points, up to half a tolerance before them: nearer is their own surface."""
     positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
     own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
-    center = constants(pencil.center)
+    center = constants(bundle.center)
     s = center[2] - positions[2]
     dx, dy = ((positions[axis] - center[axis]) / s for axis in range(2))
-    film = [FilmAxis(pencil, axis) for axis in range(2)]
+    film = [FilmAxis(bundle, axis) for axis in range(2)]
     # Rows count down.
     places = [
         product(slope - axis.shear, product(sign, axis.scale)) + axis.middle
@@ -216,9 +240,9 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
     end = s - positions[3] / product(2.0, dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0))
     column, row = (
         UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
-        for place, side in zip(places, constants(pencil.resolution), strict=True)
+        for place, side in zip(places, constants(bundle.resolution), strict=True)
     )
-    width, height = (side + 2 for side in pencil.resolution)
+    width, height = (side + 2 for side in bundle.resolution)
     cell = row * dr.opaque(UInt32, width) + column
     # Counting sort: the order of the lines within a cell means nothing.
     number: Any = dr.zeros(UInt32, width * height + 1)
@@ -241,13 +265,18 @@ def _walk(
 ) -> tuple[int, tuple[Any, Any, Any]]:
     """Return how many pairs of point and triangle there are, and the pairs as far as there is room.
 
-    Pairs are arrays of points, of triangles that may be met before them, and of whether they surely are.
+    Pairs are arrays of points, of triangles that may be met before them, and of whether they surely
+    are.
     """
     first, last, number = lanes
     named = Float64(number)
     written: Any = dr.opaque(UInt32, 0)
     limit: Any = dr.opaque(UInt32, room)
-    points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
+    points, triangles, certain = (
+        dr.empty(UInt32, room),
+        dr.empty(UInt32, room),
+        dr.empty(Bool, room),
+    )
 
     def step(query: Any) -> tuple[Any]:
         dx, dy, end, own = dr.gather(Array4f64, lines.line, query)
@@ -270,7 +299,9 @@ def _walk(
 
 def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
     """Return, in rationals, whether a point is farther than a tolerance from a plane (without area: no)."""
-    p, *triangle = ([Fraction(value) for value in row] for row in (point.tolist(), *corners.tolist()))
+    p, *triangle = (
+        [Fraction(value) for value in row] for row in (point.tolist(), *corners.tolist())
+    )
     first, second = difference(triangle[1], triangle[0]), difference(triangle[2], triangle[0])
     normal = cross(first, second)
     along = dot(difference(triangle[0], p), normal)

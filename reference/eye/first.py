@@ -1,14 +1,15 @@
 """The first surface along lines that have no common point: proven, or decided in integers.
 
-A hogel replays to an eye's pixel what it shows along a line of its own. The argument is that of `certify`,
-for each pair of a line and a triangle by itself, with the same arithmetic on the same numbers: what is
-decided of a pixel is what its whole hogel says, bit for bit.
+A hogel replays to an eye's pixel what it shows along a line of its own. The argument is that of
+`certify`, for each pair of a line and a triangle by itself, with the same arithmetic on the same
+numbers: what is decided of a pixel is what its whole hogel says, bit for bit.
 
-Which triangles a line may cross is found from where the eye sees these. The line runs beside the ray of its
-pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0 half a hogel and D1 half a
-pixel of its film. A triangle is therefore made wider by this much; wherever a line crosses the triangle, the
-pixel's ray meets the wider one. D0 + |s| D1 is convex over s, so that the wider triangle lies within the hull
-of its wider corners, and what an eye sees of that hull lies between what it sees of these.
+Which triangles a line may cross is found from where the eye sees these. The line runs beside the
+ray of its pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0 half a
+hogel and D1 half a pixel of its film. A triangle is therefore made wider by this much; wherever a
+line crosses the triangle, the pixel's ray meets the wider one. D0 + |s| D1 is convex over s, so
+that the wider triangle lies within the hull of its wider corners, and what an eye sees of that hull
+lies between what it sees of these.
 """
 
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import NO_PAIRS, Pairs
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
@@ -79,9 +80,9 @@ def _spread(across: Floats, down: Floats, height: float) -> Floats:
 class Axis:
     """The lines of a grid along one axis, beside the rays of the eye.
 
-    There are (N,) places where lines meet the plate, their slopes, and the slopes of the eye's rays (`seen`),
-    ascending or descending; `eye` is the eye's coordinate on this axis, and `height` its height before the
-    plate.
+    There are (N,) places where lines meet the plate, their slopes, and the slopes of the eye's rays
+    (`seen`), ascending or descending; `eye` is the eye's coordinate on this axis, and `height` its
+    height before the plate.
     """
 
     place: Floats
@@ -105,7 +106,9 @@ class Axis:
         low = np.where(beside, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
         high = np.where(beside, np.inf, ((x + wider - self.eye) / below).max(axis=0))
         if self.seen[0] <= self.seen[-1]:
-            return np.searchsorted(self.seen, low, "left"), np.searchsorted(self.seen, high, "right")
+            return np.searchsorted(self.seen, low, "left"), np.searchsorted(
+                self.seen, high, "right"
+            )
         down = -self.seen
         return np.searchsorted(down, -high, "left"), np.searchsorted(down, -low, "right")
 
@@ -115,7 +118,9 @@ class Axis:
         counts = np.maximum(end - first, 0)
         triangle = np.repeat(np.arange(len(counts)), counts)
         line = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts - first, counts)
-        aside = [x[k, triangle] - self.place[line] - s[k, triangle] * self.slope[line] for k in range(3)]
+        aside = [
+            x[k, triangle] - self.place[line] - s[k, triangle] * self.slope[line] for k in range(3)
+        ]
         size = np.abs(self.place[line]) + sum(
             np.abs(x[k, triangle]) + np.abs(s[k, triangle] * self.slope[line]) for k in range(3)
         )
@@ -162,7 +167,9 @@ def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> I
             begin = stop
 
 
-def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis) -> FirstSurfaces:
+def first_along_grid(
+    triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis
+) -> FirstSurfaces:
     """Decide what each line of a grid meets first; both axes are its lines beside the eye's rays."""
     width, height = grid.resolution
     limit = np.full(width * height, np.inf)
@@ -179,11 +186,11 @@ def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: 
         triangle=np.full(shape, NOTHING, dtype=np.int32),
         s=np.full(shape, np.nan),
         certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
-        companions=np.zeros((0, 3), dtype=np.int64),
+        tied_triangles=np.zeros((0, 3), dtype=np.int64),
     )
     found.triangle.flat[kept.pixel[proven]] = kept.triangle[proven]
     found.s.flat[kept.pixel[proven]] = kept.s[proven]
-    return replace(found, companions=_settle(triangles.corners, grid, kept[~proven], found))
+    return replace(found, tied_triangles=_settle(triangles.corners, grid, kept[~proven], found))
 
 
 def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
@@ -191,7 +198,8 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
     if not len(part.triangle):
         return NO_PAIRS
     with recording():
-        # Each line passes through a point of the plate of its own, from which s of a corner is exact.
+        # Each line passes through a point of the plate of its own, from which s of a corner is
+        # exact.
         x, dx, y, dy = (
             on_device(one)
             for one in (
@@ -203,8 +211,9 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         )
         zero, *ends = constants((0.0, *grid.s_range))
         seen_from = Viewpoint(center=[x, y, zero], ends=ends, slack=zero)
-        # Whether a point of the plate lies in a triangle is left to the integers: no s near zero is sure.
-        cones = Cones.of(triangles.points(on_device(part.triangle)), seen_from, False)
+        # Whether a point of the plate lies in a triangle is left to the integers: no s near zero is
+        # sure.
+        cones = Cones.from_points(triangles.points(on_device(part.triangle)), seen_from, False)
         s, error = cones.along_rows(dy).met(dx)
         possible, sure = in_range(s, error, cones.within, ends)
         may_cover, covers = cones.covering(dx, dy)
@@ -220,13 +229,13 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         return pairs[np.flatnonzero(possible.numpy())]
 
 
-def _settle(triangles: Floats, grid: LineGrid, contested: Pairs, found: FirstSurfaces) -> Indices:
+def _settle(triangles: Floats, grid: LineGrid, ambiguous: Pairs, found: FirstSurfaces) -> Indices:
     """Decide the lines of contested pairs in integers, fill them in, and return the companions of ties."""
     triangle, s, certainty = (one.reshape(-1) for one in (found.triangle, found.s, found.certainty))
-    order = np.argsort(contested.pixel, kind="stable")
-    lines, starts = np.unique(contested.pixel[order], return_index=True)
-    rivals = np.split(contested.triangle[order], starts)[1:]
-    companions = [np.zeros((0, 3), dtype=np.int64)]
+    order = np.argsort(ambiguous.pixel, kind="stable")
+    lines, starts = np.unique(ambiguous.pixel[order], return_index=True)
+    rivals = np.split(ambiguous.triangle[order], starts)[1:]
+    tied_triangles = [np.zeros((0, 3), dtype=np.int64)]
     for line, some in zip(lines.tolist(), rivals, strict=True):
         row, column = divmod(line, grid.resolution[0])
         numbers = np.unique(some)
@@ -243,13 +252,13 @@ def _settle(triangles: Floats, grid: LineGrid, contested: Pairs, found: FirstSur
             triangle[line], s[line] = winners[0], float(first)
             if len(winners) > 1:
                 certainty[line] = Certainty.TIE
-                companions.append(np.array([(row, column, winner) for winner in winners]))
-    return np.concatenate(companions)
+                tied_triangles.append(np.array([(row, column, winner) for winner in winners]))
+    return np.concatenate(tied_triangles)
 
 
-def _single(grid: LineGrid, row: int, column: int) -> Pencil:
+def _single(grid: LineGrid, row: int, column: int) -> RayBundle:
     """Return one line of a grid as a film of one pixel, at whose center u and v are zero."""
-    return Pencil(
+    return RayBundle(
         center=(float(grid.x[column]), float(grid.y[row]), 0.0),
         shear=(float(grid.dx[column]), float(grid.dy[row])),
         half_extent=(1.0, 1.0),

@@ -14,7 +14,7 @@ from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
 from xfrustum.reference.eye.first import Axis, LineGrid, first_along_grid
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum, film_window
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, film_window
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
@@ -26,11 +26,11 @@ from xfrustum.scenes.model.scene import Scene
 NONE = -1  #: column or row of a ray that meets no hogel, or none of its film
 
 
-def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
+def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle:
     """Return the rays of an eye's film through a point (2,) of its pupil, from its center, or through that.
 
-    Rays of one pixel through different points meet in the plane of focus. Surfaces count within the reach of
-    the plate, and before the eye.
+    Rays of one pixel through different points meet in the plane of focus. Surfaces count within the
+    reach of the plate, and before the eye.
     """
     x, y, height = eye.position
     shear, center = [-x / height, -y / height], [x, y]
@@ -40,7 +40,7 @@ def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
             shear[axis] -= float(point[axis]) / (height - eye.focus)
     toward, back = scene.frustum.reach
     size = scene.plate.size
-    return Pencil(
+    return RayBundle(
         center=(center[0], center[1], height),
         shear=(shear[0], shear[1]),
         half_extent=(size[0] / 2 / height, size[1] / 2 / height),
@@ -49,20 +49,29 @@ def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
     )
 
 
-def _taken(scene: Scene, pencil: Pencil, axis: int, step: int | None) -> tuple[Indices, Indices, Floats]:
+def _taken(
+    scene: Scene, bundle: RayBundle, axis: int, step: int | None
+) -> tuple[Indices, Indices, Floats]:
     """Return the hogel and the pixel that each ray takes along an axis (0: columns, 1: rows), and its weight.
 
-    `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
+    `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted
+    by a tent.
     """
-    slope, sign = (pencil.dx, pencil.dy)[axis], (1.0, -1.0)[axis]
-    size, hogels, count = scene.plate.size[axis], scene.plate.hogels[axis], scene.frustum.resolution[axis]
-    met = pencil.center[axis] + pencil.center[2] * slope
+    slope, sign = (bundle.dx, bundle.dy)[axis], (1.0, -1.0)[axis]
+    size, hogels, count = (
+        scene.plate.size[axis],
+        scene.plate.hogels[axis],
+        scene.frustum.resolution[axis],
+    )
+    met = bundle.center[axis] + bundle.center[2] * slope
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
     # Places on the film, where centers of pixels have whole numbers; not a number beside it.
     place = np.full(len(slope), np.nan)
     for number in np.unique(hogel[hogel != NONE]).tolist():
-        shear, half_extent = film_window(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        shear, half_extent = film_window(
+            scene.frustum, scene.plate.aperture(*_on_axis(axis, number))
+        )
         here = hogel == number
         film = sign * (slope[here] - shear[axis]) / half_extent[axis]
         place[here] = np.where(np.abs(film) <= 1, ((film + 1) * count - 1) / 2, np.nan)
@@ -85,9 +94,9 @@ def _on_axis(axis: int, number: int) -> tuple[int, int]:
 
 
 def _hogel_pixels(
-    scene: Scene, pencil: Pencil, steps: tuple[int | None, int | None] = (None, None)
+    scene: Scene, bundle: RayBundle, steps: tuple[int | None, int | None] = (None, None)
 ) -> HogelPixels:
-    columns, rows = (_taken(scene, pencil, axis, steps[axis]) for axis in range(2))
+    columns, rows = (_taken(scene, bundle, axis, steps[axis]) for axis in range(2))
     return HogelPixels(
         hogel_column=columns[0],
         film_column=columns[1],
@@ -106,9 +115,9 @@ def replay(scene: Scene, eye: Eye) -> Replay:
         both = ((0, 0), (0, 1), (1, 0), (1, 1))
     colors = []
     for point in points:
-        pencil = eye_pencil(scene, eye, point)
+        bundle = eye_pencil(scene, eye, point)
         for steps in both:
-            taken = _hogel_pixels(scene, pencil, steps)
+            taken = _hogel_pixels(scene, bundle, steps)
             colors.append(replace(taken, row_weight=taken.row_weight / len(points)))
     return Replay(shown=_hogel_pixels(scene, eye_pencil(scene, eye)), colors=tuple(colors))
 
@@ -122,19 +131,22 @@ def hogel_lines(scene: Scene, pixels: HogelPixels) -> LineGrid:
     return LineGrid(x=x, dx=dx, y=y, dy=dy, s_range=(-reach[0], reach[1]))
 
 
-def _lines_on_axis(scene: Scene, hogel: Indices, pixel: Indices, axis: int) -> tuple[Floats, Floats]:
+def _lines_on_axis(
+    scene: Scene, hogel: Indices, pixel: Indices, axis: int
+) -> tuple[Floats, Floats]:
     place, slope = np.empty(len(hogel)), np.empty(len(hogel))
     for number in np.unique(hogel).tolist():
-        pencil = crossed_frustum(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        bundle = crossed_frustum(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
         here = hogel == number
-        place[here], slope[here] = pencil.center[axis], (pencil.dx, pencil.dy)[axis][pixel[here]]
+        place[here], slope[here] = bundle.center[axis], (bundle.dx, bundle.dy)[axis][pixel[here]]
     return place, slope
 
 
 class EyeReference:
     """What eyes before the plate of a scene see, every ray certified; `effects` as for `Reference`.
 
-    Color is that of one line for each pixel, or point of the pupil: the scene's own sampling is not used.
+    Color is that of one line for each pixel, or point of the pupil: the scene's own sampling is not
+    used.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -142,7 +154,7 @@ class EyeReference:
         self.scene = scene
         self._shader = Shader(scene, effects)
 
-    def pencil(self, eye: Eye) -> Pencil:
+    def bundle(self, eye: Eye) -> RayBundle:
         """Return the rays through the center of an eye's pupil."""
         return eye_pencil(self.scene, eye)
 
@@ -152,9 +164,9 @@ class EyeReference:
 
     def true_view(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return what an eye sees of the scene: first surfaces within the reach; faster if not `shaded`."""
-        pencil = self.pencil(eye)
-        found = self._decided(pencil)
-        position = np.asarray(pencil.center) + found.s[..., None] * pencil.directions()
+        bundle = self.bundle(eye)
+        found = self._decided(bundle)
+        position = np.asarray(bundle.center) + found.s[..., None] * bundle.directions()
         color = None
         if shaded:
             color = np.zeros((*found.triangle.shape, 3))
@@ -163,7 +175,9 @@ class EyeReference:
                 rays = eye_pencil(self.scene, eye, point)
                 seen = found if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
-                color += self._shader.picture(seen.triangle, places, rays.directions()) / len(points)
+                color += self._shader.picture(seen.triangle, places, rays.directions()) / len(
+                    points
+                )
         return self._image(eye, (found.triangle, position, found.certainty), color)
 
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
@@ -191,13 +205,15 @@ class EyeReference:
                 # With a box and a pinhole, what is seen is what is shown.
                 known = (grid, found) if len(taken.colors) == 1 else None
                 part = self._part_color(eye, pixels, point, known)
-                weight = pixels.row_weight[pixels.rows][:, None] * pixels.column_weight[pixels.columns]
+                weight = (
+                    pixels.row_weight[pixels.rows][:, None] * pixels.column_weight[pixels.columns]
+                )
                 color[np.ix_(pixels.rows, pixels.columns)] += weight[..., None] * part
         return self._image(eye, (triangle, position, certainty), color)
 
     def hidden(self, eye: Eye, points: SurfacePoints) -> Mask:
         """Return which points are hidden from an eye; see `Occlusion`."""
-        return self._occlusion.hidden(self.pencil(eye), points)
+        return self._occlusion.hidden(self.bundle(eye), points)
 
     @cached_property
     def _triangles(self) -> Triangles:
@@ -208,26 +224,36 @@ class EyeReference:
         return Occlusion(self._triangles)
 
     def _part_color(
-        self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
+        self,
+        eye: Eye,
+        pixels: HogelPixels,
+        point: Floats,
+        known: tuple[LineGrid, FirstSurfaces] | None,
     ) -> Floats:
         """Return the color of some hogels' pixels; `known` are their lines and surfaces, if at hand."""
         grid, found = known or self._traced(eye, pixels, point)
         places = grid.points() + found.s[..., None] * grid.directions()
         return self._shader.picture(found.triangle, places, grid.directions())
 
-    def _traced(self, eye: Eye, pixels: HogelPixels, point: Floats | None) -> tuple[LineGrid, FirstSurfaces]:
+    def _traced(
+        self, eye: Eye, pixels: HogelPixels, point: Floats | None
+    ) -> tuple[LineGrid, FirstSurfaces]:
         """Return the lines of some hogels' pixels, and the surfaces that are first along them."""
         rays = eye_pencil(self.scene, eye, point)
         grid = hogel_lines(self.scene, pixels)
         x, y, height = rays.center
-        columns = Axis(place=grid.x, slope=grid.dx, seen=rays.dx[pixels.columns], eye=x, height=height)
+        columns = Axis(
+            place=grid.x, slope=grid.dx, seen=rays.dx[pixels.columns], eye=x, height=height
+        )
         rows = Axis(place=grid.y, slope=grid.dy, seen=rays.dy[pixels.rows], eye=y, height=height)
         return grid, first_along_grid(self._triangles, grid, columns, rows)
 
-    def _decided(self, pencil: Pencil) -> FirstSurfaces:
-        return Certifier(self._triangles, pencil).decide(range(pencil.resolution[1]))
+    def _decided(self, bundle: RayBundle) -> FirstSurfaces:
+        return Certifier(self._triangles, bundle).decide(range(bundle.resolution[1]))
 
-    def _image(self, eye: Eye, shown: tuple[Numbers, Floats, Bytes], color: Floats | None) -> EyeImage:
+    def _image(
+        self, eye: Eye, shown: tuple[Numbers, Floats, Bytes], color: Floats | None
+    ) -> EyeImage:
         triangle, position, certainty = shown
         return EyeImage(
             eye=eye,

@@ -16,7 +16,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pencil:
+class RayBundle:
     """All lines of one image: each pixel's line passes through one common point.
 
     The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
@@ -53,32 +53,32 @@ class Pencil:
         return d
 
 
-def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
+def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:
     """Return where a pencil's film shows surface points (..., 3), those beyond its range too.
 
-    Column and row (..., 2) are whole numbers at a pixel's center, rows count down; NaN for points as high as
-    the pencil's center, which the film does not show anywhere in particular.
+    Column and row (..., 2) are whole numbers at a pixel's center, rows count down; NaN for points
+    as high as the pencil's center, which the film does not show anywhere in particular.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
     # A point as high as the center is asked for at a height that is not a number.
-    places = places_off_center(x, y, np.where(z == pencil.center[2], np.nan, z), pencil)
+    places = places_off_center(x, y, np.where(z == bundle.center[2], np.nan, z), bundle)
     return np.stack(places, axis=-1).reshape(*points.shape[:-1], 2)
 
 
-def places_off_center(x: Floats, y: Floats, z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+def places_off_center(x: Floats, y: Floats, z: Floats, bundle: RayBundle) -> tuple[Floats, Floats]:
     """Return column and row, as `pixel_places`, of points (N,) none of which is as high as the center."""
     # Each step is written over the last one: most of the time of whole images is memory.
-    depth = z - pencil.center[2]
+    depth = z - bundle.center[2]
     np.negative(depth, out=depth)
     found = []
     for axis, values in enumerate((x, y)):
-        place = values - pencil.center[axis]
+        place = values - bundle.center[axis]
         place /= depth
-        place -= pencil.shear[axis]
-        place /= pencil.half_extent[axis]
+        place -= bundle.shear[axis]
+        place /= bundle.half_extent[axis]
         found.append(place)
     columns, rows = found
-    width, height = pencil.resolution
+    width, height = bundle.resolution
     columns += 1
     np.subtract(1, rows, out=rows)
     for place, side in ((columns, width), (rows, height)):
@@ -88,7 +88,9 @@ def places_off_center(x: Floats, y: Floats, z: Floats, pencil: Pencil) -> tuple[
     return columns, rows
 
 
-def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, float], tuple[float, float]]:
+def film_window(
+    frustum: Frustum, aperture: Aperture
+) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
 
     Centered: k = 0, t = tan(fov / 2). Recentered (paper, section 5): the lines of the film's
@@ -104,10 +106,10 @@ def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, floa
     return shear, half_extent
 
 
-def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
+def crossed_frustum(frustum: Frustum, aperture: Aperture) -> RayBundle:
     """Return the true frustum: every line passes through the aperture, from viewer to back."""
     shear, half_extent = film_window(frustum, aperture)
-    return Pencil(
+    return RayBundle(
         center=(aperture.x, aperture.y, 0.0),
         shear=shear,
         half_extent=half_extent,
@@ -117,29 +119,37 @@ def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelCamera:
+class ExactCamera:
     """One camera of the double frustum, as exact lines."""
 
     orthoscopic: bool  #: True for C, False for C*
-    pencil: Pencil  #: The camera's lines; s is the distance from its center along the axis, negative for C*
+    #: The camera's lines; s is the distance from its center along the axis, negative for C*
+    bundle: RayBundle
 
     @property
     def heights(self) -> tuple[float, float]:
         """Lowest and highest z that the camera images."""
-        first, last = self.pencil.s_range
-        return self.pencil.center[2] - last, self.pencil.center[2] - first
+        first, last = self.bundle.s_range
+        return self.bundle.center[2] - last, self.bundle.center[2] - first
 
 
-def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
+def model_cameras(
+    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
+) -> tuple[ExactCamera, ...]:
     """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
 
     The order is from the back: the slabs of C from the outermost inward, then those of C* from the
-    innermost outward; each is nearer to the viewer than those before it and overlays them. Together they
-    show the picture that a rasterizer without any rounding would draw.
+    innermost outward; each is nearer to the viewer than those before it and overlays them. Together
+    they show the picture that a rasterizer without any rounding would draw.
     """
     viewer, back = frustum.reach
-    c = [_slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)]
-    c_star = [_slab_camera(frustum, aperture, settings, section, -1) for section in settings.sections(viewer)]
+    c = [
+        _slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)
+    ]
+    c_star = [
+        _slab_camera(frustum, aperture, settings, section, -1)
+        for section in settings.sections(viewer)
+    ]
     return {
         Camera.BOTH: (*reversed(c), *c_star),
         Camera.C: tuple(reversed(c)),
@@ -148,16 +158,21 @@ def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum)
 
 
 def _slab_camera(
-    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, section: tuple[float, float], side: int
-) -> ModelCamera:
+    frustum: Frustum,
+    aperture: Aperture,
+    settings: DoubleFrustum,
+    section: tuple[float, float],
+    side: int,
+) -> ExactCamera:
     """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
 
-    The camera of the first slab steps back from the plate by near; all others stand in the aperture itself.
+    The camera of the first slab steps back from the plate by near; all others stand in the aperture
+    itself.
     """
     low, high = section
     first = low == 0
     step = settings.near if first and settings.offset is Offset.PLATE else 0.0
-    pencil = stepped_back(
+    bundle = offset_camera(
         crossed_frustum(frustum, aperture),
         side * step,
         pivot=settings.pivot,
@@ -165,16 +180,18 @@ def _slab_camera(
     )
     begin, end = (settings.near if first else low), step + high
     s_range = (begin, end) if side == 1 else (-end, -begin)
-    return ModelCamera(orthoscopic=side == 1, pencil=replace(pencil, s_range=s_range))
+    return ExactCamera(orthoscopic=side == 1, bundle=replace(bundle, s_range=s_range))
 
 
-def stepped_back(crossed: Pencil, height: float, *, pivot: Pivot, fitted: float | None) -> Pencil:
+def offset_camera(
+    crossed: RayBundle, height: float, *, pivot: Pivot, fitted: float | None
+) -> RayBundle:
     """Return the lines of an offset camera: the one place that says where it stands and what its film spans.
 
-    It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a C*: on the
-    axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight before the aperture (`pivot`).
-    Planes at the height |z| `fitted` are drawn exactly; None keeps the angle. The range of s is the caller's
-    to set.
+    It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a
+    C*: on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight before the
+    aperture (`pivot`). Planes at the height |z| `fitted` are drawn exactly; None keeps the angle.
+    The range of s is the caller's to set.
     """
     (x, y, _), (kx, ky), (tx, ty) = crossed.center, crossed.shear, crossed.half_extent
     aside = height if pivot is Pivot.APERTURE else 0.0

@@ -1,14 +1,14 @@
 """Triangles in NumPy: planes and distances in doubles, and which side the viewer sees, decided exactly.
 
-Planes and distances have no bounds of their rounding. The side decides what culling leaves out (paper,
-section 3).
+Planes and distances have no bounds of their rounding. The side decides what culling leaves out
+(paper, section 3).
 """
 
 from fractions import Fraction
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.plate.double_frustum import Cull
 
@@ -27,8 +27,8 @@ def triangle_normals(corners: Floats) -> Floats:
 def plane_places(corners: Floats, normals: Floats, center: Floats, directions: Floats) -> Floats:
     """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3), one for each line.
 
-    `normals` are their `triangle_normals`; s is not finite where a line is parallel to the plane, or where
-    the triangle has no area.
+    `normals` are their `triangle_normals`; s is not finite where a line is parallel to the plane,
+    or where the triangle has no area.
     """
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -57,7 +57,8 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
 
 DETERMINANT_ROUNDINGS = 8
 """Roundings of 2^-53, relative to the sum of all products' magnitudes, that a determinant of differences may
-have: one of each difference, in three factors, one of each of two products and four sums. Shewchuk (1997),
+have: one of each difference, in three factors, one of each of two products and four sums. Shewchuk
+(1997),
 section 4.3, proves 7 and a term of second order."""
 
 SMALLEST_SURE = 2.0**-900
@@ -65,14 +66,14 @@ SMALLEST_SURE = 2.0**-900
 errors are some 2^-1074 times coordinates, which are smaller than 2^128 as floats of 32 bits."""
 
 
-def facing(triangles: Floats, pencil: Pencil) -> Numbers:
+def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
     """Return which way triangles (F, 3, 3) are turned, (F,): 1 to the viewer, -1 away, 0 exactly edge-on.
 
-    A triangle is turned toward the viewer where its corners run counterclockwise as the viewer sees them
-    along the pencil's lines, which all have their surfaces on one side of the center: they meet the triangle
-    on the side on which the center lies.
+    A triangle is turned toward the viewer where its corners run counterclockwise as the viewer sees
+    them along the pencil's lines, which all have their surfaces on one side of the center: they
+    meet the triangle on the side on which the center lies.
     """
-    center = np.asarray(pencil.center)
+    center = np.asarray(bundle.center)
     a, b, c = (triangles[:, corner] - center for corner in range(3))
     products = cross_products(b, c)
     found = np.einsum("ij,ij->i", a, products)
@@ -81,17 +82,18 @@ def facing(triangles: Floats, pencil: Pencil) -> Numbers:
     bound = DETERMINANT_ROUNDINGS * 2.0**-53 * magnitude + SMALLEST_SURE
     doubtful = np.flatnonzero(np.abs(found) <= bound)
     sign[doubtful] = _exact_signs(triangles, center, doubtful)
-    # The normal by the winding points to the center where the determinant is negative. What lies before the
-    # plate is seen by lines that leave the center backward: what the center sees, the viewer does not.
-    return np.asarray(sign if pencil.s_range[0] < 0 else -sign)
+    # The normal by the winding points to the center where the determinant is negative. What lies
+    # before the plate is seen by lines that leave the center backward: what the center sees, the
+    # viewer does not.
+    return np.asarray(sign if bundle.s_range[0] < 0 else -sign)
 
 
-def drawn_triangles(triangles: Floats, pencil: Pencil, cull: Cull) -> Indices:
+def drawn_triangles(triangles: Floats, bundle: RayBundle, cull: Cull) -> Indices:
     """Return the numbers of the triangles that a camera draws, ascending; parameters as of `facing`."""
     if cull is Cull.NONE:
         return np.arange(len(triangles))
     # A triangle that is seen edge-on covers nothing.
-    return np.flatnonzero(facing(triangles, pencil) > 0)
+    return np.flatnonzero(facing(triangles, bundle) > 0)
 
 
 def _sums_of_magnitudes(b: Floats, c: Floats) -> Floats:

@@ -1,9 +1,10 @@
 """Phong on true hits, in double precision, with the true eye vector and no flips at all.
 
-CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye vector
-is -d of the pixel's own line on both sides of the plate, and the normal is turned to it. Between vertices,
-normals, colors and texture coordinates are interpolated linearly in space. Textures are decoded from sRGB,
-then filtered bilinearly between texel centers and repeated, with no mipmaps.
+CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye
+vector is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
+Between vertices, normals, colors and texture coordinates are interpolated linearly in space.
+Textures are decoded from sRGB, then filtered bilinearly between texel centers and repeated, with no
+mipmaps.
 
 There is one lane of Dr.Jit for each point.
 """
@@ -43,8 +44,8 @@ LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 
 class Textures:
     """The pictures of a scene in one table, one texel after the other.
 
-    Each is (H, W, 4) sRGB, row 0 at the top; alpha is ignored. Triangles (F,) have an index, negative for
-    none.
+    Each is (H, W, 4) sRGB, row 0 at the top; alpha is ignored. Triangles (F,) have an index,
+    negative for none.
     """
 
     def __init__(self, textures: Sequence[Bytes], texture_of_triangle: Numbers) -> None:
@@ -54,7 +55,10 @@ class Textures:
         # Start, height and width; the row after the last stands for a scene without pictures.
         sizes = [texture.shape[:2] for texture in textures]
         self._sizes = table(
-            np.array([(start, *size) for start, size in zip(starts, [*sizes, (1, 1)], strict=True)], np.int32)
+            np.array(
+                [(start, *size) for start, size in zip(starts, [*sizes, (1, 1)], strict=True)],
+                np.int32,
+            )
         )
         self._of_triangle = table(texture_of_triangle.astype(np.int32))
         self._linear = table(LINEAR)
@@ -89,8 +93,9 @@ class Surroundings:
     def radiance(self, directions: Sequence[Any]) -> list[Any]:
         """Return the environment's linear RGB in each direction, of any length but zero.
 
-        The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. Between
-        texel centers it is filtered bilinearly: around in longitude, clamped beyond its first and last row.
+        The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle.
+        Between texel centers it is filtered bilinearly: around in longitude, clamped beyond its
+        first and last row.
         """
         x, y, z = directions
         longitude = dr.atan2(x, -z)
@@ -101,7 +106,10 @@ class Surroundings:
             inside = _bounded(row, self._height - 1.0)
             return self._texel(Int32(inside * self._width) + _repeated(column, self._width))
 
-        right, down = (longitude / (2.0 * np.pi) + 0.5) * self._width, from_top / np.pi * self._height
+        right, down = (
+            (longitude / (2.0 * np.pi) + 0.5) * self._width,
+            from_top / np.pi * self._height,
+        )
         return [self._strength * channel for channel in _bilinear(texel, down, right)]
 
 
@@ -118,8 +126,8 @@ def radiance_toward(environment: Environment, directions: Floats) -> Floats:
 def _bilinear(texel: Callable[[Any, Any], list[Any]], down: Any, right: Any) -> list[Any]:
     """Return the channels between the centers of the four texels about each point.
 
-    `texel` looks up whole rows and columns, as doubles, also outside of the picture. Places count from its
-    top left corner; texel centers lie at halves.
+    `texel` looks up whole rows and columns, as doubles, also outside of the picture. Places count
+    from its top left corner; texel centers lie at halves.
     """
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
     below, beside = down - 0.5 - row, right - 0.5 - column
@@ -171,7 +179,10 @@ class LightModel:
             self._colors = table(surface.vertex_colors)
         if Effect.TEXTURES in effects and surface.texture_of_triangle is not None:
             assert surface.uv is not None
-            self._pictures = Textures(surface.textures, surface.texture_of_triangle), table(surface.uv)
+            self._pictures = (
+                Textures(surface.textures, surface.texture_of_triangle),
+                table(surface.uv),
+            )
         self._corners = _Corners(scene) if self._normals or self._colors or self._pictures else None
         # Each material once: its exponent, and the coefficients of all terms.
         materials = list(dict.fromkeys(scene.materials))
@@ -180,7 +191,10 @@ class LightModel:
         self._alike = len(materials) == 1
         self._material = table(of_object[scene.object_of_triangle])
         rows = [
-            (material.exponent, *(value for term in TERMS for value in getattr(material, term)[:channels]))
+            (
+                material.exponent,
+                *(value for term in TERMS for value in getattr(material, term)[:channels]),
+            )
             for material in materials
         ]
         self._coefficients = table(np.array(rows, dtype=np.float64))
@@ -189,7 +203,8 @@ class LightModel:
         whole = all(float(exponent).is_integer() for exponent in exponents)
         self._digits = int(max(exponents)).bit_length() if whole else None
         self._lights = [
-            (constants(light.direction), constants(light.color[:channels])) for light in appearance.lights
+            (constants(light.direction), constants(light.color[:channels]))
+            for light in appearance.lights
         ]
         self._environment: Surroundings | None = None
         if Effect.REFLECTION in effects and appearance.environment is not None:
@@ -218,8 +233,8 @@ class LightModel:
                 terms = zip(color, diffuse, albedo, intensity, strict=True)
                 color = [own + term * painted * light * onto for own, term, painted, light in terms]
             if Effect.SPECULAR in self._effects:
-                # By L and R, the eye vector reflected across N. A cosine rounded to more than one would
-                # overflow under a large exponent.
+                # By L and R, the eye vector reflected across N. A cosine rounded to more than one
+                # would overflow under a large exponent.
                 along = dr.minimum(2.0 * facing * cosine - dot(eye, toward), 1.0)
                 highlight = _power(along, exponent, (cosine > 0.0) & (along > 0.0), self._digits)
                 lit = zip(color, specular, intensity, strict=True)
@@ -312,7 +327,8 @@ def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
 def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
     """Return unit normals between those of the vertices; the flat normal where a corner has none.
 
-    Normals that cancel each other give the flat normal too: there is no direction between opposite ones.
+    Normals that cancel each other give the flat normal too: there is no direction between opposite
+    ones.
     """
     normal = where.interpolated(vertex_normals)
     length = dr.sqrt(dot(normal, normal))

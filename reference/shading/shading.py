@@ -20,8 +20,9 @@ COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
 class Shader:
     """The light model on one scene's surfaces.
 
-    `effects` are those that are evaluated; None for those that the scene calls for and, at points out of
-    sight, for all. The cameras among them are not used, for the surface that a pixel shows has been decided.
+    `effects` are those that are evaluated; None for those that the scene calls for and, at points
+    out of sight, for all. The cameras among them are not used, for the surface that a pixel shows
+    has been decided.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -55,8 +56,8 @@ class Shader:
     def radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
         """Return linear RGB of points toward the viewer, (N, 3), or (N, 1) where all is gray.
 
-        Points (N, 3) lie on triangles with numbers (N,); (N, 3) directions d of their lines have any length,
-        from the viewer to the back.
+        Points (N, 3) lie on triangles with numbers (N,); (N, 3) directions d of their lines have
+        any length, from the viewer to the back.
         """
         if self._automatic and self._out_of_sight(position[:, 2]):
             return self._of_everything.radiance(triangle, position, direction)

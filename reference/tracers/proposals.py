@@ -8,14 +8,14 @@ import numpy as np
 
 from xfrustum.reference.backend import constants, dr, interleaved, product, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.lines.triangles import plane_places, triangle_normals
 from xfrustum.reference.pictures import pixel_directions
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 
 OPINION_PIXELS = 1 << 18
 """Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
@@ -24,54 +24,59 @@ CLEARANCE = 2.0**-6
 """Distance of rays' origins from the scene's box, as a share of its diagonal: far above rounding."""
 
 
-def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Floats]:
+def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Floats]:
     """Return origins and directions d of the lines of some rows' pixels, (N, 3) each.
 
-    An origin lies at the first s, or a little before the line enters the scene's bounding box if that is
-    later: the lines of a steep frustum come from far outside, and a distant origin loses digits in float32.
+    An origin lies at the first s, or a little before the line enters the scene's bounding box if
+    that is later: the lines of a steep frustum come from far outside, and a distant origin loses
+    digits in float32.
     """
-    size = len(rows) * pencil.resolution[0]
+    size = len(rows) * bundle.resolution[0]
     low, high = scene.bounds
     clearance = CLEARANCE * float(np.linalg.norm(high - low))
     with recording():
-        directions = pixel_directions(pencil, rows)
-        center, (first,) = constants(pencil.center), constants(pencil.s_range[:1])
+        directions = pixel_directions(bundle, rows)
+        center, (first,) = constants(bundle.center), constants(bundle.s_range[:1])
         lows, highs = constants((low - clearance).tolist()), constants((high + clearance).tolist())
         front: Any = center[2] - highs[2]
         s = front
         for axis in range(2):
             along = directions[axis]
             side = dr.select(along > 0.0, lows[axis], highs[axis]) - center[axis]
-            # A line parallel to these two sides of the box lies between them everywhere or nowhere: they do
-            # not bound s.
+            # A line parallel to these two sides of the box lies between them everywhere or nowhere:
+            # they do not bound s.
             bounded = along != 0.0
             s = dr.maximum(s, dr.select(bounded, side / dr.select(bounded, along, 1.0), -np.inf))
         # A line beside the box meets nothing, wherever it starts.
         s = dr.maximum(dr.select(dr.isfinite(s), s, front), first)
-        origins = [at + product(s, direction) for at, direction in zip(center, directions, strict=True)]
+        origins = [
+            at + product(s, direction) for at, direction in zip(center, directions, strict=True)
+        ]
         dr.eval(origins)
         return interleaved(origins, (size, 3)), interleaved(directions, (size, 3))
 
 
-def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbers:
+def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Numbers:
     """Trace each pixel's line of some rows once, from the viewer's end through the aperture to the back.
 
-    Triangle numbers (rows, W) are `NOTHING` where there is no hit or the first lies beyond the reach.
+    Triangle numbers (rows, W) are `NOTHING` where there is no hit or the first lies beyond the
+    reach.
     """
-    shape = len(rows), pencil.resolution[0]
+    shape = len(rows), bundle.resolution[0]
     if not len(scene.faces):
         return np.full(shape, NOTHING, dtype=np.int32)
-    origins, directions = pixel_rays(scene, pencil, rows)
+    origins, directions = pixel_rays(scene, bundle, rows)
     hits = tracer.first_hits(origins, directions)
-    # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the reach.
+    # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the
+    # reach.
     met = hits != NOTHING
-    beyond = _first_places(scene, pencil, hits[met], directions[met]) > pencil.s_range[1]
+    beyond = _first_places(scene, bundle, hits[met], directions[met]) > bundle.s_range[1]
     hits[met] = np.where(beyond, NOTHING, hits[met])
     return hits.reshape(shape)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SecondOpinion(Brief):
+class SecondOpinion(ShortRepr):
     """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer.
 
     Triangle numbers and `Certainty` (rows, W) are those that were decided.
@@ -79,7 +84,7 @@ class SecondOpinion(Brief):
 
     tracer: Callable[[], Tracer]
     scene: Scene
-    pencil: Pencil
+    bundle: RayBundle
     rows: range
     triangle: Numbers
     certainty: Bytes
@@ -87,30 +92,32 @@ class SecondOpinion(Brief):
     def __call__(self) -> Mask:
         """Return the pixels (rows, W) that are no tie and at which the tracer shows another triangle."""
         overruled = np.empty(self.triangle.shape, dtype=np.bool_)
-        size = max(1, OPINION_PIXELS // self.pencil.resolution[0])
+        size = max(1, OPINION_PIXELS // self.bundle.resolution[0])
         for start in range(0, len(self.rows), size):
             part = slice(start, start + size)
-            number = proposed(self.tracer(), self.scene, self.pencil, self.rows[part])
-            overruled[part] = (number != self.triangle[part]) & (self.certainty[part] != Certainty.TIE)
+            number = proposed(self.tracer(), self.scene, self.bundle, self.rows[part])
+            overruled[part] = (number != self.triangle[part]) & (
+                self.certainty[part] != Certainty.TIE
+            )
         return overruled
 
 
-def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
+def uncertified(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> FirstSurfaces:
     """Return a tracer's proposal in the form of a decision; places are those of the triangles' planes."""
-    triangle = proposed(tracer, scene, pencil, rows)
-    directions = pencil.directions(slice(rows.start, rows.stop))
+    triangle = proposed(tracer, scene, bundle, rows)
+    directions = bundle.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
     met = triangle != NOTHING
-    s[met] = _first_places(scene, pencil, triangle[met], directions[met])
+    s[met] = _first_places(scene, bundle, triangle[met], directions[met])
     return FirstSurfaces(
         triangle=triangle,
         s=s,
         certainty=np.full(triangle.shape, Certainty.UNEXAMINED, dtype=np.uint8),
-        companions=np.zeros((0, 3), dtype=np.int64),
+        tied_triangles=np.zeros((0, 3), dtype=np.int64),
     )
 
 
-def _first_places(scene: Scene, pencil: Pencil, triangle: Numbers, directions: Floats) -> Floats:
+def _first_places(scene: Scene, bundle: RayBundle, triangle: Numbers, directions: Floats) -> Floats:
     """Return s at which lines (N, 3) of a pencil meet the planes of the triangles with numbers (N,)."""
     corners = scene.triangles[triangle]
-    return plane_places(corners, triangle_normals(corners), np.asarray(pencil.center), directions)
+    return plane_places(corners, triangle_normals(corners), np.asarray(bundle.center), directions)

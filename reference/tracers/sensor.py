@@ -10,8 +10,8 @@
 
 In a dictionary or in XML, `crossed_frustum` takes `aperture` (a point), `shear_x`, `shear_y` (k),
 `half_extent_x`, `half_extent_y` (t), `reach_viewer` and `reach_back` (scene units), a film and a
-sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`. Mitsuba computes in
-single precision: a line is off by some 1e-7 of the reach.
+sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`. Mitsuba computes
+in single precision: a line is off by some 1e-7 of the reach.
 """
 
 from __future__ import annotations
@@ -39,20 +39,20 @@ def register_sensor() -> None:
 
 def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
     """Return the sensor of an aperture with a film of the scene's resolution; a box averages pixels."""
-    pencil = crossed_frustum(scene.frustum, aperture)
+    bundle = crossed_frustum(scene.frustum, aperture)
     return {
         "type": PLUGIN,
-        "aperture": list(pencil.center),
-        "shear_x": pencil.shear[0],
-        "shear_y": pencil.shear[1],
-        "half_extent_x": pencil.half_extent[0],
-        "half_extent_y": pencil.half_extent[1],
-        "reach_viewer": -pencil.s_range[0],
-        "reach_back": pencil.s_range[1],
+        "aperture": list(bundle.center),
+        "shear_x": bundle.shear[0],
+        "shear_y": bundle.shear[1],
+        "half_extent_x": bundle.half_extent[0],
+        "half_extent_y": bundle.half_extent[1],
+        "reach_viewer": -bundle.s_range[0],
+        "reach_back": bundle.s_range[1],
         "film": {
             "type": "hdrfilm",
-            "width": pencil.resolution[0],
-            "height": pencil.resolution[1],
+            "width": bundle.resolution[0],
+            "height": bundle.resolution[1],
             "pixel_format": "rgba",
             "rfilter": {"type": "box"},
         },
@@ -62,8 +62,8 @@ def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
 def mitsuba_scene(scene: Scene) -> dict[str, Any]:
     """Return the triangles as a Mitsuba scene; the caller adds sensor and light, and loads it.
 
-    All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive number
-    of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
+    All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive
+    number of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
     """
     loaded: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     if len(scene.faces):
@@ -90,7 +90,7 @@ class _FilmLines:
     reach: tuple[Any, Any]
 
     @classmethod
-    def of(cls, mi: Any, dr: Any, props: Any) -> _FilmLines:
+    def from_properties(cls, mi: Any, dr: Any, props: Any) -> _FilmLines:
         """Return the lines that a plugin's properties describe; ValueError where a size is not positive."""
         found = cls(
             mi=mi,
@@ -168,7 +168,7 @@ def _registered(variant: str) -> type:
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
-            self.lines = _FilmLines.of(mi, dr, props)
+            self.lines = _FilmLines.from_properties(mi, dr, props)
             self.point = mi.ScalarPoint3f(props["aperture"])
             self.m_needs_sample_2, self.m_needs_sample_3 = True, False
 
@@ -185,8 +185,12 @@ def _registered(variant: str) -> type:
             ray = mi.RayDifferential3f()
             weight = self._aim(ray, time, wavelength, position, active)
             pixel = 1.0 / mi.Vector2f(self.film().crop_size())
-            ray.o_x, ray.d_x, _ = self.lines.through(self.film(), position + mi.Vector2f(pixel.x, 0.0))
-            ray.o_y, ray.d_y, _ = self.lines.through(self.film(), position + mi.Vector2f(0.0, pixel.y))
+            ray.o_x, ray.d_x, _ = self.lines.through(
+                self.film(), position + mi.Vector2f(pixel.x, 0.0)
+            )
+            ray.o_y, ray.d_y, _ = self.lines.through(
+                self.film(), position + mi.Vector2f(0.0, pixel.y)
+            )
             ray.has_differentials = True
             return ray, weight
 

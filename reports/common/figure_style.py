@@ -9,7 +9,9 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "
 INK = "#80868f"
 _GRID = "rgba(128, 134, 143, 0.22)"
 
-_LEAST_WRITTEN_OUT = 1e-4  #: axes that go below it write 1.5e-5 where 0.000015 would be wider than the margin
+_LEAST_WRITTEN_OUT = (
+    1e-4  #: axes that go below it write 1.5e-5 where 0.000015 would be wider than the margin
+)
 
 Figure = dict[str, Any]
 """Data and layout, as plotly.js takes them: plotly's own classes take longer to fill than a page to write."""
@@ -41,12 +43,18 @@ def styled(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
 
     Titles of axes may be plain texts.
     """
-    axis = {"gridcolor": _GRID, "linecolor": INK, "zeroline": False, "ticks": "outside", "tickcolor": _GRID}
+    axis = {
+        "gridcolor": _GRID,
+        "linecolor": INK,
+        "zeroline": False,
+        "ticks": "outside",
+        "tickcolor": _GRID,
+    }
     axes = {}
     for name, given in ({"xaxis": {}, "yaxis": {}} | layout).items():
         if name.startswith(("xaxis", "yaxis")):
-            # Margins grow with the labels, and titles keep clear of them. Labels without room turn so that
-            # they end under their ticks: the last one stays on the page.
+            # Margins grow with the labels, and titles keep clear of them. Labels without room turn
+            # so that they end under their ticks: the last one stays on the page.
             turned = {"autotickangles": [0, -30, -90]} if name.startswith("x") else {}
             title = {"text": given.get("title", ""), "standoff": 8}
             axes[name] = {**axis, "automargin": True, **turned, **given, "title": title}

@@ -36,7 +36,8 @@ def json_ready(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    # Dataclasses first: that they are no Mapping is asked of all subclasses of Mapping, once for each class.
+    # Dataclasses first: that they are no Mapping is asked of all subclasses of Mapping, once for
+    # each class.
     named = (is_dataclass(value) and not isinstance(value, type)) or isinstance(value, Mapping)
     return json_object(value) if named else value
 
@@ -60,14 +61,14 @@ class Staging:
     """A folder that fills up out of sight and takes its place in one step; a context manager.
 
     Entering it proves that the place can be written, before any work is spent, and removes what
-    processes that were killed have left there. `commit` moves the files to `out` when they are on the
-    disk; leaving without it removes every trace.
+    processes that were killed have left there. `commit` moves the files to `out` when they are on
+    the disk; leaving without it removes every trace.
 
-    The folder `out` may exist: then files of the same name are replaced one by one, each atomically, and
-    others stay. What links of the same name point to is replaced. `names` are those of the files that will be
-    put there, where they are known beforehand.
-    InputError is raised on entering, when `out` is not a folder, has the name of a file or cannot be written,
-    and by `commit`, when the disk is full.
+    The folder `out` may exist: then files of the same name are replaced one by one, each
+    atomically, and others stay. What links of the same name point to is replaced. `names` are those
+    of the files that will be put there, where they are known beforehand. InputError is raised on
+    entering, when `out` is not a folder, has the name of a file or cannot be written, and by
+    `commit`, when the disk is full.
     """
 
     folder: Path  #: aside, to which the files are written
@@ -75,7 +76,7 @@ class Staging:
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out, self.names = out, names
         self._place = Path(os.path.realpath(out))
-        self._aside: durable.Aside | None = None
+        self._aside: durable.TempPath | None = None
 
     def __enter__(self) -> Self:
         # Beside its place and on the same file system, else the rename would be a copy.
@@ -85,7 +86,9 @@ class Staging:
             host = next(parent for parent in place.parents if parent.exists())
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
-        if host != self.out and self.out.suffix in {Path(name).suffix for name in self.names} - {""}:
+        if host != self.out and self.out.suffix in {Path(name).suffix for name in self.names} - {
+            ""
+        }:
             raise InputError(
                 f"--out {self.out}: give a folder, such as {self.out.with_suffix('')}, "
                 f"in which {', '.join(self.names)} will lie"
@@ -95,7 +98,7 @@ class Staging:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
             # Where a run has put them that found no folder.
             durable.remove_abandoned(self._place.parent)
-            self._aside = durable.Aside(host, folder=True)
+            self._aside = durable.TempPath(host, folder=True)
             # With the permissions that new folders get; the one aside is for nobody else.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
@@ -109,7 +112,10 @@ class Staging:
 
     def commit(self) -> tuple[Path, ...]:
         """Move the staged files to `out` and return their paths, sorted by name."""
-        with refused(f"--out {self.out}: cannot put files there", "choose another place"), delayed():
+        with (
+            refused(f"--out {self.out}: cannot put files there", "choose another place"),
+            delayed(),
+        ):
             files = sorted(self.folder.iterdir())
             if not durable.put_folder(self.folder, self._place):
                 for file in files:
@@ -118,7 +124,10 @@ class Staging:
         return tuple(self.out / file.name for file in files)
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._aside is not None:
             self._aside.remove()
@@ -145,7 +154,9 @@ def check_writable_image(path: Path) -> None:
     """Raise InputError unless an image can be written here, under a name of that format."""
     if path.suffix.lower() != ".exr" and not path.is_dir():
         named = f"such as {path.with_suffix('.exr')}"
-        raise InputError(f"--out {path}: images are OpenEXR files; give a name that ends in .exr, {named}")
+        raise InputError(
+            f"--out {path}: images are OpenEXR files; give a name that ends in .exr, {named}"
+        )
     check_writable_file(path)
 
 
@@ -154,7 +165,7 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
     folder = Path(os.path.realpath(path)).parent
     with refused(f"{option} {path}: cannot write in {folder}", "choose another place"):
         _check_kind(path, f"{option} {path}")
-        with durable.Aside(durable.scratch_folder() if durable.written_into(path) else folder):
+        with durable.TempPath(durable.scratch_folder() if durable.written_into(path) else folder):
             pass
 
 

@@ -47,7 +47,11 @@ def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) ->
 
 def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
     """Return the option that names an aperture; nothing for the middle one."""
-    return [] if aperture == scene.plate.middle else ["--aperture", f"{aperture.column},{aperture.row}"]
+    return (
+        []
+        if aperture == scene.plate.middle
+        else ["--aperture", f"{aperture.column},{aperture.row}"]
+    )
 
 
 def plate_command(scene: Scene, settings: DoubleFrustum) -> str:

@@ -11,7 +11,9 @@ SENTENCES = {
     Reason.LARGE: (
         "triangles are far larger than the plate: float32 rounds their depth by more than is predicted"
     ),
-    Reason.PARALLEL: ("surfaces are parallel to the plate: the depth of all their pixels is rounded alike"),
+    Reason.PARALLEL: (
+        "surfaces are parallel to the plate: the depth of all their pixels is rounded alike"
+    ),
     Reason.FEW: f"fewer than {MIN_PIXELS} pixels are predicted: chance decides",
     Reason.OUTSIDE: "points from outside the film are shown, which the truth does not have",
     Reason.STEPS: "all depths lie within two steps below one: float32 rounds many pixels alike",

@@ -24,8 +24,8 @@ _UNIONS = (Union, UnionType)  #: both forms in which Python names a type that ma
 def named_columns(pattern: str) -> Mapping[str, str]:
     """Return metadata of a field that names the columns of a group, such as `time_{}_s`.
 
-    `{}` stands for the name of a part. Without such metadata the columns of a group are called after the
-    group and the part, `height_rms`.
+    `{}` stands for the name of a part. Without such metadata the columns of a group are called
+    after the group and the part, `height_rms`.
     """
     return {"columns": pattern}
 
@@ -41,10 +41,11 @@ class Column(NamedTuple):
 def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     """Return the columns of some records of one dataclass, in the order of its fields.
 
-    A field that is a dataclass itself is a group, which has a column for each of its fields; these columns
-    exist, and are null, also where a row has no such group. A mapping has a column or a group for each of
-    its keys. Any other field has one column: enumerations and texts are strings, tuples and lists are lists,
-    and what may have several types is written as text. TypeError where no column can have the field's type.
+    A field that is a dataclass itself is a group, which has a column for each of its fields; these
+    columns exist, and are null, also where a row has no such group. A mapping has a column or a
+    group for each of its keys. Any other field has one column: enumerations and texts are strings,
+    tuples and lists are lists, and what may have several types is written as text. TypeError where
+    no column can have the field's type.
     """
     hints = get_type_hints(kind)
     found: list[Column] = []

@@ -1,7 +1,8 @@
 """The one place where templates are filled in: HTML pages, SVG and Markdown.
 
-Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, which it knows by their
-hashes, and nothing else, whatever text of a scene has found its way into the page; and it loads nothing.
+Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, which it knows
+by their hashes, and nothing else, whatever text of a scene has found its way into the page; and it
+loads nothing.
 """
 
 import base64
@@ -25,7 +26,9 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.scenes.notebook import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
-NO_FILTERS: Filters = MappingProxyType({})  #: but those of every template: `digits`, `percent`, `counted`
+NO_FILTERS: Filters = MappingProxyType(
+    {}
+)  #: but those of every template: `digits`, `percent`, `counted`
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
@@ -35,21 +38,29 @@ template has it before any text from outside."""
 
 
 def html_page(
-    template: str, values: Mapping[str, Any], filters: Filters = NO_FILTERS, *, nonce: str | None = None
+    template: str,
+    values: Mapping[str, Any],
+    filters: Filters = NO_FILTERS,
+    *,
+    nonce: str | None = None,
 ) -> str:
     """Return a page that needs nothing else, online or offline; all text of the values is escaped.
 
-    Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
-    plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of templates, one after the
-    other; and `data(ID, VALUE)`, an element with JSON that scripts can read.
+    Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the
+    element with plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of
+    templates, one after the other; and `data(ID, VALUE)`, an element with JSON that scripts can
+    read.
 
-    `nonce` is a word in base64 by which the browser knows files of scripts beside the page, which our scripts
-    load; nobody whose text is on the page can guess it. None where there are no such files.
+    `nonce` is a word in base64 by which the browser knows files of scripts beside the page, which
+    our scripts load; nobody whose text is on the page can guess it. None where there are no such
+    files.
     """
     sources: list[str] = []
 
     def element(source: str) -> Markup:
-        sources.append(f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'")
+        sources.append(
+            f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'"
+        )
         return Markup(f"<script>{source}</script>")
 
     def script(*names: str) -> Markup:
@@ -60,16 +71,23 @@ def html_page(
         return start + script_json(value) + Markup("</script>")
 
     elements = {
-        "policy": lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
+        "policy": lambda: Markup(
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'
+        ),
         # The package's own function for it imports all of plotly.
-        "plotly": lambda: element((get_data("plotly", "package_data/plotly.min.js") or b"").decode()),
+        "plotly": lambda: element(
+            (get_data("plotly", "package_data/plotly.min.js") or b"").decode()
+        ),
         "script": script,
         "data": data,
     }
-    text = _environment(tuple(filters.items())).get_template(template).render({**elements, **values})
+    text = (
+        _environment(tuple(filters.items())).get_template(template).render({**elements, **values})
+    )
     if nonce is not None:
         sources.append(f"'nonce-{nonce}'")
-    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
+    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob
+    # address.
     scripts = " ".join(sources) or "'none'"
     policy = (
         f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; "
@@ -85,13 +103,17 @@ def svg_picture(template: str, values: Mapping[str, Any], filters: Filters) -> s
 
 def plain_text(template: str, values: Mapping[str, Any], filters: Filters = NO_FILTERS) -> str:
     """Return a document in Markdown, in which nothing is escaped."""
-    return _environment(tuple(filters.items()), autoescape=False).get_template(template).render(values)
+    return (
+        _environment(tuple(filters.items()), autoescape=False).get_template(template).render(values)
+    )
 
 
 def png(pixels: NDArray[np.number], *, optimize: bool = True) -> bytes:
     """Encode levels (H, W), (H, W, 3) or (H, W, 4) from 0 to 255 as PNG."""
     buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8)).save(buffer, "PNG", optimize=optimize)
+    Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8)).save(
+        buffer, "PNG", optimize=optimize
+    )
     return buffer.getvalue()
 
 
@@ -122,5 +144,7 @@ def _environment(
         lstrip_blocks=True,
         keep_trailing_newline=not autoescape,
     )
-    environment.filters.update({"digits": digits, "percent": percent, "counted": counted, **dict(filters)})
+    environment.filters.update(
+        {"digits": digits, "percent": percent, "counted": counted, **dict(filters)}
+    )
     return environment

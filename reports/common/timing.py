@@ -16,16 +16,18 @@ FEWEST_DIFFERENCES = 6  #: fewest differences of pairs whose interval has `CONFI
 
 FEWEST_REPETITIONS = 5
 """Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long
-times are separated once in 126 times with five repetitions of each, and more rarely with more: as often as
+times are separated once in 126 times with five repetitions of each, and more rarely with more: as
+often as
 so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the narrowest interval of order statistics that holds the median with `CONFIDENCE`.
 
-    Whatever the distribution, the i-th smallest of n values lies above its median with the probability
-    of fewer than i heads in n throws of a coin (David and Nagaraja, Order Statistics, section 7.1). With
-    fewer than six values it is the interval from the lowest to the highest, of less confidence.
+    Whatever the distribution, the i-th smallest of n values lies above its median with the
+    probability of fewer than i heads in n throws of a coin (David and Nagaraja, Order Statistics,
+    section 7.1). With fewer than six values it is the interval from the lowest to the highest, of
+    less confidence.
     """
     ordered, count = sorted(values), len(values)
     outside, beyond = 0, 0
@@ -44,12 +46,13 @@ class Timing:
     lowest: float
     highest: float
     repetitions: int  #: after the warm-up
-    #: Ends of the median's interval where it is narrower than from `lowest` to `highest`, else None.
+    #: Ends of the median's interval where it is narrower than from `lowest` to `highest`, else
+    #: None.
     low: float | None = None
     high: float | None = None
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Timing:
+    def from_values(cls, values: Sequence[float]) -> Timing:
         """Return the timing of at least one value."""
         lowest, highest = min(values), max(values)
         low, high = median_interval(values)
@@ -76,7 +79,9 @@ class Timing:
     def divided_by(self, count: float) -> Timing:
         """Return the timing of each of so many equal parts."""
         names = ("median", "lowest", "highest", "low", "high")
-        shares = {name: value / count for name in names if (value := getattr(self, name)) is not None}
+        shares = {
+            name: value / count for name in names if (value := getattr(self, name)) is not None
+        }
         return replace(self, **shares)
 
 
@@ -96,4 +101,4 @@ def race(
             done()
             if turn:
                 seconds[name].append(taken)
-    return {name: Timing.of(values) for name, values in seconds.items()}
+    return {name: Timing.from_values(values) for name, values in seconds.items()}

@@ -1,7 +1,8 @@
 """What a renderer is handed for a case, and the archive of all cases with their truths.
 
-A case is a folder: scene.obj in double precision and in the order of triangle numbers, scene.glb for engines,
-cameras.json and scene.npz as `camera --for json` writes them, and case.json with all that is asked.
+A case is a folder: scene.obj in double precision and in the order of triangle numbers, scene.glb
+for engines, cameras.json and scene.npz as `camera --for json` writes them, and case.json with all
+that is asked.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from xfrustum.scenes.appearance.display import encoding_curve
 from xfrustum.scenes.appearance.sampling import sub_apertures
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.archives import read_arrays, read_member
-from xfrustum.scenes.disk.durable import Aside, new_file, scratch_folder
+from xfrustum.scenes.disk.durable import TempPath, new_file, scratch_folder
 from xfrustum.scenes.disk.input_files import damage_refused, open_input
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -91,7 +92,8 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
             "apertures": apertures,
             "objects": objects,
             "lights": scene.appearance.lights,
-            "environment": environment and {"file": "environment.exr", "strength": environment.strength},
+            "environment": environment
+            and {"file": "environment.exr", "strength": environment.strength},
         }
     )
     return found
@@ -100,7 +102,9 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
 def write_case(case: Case, scene: Scene, folder: Path) -> None:
     """Write the folder that a renderer is handed."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "case.json").write_text(json.dumps(described(case, scene), indent=1) + "\n", encoding="utf-8")
+    (folder / "case.json").write_text(
+        json.dumps(described(case, scene), indent=1) + "\n", encoding="utf-8"
+    )
     write_cameras(scene, "json", folder, case.settings(scene), case.apertures(scene))
     text, materials = _wavefront(scene)
     (folder / "scene.obj").write_text(text, encoding="utf-8")
@@ -133,10 +137,13 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
         places = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
         if part.vertex_colors is not None:  # as in all files but glTF they are sRGB
             shown = encoding_curve(part.vertex_colors).tolist()
-            places = [f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, shown, strict=True)]
+            places = [
+                f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, shown, strict=True)
+            ]
         lines += places
         uv, normals = part.uv, part.vertex_normals
-        # One of each for every vertex, so that a corner has one number; what a vertex lacks is never named.
+        # One of each for every vertex, so that a corner has one number; what a vertex lacks is
+        # never named.
         if uv is not None:
             lines += [f"vt {u!r} {v!r}" for u, v in np.nan_to_num(uv).tolist()]
         if normals is not None:
@@ -147,7 +154,9 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
         used = None
         before = scene.objects[:number]
         offset_uv = 1 + sum(len(one.vertices) for one in before if one.uv is not None)
-        offset_normal = 1 + sum(len(one.vertices) for one in before if one.vertex_normals is not None)
+        offset_normal = 1 + sum(
+            len(one.vertices) for one in before if one.vertex_normals is not None
+        )
         for place, face in enumerate(part.faces.tolist()):
             if part.texture_of_triangle is not None and part.texture_of_triangle[place] != used:
                 used = int(part.texture_of_triangle[place])
@@ -187,7 +196,9 @@ def _binary_gltf(scene: Scene) -> bytes:
     whole = trimesh.Scene()
     with np.errstate(all="ignore"):  # lengths beyond float32's range: scene.obj has them all
         for number, part in enumerate(scene.objects):
-            whole.add_geometry(mesh(part), node_name=f"object_{number}", geom_name=f"object_{number}")
+            whole.add_geometry(
+                mesh(part), node_name=f"object_{number}", geom_name=f"object_{number}"
+            )
         found: bytes = whole.export(file_type="glb", include_normals=True)
     return found
 
@@ -244,7 +255,9 @@ def _open_archive(path: Path) -> zipfile.ZipFile:
         found = zipfile.ZipFile(file)
         told = dict(json.loads(read_member(found, "suite.json", path)))
     if told.get("digest") != suite_digest():
-        raise InputError(f"{path}: is of suite {told.get('suite')}, and not of this {SUITE}; export it again")
+        raise InputError(
+            f"{path}: is of suite {told.get('suite')}, and not of this {SUITE}; export it again"
+        )
     return found
 
 
@@ -254,7 +267,9 @@ def open_archive(path: Path) -> Archive:
     return Archive(path=path)
 
 
-def export(cases: Sequence[Case], out: Path, told: Callable[[Case], object] = lambda case: None) -> Path:
+def export(
+    cases: Sequence[Case], out: Path, told: Callable[[Case], object] = lambda case: None
+) -> Path:
     """Write the archive of some cases into a folder, and return its path; `told` is called after each."""
     with refused(f"--out {out}: cannot write there"):
         out.mkdir(parents=True, exist_ok=True)
@@ -268,7 +283,7 @@ def export(cases: Sequence[Case], out: Path, told: Callable[[Case], object] = la
             add("suite.json", json.dumps({"suite": SUITE, "digest": suite_digest()}).encode())
             for case in cases:
                 scene = case.open()
-                with Aside(scratch_folder(), folder=True) as folder:
+                with TempPath(scratch_folder(), folder=True) as folder:
                     write_case(case, scene, folder.path)
                     for file in sorted(folder.path.iterdir()):
                         add(f"cases/{case.name}/{file.name}", file.read_bytes())

@@ -1,8 +1,8 @@
 """A renderer taken through the conformance suite: handed each case, judged, and its mistakes named.
 
-Each case is a block of work whose result is a Parquet part: a run that was stopped goes on where it was, and
-any process may judge any case. Verdicts rest on the frozen truth and the bounds of rounding alone; a case
-that fails is verified once more, to name the cause.
+Each case is a block of work whose result is a Parquet part: a run that was stopped goes on where it
+was, and any process may judge any case. Verdicts rest on the frozen truth and the bounds of
+rounding alone; a case that fails is verified once more, to name the cause.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, Job, Session, open_workers
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.conformance.cases import Truths, traced, write_case
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.verification.sources import ForeignRenderer, Problem, fields_of, run_program
 from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import check_program, real
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
-from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.disk.input_files import read_small
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.files.foreign_images import Encoding, bytes_of, read_foreign
@@ -67,13 +67,17 @@ class Verdict:
     name: str
     level: str
     verdict: str  #: `pass`, `fail` or `unsupported`
-    cause: str | None = None  #: names of faults, or what else is wrong; of what is unsupported, the reason
+    cause: str | None = (
+        None  #: names of faults, or what else is wrong; of what is unsupported, the reason
+    )
     words: tuple[str, ...] = ()  #: what is wrong, in sentences
     #: By fault, others that show the same images of this case: its level decides (`agreed`)
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     hogels: int = 0
     pixels: Pixels = field(default_factory=Pixels)
-    pictures: dict[str, str] = field(default_factory=dict)  #: truth, image and error of the worst hogel
+    pictures: dict[str, str] = field(
+        default_factory=dict
+    )  #: truth, image and error of the worst hogel
 
     @property
     def told(self) -> str:
@@ -91,7 +95,9 @@ class Verdict:
 class Contestant:
     """A renderer that is taken through the suite: exactly one of command, images and python."""
 
-    command: str | None = None  #: run once for each case: {case} its folder, {out} the folder to be written
+    command: str | None = (
+        None  #: run once for each case: {case} its folder, {out} the folder to be written
+    )
     images: str | None = None  #: folder with a folder of images for each case
     python: str | None = None  #: module:function, a `Drawing`
     timeout_s: float = 60.0  #: of one case
@@ -104,10 +110,14 @@ class Contestant:
         if self.command is not None:
             named = fields_of(self.command, ("case", "out"), "--command")
             if "out" not in named:
-                raise InputError(f"--command {self.command!r} has no {{out}}: the folder to be written")
+                raise InputError(
+                    f"--command {self.command!r} has no {{out}}: the folder to be written"
+                )
             check_program(self.command, self.working)
         if self.images is not None and not (self.working / self.images).is_dir():
-            raise InputError(f"--images {self.images}: is not a folder; give that of the folders of cases")
+            raise InputError(
+                f"--images {self.images}: is not a folder; give that of the folders of cases"
+            )
         if self.python is not None and not all(self.python.partition(":")):
             raise InputError(f"--python {self.python!r}: give module:function")
         if not real(self.timeout_s) > 0:
@@ -129,7 +139,9 @@ class Contestant:
             return ForeignRenderer(command=command, folder=self.working).state(())
         place = self.working / str(self.images)
         files = (file for file in place.rglob("*") if file.is_file())
-        known = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)]
+        known = [
+            (str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)
+        ]
         return hashlib.sha256(repr(known).encode()).hexdigest()
 
     def function(self) -> Drawing:
@@ -165,7 +177,10 @@ class Contestant:
         return out
 
     def _call(self, case: Case, folder: Path, out: Path) -> None:
-        function, asked = self.function(), json.loads((folder / "case.json").read_text(encoding="utf-8"))
+        function, asked = (
+            self.function(),
+            json.loads((folder / "case.json").read_text(encoding="utf-8")),
+        )
         for index in case.hogels:
             try:
                 drawn = np.asarray(function(folder, asked, index))
@@ -177,8 +192,11 @@ class Contestant:
             width, height = asked["resolution"]
             wanted = (height, width, 3) if case.colored else (height, width)
             if drawn.shape != wanted:
-                raise Problem(f"{self.python} returned an array of shape {drawn.shape}, not {wanted}")
-            # Three bytes of a picture hold no fraction, no NaN, and no number beyond: none is to be wrapped.
+                raise Problem(
+                    f"{self.python} returned an array of shape {drawn.shape}, not {wanted}"
+                )
+            # Three bytes of a picture hold no fraction, no NaN, and no number beyond: none is to be
+            # wrapped.
             if not case.colored and not (
                 drawn.dtype.kind in "iu" and 0 <= drawn.min() <= drawn.max() < 1 << 24
             ):
@@ -230,7 +248,7 @@ class Trial:
         """Let the renderer draw a case, judge it, and name the cause where it fails."""
         scene = case.open()
         found: dict[str, Any] = {"name": case.name, "level": case.level}
-        with Aside(scratch_folder(), folder=True) as aside:
+        with TempPath(scratch_folder(), folder=True) as aside:
             try:
                 out = self.contestant.draw(case, scene, aside.path)
                 images = {index: self._image(case, scene, out, index) for index in case.hogels}
@@ -283,8 +301,12 @@ class Trial:
         return {
             "cause": ", ".join(dict.fromkeys(fault.fault for fault in faults)) or "unexplained",
             "words": tuple(fault.words for fault in faults) or guesses,
-            "alternatives": {fault.fault: fault.alternatives for fault in faults if fault.alternatives},
-            "pictures": {name: worst[name] for name in ("truth", "image", "error") if name in worst},
+            "alternatives": {
+                fault.fault: fault.alternatives for fault in faults if fault.alternatives
+            },
+            "pictures": {
+                name: worst[name] for name in ("truth", "image", "error") if name in worst
+            },
         }
 
 
@@ -303,7 +325,7 @@ class ConformanceJob(Job):
 
     cases: Sequence[Case]
     trial: Trial
-    parts: Parts
+    parts: ParquetParts
     name = "conformance"
     draws = False
     unit = "case"
@@ -354,8 +376,8 @@ def run(
 ) -> tuple[Verdict, ...] | None:
     """Take a renderer through cases, and return the verdicts in their order.
 
-    Stopped and called again with the same folder it goes on where it was; a run that was finished is made
-    anew. None where other parts of a job array are not finished yet.
+    Stopped and called again with the same folder it goes on where it was; a run that was finished
+    is made anew. None where other parts of a job array are not finished yet.
     """
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
@@ -363,11 +385,15 @@ def run(
     if contestant.python is not None:
         contestant.function()
     with ExitStack() as stack:
-        folder = out.absolute() if out else stack.enter_context(Aside(scratch_folder(), folder=True)).path
+        folder = (
+            out.absolute()
+            if out
+            else stack.enter_context(TempPath(scratch_folder(), folder=True)).path
+        )
         job = ConformanceJob(
             cases=cases,
             trial=replace(trial, pictures=out is not None),
-            parts=Parts(out=folder, name=PARTS),
+            parts=ParquetParts(out=folder, name=PARTS),
         )
         described = {
             "suite": f"{SUITE} {suite_digest()}",
@@ -401,7 +427,8 @@ a case with few surfaces may be explained by a fault that the others do not have
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Return verdicts whose causes are those that the cases of a level agree on; others become guesses.
 
-    A case that cannot tell faults apart counts for each, and is given the one that most cases admit.
+    A case that cannot tell faults apart counts for each, and is given the one that most cases
+    admit.
     """
     found = []
     for one in verdicts:
@@ -415,7 +442,9 @@ def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
             return sum(name in some for some in known)
 
         told = [max((name, *one.alternatives.get(name, ())), key=admitting) for name in one.faults]
-        stands = [name for name in dict.fromkeys(told) if admitting(name) >= MIN_AGREEING * len(known)]
+        stands = [
+            name for name in dict.fromkeys(told) if admitting(name) >= MIN_AGREEING * len(known)
+        ]
         if one.faults and not stands:
             words = tuple(f"perhaps {told}" for told in one.words)
             found.append(replace(one, cause="unexplained", words=words))

@@ -40,7 +40,9 @@ class Statement:
         for level in LEVELS:
             told = {one.verdict for one in self.verdicts if one.level == level}
             if told:
-                found[level] = "fail" if "fail" in told else "pass" if "pass" in told else "unsupported"
+                found[level] = (
+                    "fail" if "fail" in told else "pass" if "pass" in told else "unsupported"
+                )
         return found
 
     @property
@@ -99,12 +101,19 @@ class Statement:
     def badge(self) -> dict[str, Any]:
         """Return badge.json, in the form that badge services read."""
         passed = [
-            level + ("*" if level in self.partly else "") for level, v in self.levels.items() if v == "pass"
+            level + ("*" if level in self.partly else "")
+            for level, v in self.levels.items()
+            if v == "pass"
         ]
         kind = "pass" if passed else "fail" if "fail" in self.levels.values() else "unsupported"
         color = "yellow" if passed and not self.passed else COLORS[kind]
         message = " ".join(passed) or ("no level" if kind == "fail" else "nothing claimed")
-        return {"schemaVersion": 1, "label": f"hogel conformance {SUITE}", "message": message, "color": color}
+        return {
+            "schemaVersion": 1,
+            "label": f"hogel conformance {SUITE}",
+            "message": message,
+            "color": color,
+        }
 
     def table(self) -> str:
         """Return the verdict as lines: a line for each level, and one for each case that fails."""
@@ -115,7 +124,9 @@ class Statement:
         failed = [one for one in self.verdicts if one.verdict == "fail"]
         lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed[:MAX_LISTED]]
         more = len(failed) - MAX_LISTED
-        return "\n".join([*lines, *([f"  and {more} more; --out has them all"] if more > 0 else [])])
+        return "\n".join(
+            [*lines, *([f"  and {more} more; --out has them all"] if more > 0 else [])]
+        )
 
 
 def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
@@ -124,7 +135,8 @@ def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
         staging.write(STATEMENT, found.summary())
         staging.write(BADGE, found.badge())
         staging.write(
-            JUNIT, junit(f"xfrustum conformance {SUITE}", junit_cases(found.verdicts), found.table())
+            JUNIT,
+            junit(f"xfrustum conformance {SUITE}", junit_cases(found.verdicts), found.table()),
         )
         values = {"found": found, "suite": SUITE, "levels": LEVELS, "badge": found.badge()}
         staging.write(PAGE, html_page("conformance.html.j2", values))

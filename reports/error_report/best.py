@@ -22,7 +22,16 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.reasons import sentences
 from xfrustum.reports.common.records import named_columns
-from xfrustum.scenes import Aperture, Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
+from xfrustum.scenes import (
+    Aperture,
+    Cull,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Fit,
+    Offset,
+    Pivot,
+)
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.notebook import digits, percent, plain
 from xfrustum.scenes.plate.plate import Frustum
@@ -65,7 +74,8 @@ class ReportOptions:
     slabs: Sequence[tuple[float, ...]] | None = None
     cull: Cull = Cull.NONE
     tracer: str = "embree"
-    #: Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
+    #: Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between
+    #: commas.
     effects: str = "auto"
     #: What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
     decided_by: str = CERTIFIED
@@ -104,7 +114,8 @@ def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum
 
 def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
     """Return every combination of pivot, fit, offset and cuts, each once: the cuts change fastest."""
-    # A centered frustum has no shear. The own centers of cameras without an offset are the aperture.
+    # A centered frustum has no shear. The own centers of cameras without an offset are the
+    # aperture.
     both = frustum.recentered and options.pivots is None
     usual = tuple(Pivot) if both else (Pivot.APERTURE,)
     product = itertools.product(
@@ -138,7 +149,8 @@ def geometries_of(settings: Iterable[DoubleFrustum]) -> tuple[DoubleFrustum, ...
 def geometry_names(geometries: Sequence[DoubleFrustum]) -> dict[DoubleFrustum, str]:
     """Return a name of each geometry, which tells it from the others.
 
-    A single one is named by what is not usual about it, such as `pivot camera, no offset`, or not at all.
+    A single one is named by what is not usual about it, such as `pivot camera, no offset`, or not
+    at all.
     """
     varied = [name for name in GEOMETRY if len({getattr(one, name) for one in geometries}) > 1]
     usual = DoubleFrustum(near=1.0)
@@ -217,14 +229,22 @@ class Measurement:
     aperture: Aperture
     settings: DoubleFrustum
     comparison: ComparisonNumbers
-    causes: tuple[Cause, ...]  #: links of the error budget with their wrong pixels; empty where left out
-    unexplained: int | None  #: wrong pixels that rounding ought to explain and does not; None without causes
-    predicted: Prediction | None  #: the error by closed forms, from the scene alone; None without causes
+    causes: tuple[
+        Cause, ...
+    ]  #: links of the error budget with their wrong pixels; empty where left out
+    unexplained: (
+        int | None
+    )  #: wrong pixels that rounding ought to explain and does not; None without causes
+    predicted: (
+        Prediction | None
+    )  #: the error by closed forms, from the scene alone; None without causes
     times_s: StageTimes
     gpu_s: float  #: the device's own time, a part of `times_s.raster`
-    shear: ShearNumbers | None = None  #: what the pivot does to the points that are shown, if anything
-    #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off by
-    #: more than 1/255; empty where they were not kept.
+    shear: ShearNumbers | None = (
+        None  #: what the pivot does to the points that are shown, if anything
+    )
+    #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that
+    #: is off by more than 1/255; empty where they were not kept.
     wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
     #: Encoded pictures by name; see `images.setting_pictures`.
     pictures: Mapping[str, bytes] = field(default_factory=dict, repr=False)
@@ -250,7 +270,11 @@ class Measurement:
     def wrong_count(self, kind: str) -> int:
         """Return the number of those pixels."""
         pixels = self.wrong.get(kind)
-        return round(self.wrong_share(kind) * self.comparison.judged) if pixels is None else pixels.count
+        return (
+            round(self.wrong_share(kind) * self.comparison.judged)
+            if pixels is None
+            else pixels.count
+        )
 
     @property
     def measured_over_predicted(self) -> dict[str, float | None]:
@@ -259,8 +283,12 @@ class Measurement:
         moved = predicted.displacement_px if predicted else None
         surface = predicted.surface_fraction if predicted else None
         return {
-            "displacement_rms": measured.rms / moved.rms if measured and moved and moved.rms else None,
-            "displacement_p99": measured.p99 / moved.p99 if measured and moved and moved.p99 else None,
+            "displacement_rms": measured.rms / moved.rms
+            if measured and moved and moved.rms
+            else None,
+            "displacement_p99": measured.p99 / moved.p99
+            if measured and moved and moved.p99
+            else None,
             "surface": self.surface_fraction / surface if surface else None,
         }
 
@@ -306,7 +334,8 @@ Row = TypeVar("Row")
 
 SURFACE_TIE_FRACTION = 1e-4
 """Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
-the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W, for
+the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
+for
 contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten thousand."""
 
 DISPLACEMENT_TIE_PX = 1e-3
@@ -317,7 +346,8 @@ MAX_NAMED_HOGELS = 5  #: largest number of hogels that the recommendation names
 
 UNSEEN_DISPLACEMENT_PX = 0.1
 """Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel spans 54
-seconds of arc; people see an offset of 5 at best between two lines that continue each other (vernier acuity,
+seconds of arc; people see an offset of 5 at best between two lines that continue each other
+(vernier acuity,
 Westheimer 1979): a tenth of a pixel."""
 
 
@@ -337,12 +367,13 @@ class Recommendation:
     settings: DoubleFrustum
     surface_fraction: float
     displacement_p99_px: float
-    #: Share of judged pixels with a channel that is off by more than 1/255; None of a scene without shading.
+    #: Share of judged pixels with a channel that is off by more than 1/255; None of a scene without
+    #: shading.
     radiance_fraction: float | None
     #: The near planes of the same depth buffer that are as good.
     window: Window
-    #: The aperture with the largest share of wrong surfaces, and of those the most displaced one; and the one
-    #: with the largest displacement: the same one, unless another is displaced more.
+    #: The aperture with the largest share of wrong surfaces, and of those the most displaced one;
+    #: and the one with the largest displacement: the same one, unless another is displaced more.
     aperture: Aperture
     displaced_aperture: Aperture
 
@@ -360,7 +391,9 @@ def _worst(rows: Sequence[Measurement], kind: str) -> Measurement:
     return max(rows, key=lambda row: row.wrong_share(kind))
 
 
-def _is_worse(one: Sequence[Measurement], other: Sequence[Measurement], kind: str, comparisons: int) -> bool:
+def _is_worse(
+    one: Sequence[Measurement], other: Sequence[Measurement], kind: str, comparisons: int
+) -> bool:
     """Return whether a setting is worse at its worst aperture: by more than a tie, and beyond chance."""
     here = _worst(one, kind)
     if here.wrong_share(kind) <= _worst(other, kind).wrong_share(kind) + SURFACE_TIE_FRACTION:
@@ -378,11 +411,12 @@ def _displaced(rows: Sequence[Measurement]) -> float:
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     """Return the settings than which no measured setting is better.
 
-    Settings are chosen in three steps. The first keeps those that are not worse than the one with the fewest
-    wrong surfaces. The second does the same for wrong colors, where the scene is shaded. The third keeps
-    those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
-    `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
-    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.error_maps`). The worst aperture counts.
+    Settings are chosen in three steps. The first keeps those that are not worse than the one with
+    the fewest wrong surfaces. The second does the same for wrong colors, where the scene is shaded.
+    The third keeps those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the
+    least displacement plus `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more
+    wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
+    (`compare.metrics.error_maps`). The worst aperture counts.
     """
     candidates = _grouped(rows, lambda row: row.settings)
     comparisons = max(len(candidates) - 1, 1)
@@ -396,18 +430,22 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return what is recommended: the middle of the widest window of equally good near planes.
 
-    A window is a run of near planes of one depth buffer and one camera geometry, as they were measured, that
-    all are `equally_good`. Where windows are equally wide, the one with the larger nears is taken, and where
-    these are equal too, the geometry and the depth buffer that come first. Its middle, by ratio, is farthest
-    both from nears so large that they bend the picture and from nears so small that they starve it of depth;
-    of two middles the larger near is taken.
+    A window is a run of near planes of one depth buffer and one camera geometry, as they were
+    measured, that all are `equally_good`. Where windows are equally wide, the one with the larger
+    nears is taken, and where these are equal too, the geometry and the depth buffer that come
+    first. Its middle, by ratio, is farthest both from nears so large that they bend the picture and
+    from nears so small that they starve it of depth; of two middles the larger near is taken.
     """
     good, windows = equally_good(rows), []
-    for line in _grouped(dict.fromkeys(row.settings for row in rows), lambda one: replace(one, near=1.0)):
+    for line in _grouped(
+        dict.fromkeys(row.settings for row in rows), lambda one: replace(one, near=1.0)
+    ):
         for is_good, run in groupby(sorted(line, key=lambda one: one.near), key=good.__contains__):
             if is_good:
                 nears = [one.near for one in run]
-                windows.append((Window(low=nears[0], high=nears[-1], nears=len(nears)), nears, line[0]))
+                windows.append(
+                    (Window(low=nears[0], high=nears[-1], nears=len(nears)), nears, line[0])
+                )
     window, nears, cameras = max(windows, key=lambda one: (one[0].high / one[0].low, one[0].high))
     middle = (window.low * window.high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
@@ -443,11 +481,13 @@ def can_be_judged(rows: Sequence[Measurement]) -> bool:
     return shown and any(row.comparison.judged for row in rows)
 
 
-def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True) -> str:
+def sentence(
+    rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True
+) -> str:
     """Say which near planes and which depth buffer are best, and how good they are.
 
-    `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a frustum that
-    is not recentered, hence not sheared, changes nothing and is not named.
+    `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
+    frustum that is not recentered, hence not sheared, changes nothing and is not named.
     """
     indices = dict.fromkeys(row.aperture.index for row in rows)
     named = "; ".join(f"{column},{row}" for column, row in list(indices)[:MAX_NAMED_HOGELS])
@@ -479,7 +519,9 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentere
             f"{near} {units} on each side of the plate."
         )
     if best.displaced_aperture != best.aperture and best.displacement_p99_px > DISPLACEMENT_TIE_PX:
-        elsewhere = f" (the worst at {best.displaced_aperture.column},{best.displaced_aperture.row})"
+        elsewhere = (
+            f" (the worst at {best.displaced_aperture.column},{best.displaced_aperture.row})"
+        )
     return (
         f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
@@ -493,7 +535,9 @@ def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
     limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
     every = {row.settings for row in rows}
     kept = every - {
-        row.settings for row in rows if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
+        row.settings
+        for row in rows
+        if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
     }
     if best.settings in kept:
         return "the one setting measured:" if len(every) == 1 else f"best of {len(every)} settings:"
@@ -510,7 +554,9 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
     place = f"{best.aperture.column},{best.aperture.row}"
     where = f" at the worst of {apertures} apertures ({place})" if apertures > 1 else ""
     said = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
-    worst = next(row for row in rows if row.settings == best.settings and row.aperture == best.aperture)
+    worst = next(
+        row for row in rows if row.settings == best.settings and row.aperture == best.aperture
+    )
     most = max(worst.causes, key=lambda cause: cause.surface, default=None)
     wrong = sum(cause.surface for cause in worst.causes)
     if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:

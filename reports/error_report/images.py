@@ -16,7 +16,11 @@ from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
 from xfrustum.compare.prediction.chain import CULLING
-from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
+from xfrustum.compare.rounding.positions import (
+    FLOAT32_ROUNDING,
+    POSITION_ROUNDINGS,
+    largest_tolerance,
+)
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Floats, Mask
@@ -53,7 +57,9 @@ _STEPS, _HEIGHT_STEPS = 40, 15
 DISPLACEMENT_SCALE: list[str] = sample_colorscale("Viridis", list(np.linspace(0, 1, _STEPS)))
 RADIANCE_SCALE: list[str] = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _STEPS)))
 """Colors of the scales of displacement and radiance errors, smallest first."""
-HEIGHT_SCALE: list[str] = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
+HEIGHT_SCALE: list[str] = sample_colorscale(
+    "RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1))
+)
 """Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
 _KEPT_BITS = 0b11111100
@@ -65,16 +71,18 @@ _ENCODED = np.rint(LEVELS * encoding_curve(np.linspace(0, 1, 4097))).astype(np.u
 def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach (scene units).
 
-    Errors below the lower end are white. This end is the largest error that rounding alone may make in a
-    32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest
-    coordinate if that is larger and the scene is at hand, rounded up to 1, 2 or 5 of its power of ten.
+    Errors below the lower end are white. This end is the largest error that rounding alone may make
+    in a 32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the
+    scene's largest coordinate if that is larger and the scene is at hand, rounded up to 1, 2 or 5
+    of its power of ten.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
     if scene is not None:
         rounding = max(rounding, largest_tolerance(scene) / reach)
     power = math.floor(math.log10(rounding))
     low = next(end for digit in (1, 2, 5, 10) if (end := float(f"{digit}e{power}")) >= rounding)
-    # A far vertex could make a scale of less than a decade: the lower end stays a tenth of the upper one.
+    # A far vertex could make a scale of less than a decade: the lower end stays a tenth of the
+    # upper one.
     return min(low, LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 
 
@@ -86,9 +94,10 @@ def setting_pictures(
 ) -> dict[str, bytes]:
     """Encode a raster image and its errors, by name.
 
-    `charge` is what `cause_map` takes, None where causes were left out; `scale` the longest reach in scene
-    units, and both ends of the height scale in multiples of it (`height_range`); `reduction` the number of
-    image pixels per picture pixel, along each side. Errors keep the worst of a block.
+    `charge` is what `cause_map` takes, None where causes were left out; `scale` the longest reach
+    in scene units, and both ends of the height scale in multiples of it (`height_range`);
+    `reduction` the number of image pixels per picture pixel, along each side. Errors keep the worst
+    of a block.
     """
     errors, colors = comparison.errors, comparison.colors
     surface = np.zeros_like(errors.triangle) if errors.surface is None else errors.surface
@@ -139,11 +148,13 @@ def displacement_map(length: Floats, reduction: int = 1) -> bytes:
 def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
     """Encode which link each wrong surface is charged to as PNG, transparent where nothing is wrong.
 
-    `charge` (H, W) are places of links in `CAUSE_COLORS`, negative where the pixel is right; the place after
-    the last stands for unexplained pixels. A block shows the last of its links.
+    `charge` (H, W) are places of links in `CAUSE_COLORS`, negative where the pixel is right; the
+    place after the last stands for unexplained pixels. A block shows the last of its links.
     """
     wrong = charge >= 0
-    return _palette_png(wrong, charge[wrong] + 1, [*CAUSE_COLORS.values(), UNEXPLAINED_COLOR], reduction)
+    return _palette_png(
+        wrong, charge[wrong] + 1, [*CAUSE_COLORS.values(), UNEXPLAINED_COLOR], reduction
+    )
 
 
 def height_map(
@@ -151,8 +162,8 @@ def height_map(
 ) -> bytes:
     """Encode the signed (H, W) height error as PNG, transparent where undefined.
 
-    Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the ends of
-    a `height_range`, in fractions of the reach.
+    Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the
+    ends of a `height_range`, in fractions of the reach.
     """
     known = np.isfinite(height)
     error = height[known]
@@ -164,8 +175,8 @@ def height_map(
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
     """Encode the size of the radiance error (H, W, 3) as PNG; the channel that is farthest off counts.
 
-    The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged are
-    transparent.
+    The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged
+    are transparent.
     """
     size = np.abs(error).max(axis=-1)
     known = size >= RADIANCE_RANGE[0]
@@ -178,16 +189,25 @@ def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
     return _palette_png(wrong, 1, [color], reduction)
 
 
-def alone_pictures(truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1) -> dict[str, bytes]:
+def alone_pictures(
+    truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1
+) -> dict[str, bytes]:
     """Encode the pixels that each tracer alone would have got wrong, and as `truth` the surfaces under them.
 
-    There is no picture of a tracer that would have got nothing wrong, and none at all where nobody would.
+    There is no picture of a tracer that would have got nothing wrong, and none at all where nobody
+    would.
     """
-    found = {name: mask(here, ALONE_COLORS[name], reduction) for name, here in wrong.items() if here.any()}
+    found = {
+        name: mask(here, ALONE_COLORS[name], reduction)
+        for name, here in wrong.items()
+        if here.any()
+    }
     return found and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **found}
 
 
-def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> NDArray[np.floating]:
+def _level(
+    values: NDArray[np.floating], ends: tuple[float, float], steps: int
+) -> NDArray[np.floating]:
     """Return where values lie on a logarithmic scale, from 0 to `steps` at its ends."""
     low, high = np.log10(ends)
     with np.errstate(divide="ignore"):
@@ -196,7 +216,11 @@ def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) 
 
 
 def _palette_png(
-    known: Mask, index: NDArray[np.number] | int, colors: Sequence[str], reduction: int, neutral: int = 0
+    known: Mask,
+    index: NDArray[np.number] | int,
+    colors: Sequence[str],
+    reduction: int,
+    neutral: int = 0,
 ) -> bytes:
     """Encode the indices of known pixels, i for the i-th color; the others have 0 and are transparent.
 
@@ -207,17 +231,22 @@ def _palette_png(
     if reduction > 1:
         block = (reduction, reduction)
         highest = block_reduce(shown, block, np.max).astype(np.int16)
-        lowest = block_reduce(np.where(known, shown, neutral), block, np.min, neutral).astype(np.int16)
+        lowest = block_reduce(np.where(known, shown, neutral), block, np.min, neutral).astype(
+            np.int16
+        )
         is_lower = (highest > 0) & (neutral - lowest > highest - neutral)
         shown = np.where(is_lower, lowest, highest).astype(np.uint8)
     encoded = Image.fromarray(shown)
     encoded.putpalette(_palette(tuple(colors)))
     buffer = io.BytesIO()
-    # Noise and long runs: looking for runs alone makes files as small as level 6, in a third of the time.
+    # Noise and long runs: looking for runs alone makes files as small as level 6, in a third of the
+    # time.
     encoded.save(buffer, "PNG", transparency=0, compress_type=zlib.Z_RLE)
     return buffer.getvalue()
 
 
 @cache  # to read the colors takes as long as to draw with them
 def _palette(colors: tuple[str, ...]) -> bytes:
-    return np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)]).astype(np.uint8).tobytes()
+    return (
+        np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)]).astype(np.uint8).tobytes()
+    )

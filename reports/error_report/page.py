@@ -1,7 +1,7 @@
 """The page: one HTML file with its pictures, its figures and plotly.js inside.
 
-Every measured point of a figure carries its row number in the sweep as `customdata`, so that the page can
-show the pictures of the point that was clicked.
+Every measured point of a figure carries its row number in the sweep as `customdata`, so that the
+page can show the pictures of the point that was clicked.
 """
 
 from __future__ import annotations
@@ -39,7 +39,11 @@ if TYPE_CHECKING:
 PANEL_PIXELS = 170  #: height of the panel of causes of one depth buffer on the page
 
 _HOVER = "near %{x:.3g} of the reach<br>"
-_CLOSED_FORM = {"name": "closed form", "mode": "lines", "line": {"color": INK, "dash": "dash", "width": 2}}
+_CLOSED_FORM = {
+    "name": "closed form",
+    "mode": "lines",
+    "line": {"color": INK, "dash": "dash", "width": 2},
+}
 PERCENT = {"tickformat": "~%", "exponentformat": "none"}
 """Labels of an axis of shares in percent, as sentences have them: 0.0001 as `0.01%`."""
 
@@ -49,7 +53,9 @@ def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure
     triangles = _share_lines(rows, reach, lambda row: row.comparison.triangle)
     drawn = {
         "surface": _surface_figure(rows, reach),
-        "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
+        "displacement_p99": _displacement_figure(
+            rows, reach, "p99", "99th percentile of displacement, px"
+        ),
         "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
         "triangle": _log_figure(triangles, "pixels with another triangle", PERCENT),
     }
@@ -59,7 +65,9 @@ def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure
         def error(row: Measurement, key: str = key) -> float | None:
             return getattr(row.comparison.radiance, key, None) or None
 
-        drawn["radiance" if key == "rms" else key] = grouped_figure(_by_depth(rows), reach, error, title)
+        drawn["radiance" if key == "rms" else key] = grouped_figure(
+            _by_depth(rows), reach, error, title
+        )
     return drawn
 
 
@@ -85,7 +93,9 @@ def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Fig
     return _log_figure(data, title)
 
 
-def _share_lines(rows: Rows, reach: float, share: Callable[[Measurement], Share | None]) -> list[Figure]:
+def _share_lines(
+    rows: Rows, reach: float, share: Callable[[Measurement], Share | None]
+) -> list[Figure]:
     """Return lines of a share of pixels; zeros, which have no logarithm, are hollow, at half a pixel."""
 
     def known(row: Measurement) -> Share:
@@ -98,7 +108,9 @@ def _share_lines(rows: Rows, reach: float, share: Callable[[Measurement], Share 
     lines = _lines(groups, reach, lambda row: known(row).fraction or _half_pixel(row), hover)
     for line, group in zip(lines, groups.values(), strict=True):
         symbol = line["marker"]["symbol"]
-        line["marker"]["symbol"] = [symbol + ("" if known(row).wrong else "-open") for _, row in group]
+        line["marker"]["symbol"] = [
+            symbol + ("" if known(row).wrong else "-open") for _, row in group
+        ]
         line["text"] = [f"{known(row).wrong:,} of {row.comparison.judged:,}" for _, row in group]
     return lines
 
@@ -143,7 +155,9 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
         return getattr(row.comparison.displacement_px, statistic, None) or None
 
     lines, notes = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px"), []
-    forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted}
+    forms = {
+        row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted
+    }
     if forms:
         nears = sorted(near for near, spread in forms.items() if spread is not None)
         heights = [getattr(forms[near], statistic) or None for near in nears]
@@ -152,11 +166,16 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
         for _, row in rows:
             if row.predicted and row.predicted.reasons.displacement:
                 reasons[row.settings.near / reach].add(Reason(row.predicted.reasons.displacement))
-        text = [_reason("; ".join(sorted(SENTENCES[one] for one in reasons[near]))) for near in nears]
-        lines.append({"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM})
+        text = [
+            _reason("; ".join(sorted(SENTENCES[one] for one in reasons[near]))) for near in nears
+        ]
+        lines.append(
+            {"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM}
+        )
         crossing = [near for near, found in reasons.items() if Reason.CROSSES in found]
         if crossing:
-            # The curves rise to the right and leave this corner free; in the legend it would take their room.
+            # The curves rise to the right and leave this corner free; in the legend it would take
+            # their room.
             corner = {"xref": "paper", "yref": "paper", "x": 0.02, "y": 0.98, "showarrow": False}
             notes.append(
                 {
@@ -200,7 +219,9 @@ def _lines(groups: Mapping[str, Rows], reach: float, number: Number, hover: str)
 
 def _by_depth(rows: Rows) -> dict[str, list[tuple[int, Measurement]]]:
     """Return the rows of each depth buffer, in the order of the sweep, nears ascending."""
-    grouped: dict[str, list[tuple[int, Measurement]]] = {row.settings.depth_label: [] for _, row in rows}
+    grouped: dict[str, list[tuple[int, Measurement]]] = {
+        row.settings.depth_label: [] for _, row in rows
+    }
     for index, row in sorted(rows, key=lambda item: item[1].settings.near):
         grouped[row.settings.depth_label].append((index, row))
     return grouped
@@ -236,7 +257,9 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
         for name, color in CAUSE_COLORS.items():
             if not any(one.get(name) for one in counts.values()):
                 continue
-            pairs = [(counts[number].get(name, 0), sum(counts[number].values())) for number, _ in group]
+            pairs = [
+                (counts[number].get(name, 0), sum(counts[number].values())) for number, _ in group
+            ]
             areas.append(
                 {
                     "x": [row.settings.near / reach for _, row in group],
@@ -283,7 +306,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     """Return the report as one HTML document that needs nothing else, given recommendation and command."""
     scene, names = sweep.scene, geometry_names(sweep.geometries)
     # The shear of each aperture and near, ascending; depth buffers, fits and cuts share it.
-    found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
+    found = {
+        (row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear
+    }
     order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     shears = {key: found[key] for key in order}
     values = {
@@ -297,7 +322,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "settings_count": len({row.settings for row in sweep.rows}),
         "certainty": {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)},
         "certainty_labels": {kind.name.lower(): words for kind, words in CERTAINTY_LABELS.items()},
-        "alone": [pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks],
+        "alone": [
+            pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks
+        ],
         "sparse_fraction": SPARSE_FRACTION,
         "images": images,
         "height_range": images.height_range(scene, scene.frustum.longest_reach),
@@ -311,7 +338,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "page_data": _page_data(sweep, shears),
     }
     return html_page(
-        "report.html.j2", values, {"pixels": best.pixels, "address": address, "sentence": SENTENCES.get}
+        "report.html.j2",
+        values,
+        {"pixels": best.pixels, "address": address, "sentence": SENTENCES.get},
     )
 
 
@@ -325,7 +354,11 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
             pictures[key] = address(encoded)
         return key
 
-    names, light, reach = geometry_names(sweep.geometries), sweep.light, sweep.scene.frustum.longest_reach
+    names, light, reach = (
+        geometry_names(sweep.geometries),
+        sweep.light,
+        sweep.scene.frustum.longest_reach,
+    )
     keys = [(row.settings, row.aperture) for row in sweep.rows]
     eye = None
     if light and light.eye:
@@ -396,11 +429,14 @@ def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
 def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, Figure]:
     """Return curves of an aperture with a line for each geometry, with the depth buffer of the best setting.
 
-    The shear's curve is blank where an aperture has no shear, and there is none where nothing is sheared.
+    The shear's curve is blank where an aperture has no shear, and there is none where nothing is
+    sheared.
     """
     label, reach = sweep.best.settings.depth_label, sweep.scene.frustum.longest_reach
     groups = {
-        name: [item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label]
+        name: [
+            item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label
+        ]
         for one, name in geometry_names(sweep.geometries).items()
     }
     shares, moved = "share of pixels with the wrong surface", "99th percentile of displacement, px"
@@ -431,5 +467,9 @@ def _shear_sentences(sweep: Sweep, shears: Shears) -> list[str]:
         f"{digits(worst.rms_px)} px (rms, at near {digits(near)} {units} and aperture "
         f"{place.column},{place.row}), and a shear about the aperture by nothing.",
         "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
-        + (f"at most {percent(apart)} at every near." if apart > EQUAL_FRACTION else "nothing but rounding."),
+        + (
+            f"at most {percent(apart)} at every near."
+            if apart > EQUAL_FRACTION
+            else "nothing but rounding."
+        ),
     ]

@@ -1,8 +1,8 @@
 """`xfrustum report`: rasterizes and judges every setting at every aperture, and writes what it found.
 
-Its index.html, report.json, measurements.parquet and inspect.html appear together or not at all. Beside its
-rows a report says of light: which effects are drawn, what the bent eye vector costs, and what a rasterizer
-misses.
+Its index.html, report.json, measurements.parquet and inspect.html appear together or not at all.
+Beside its rows a report says of light: which effects are drawn, what the bent eye vector costs, and
+what a rasterizer misses.
 """
 
 import math
@@ -23,7 +23,7 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet
 from xfrustum.compare.metrics.radiance import STEP, LeftOutNumbers, measure_left_out
 from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
-from xfrustum.compare.run import Judge, JudgedFrame, Wanted
+from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, alone
@@ -39,7 +39,14 @@ from xfrustum.reports.error_report.best import Measurement, Recommendation, Repo
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.inspection import Inspection, PlateMap
 from xfrustum.reports.scout import scout_record
-from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
+from xfrustum.scenes import (
+    Aperture,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+)
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
@@ -50,8 +57,8 @@ from xfrustum.scenes.notebook import counted, digits, percent
 class EyeError:
     """What the bent eye vector costs at one near plane: root mean squares over points and channels.
 
-    `predicted` by closed form, at the truth's surface points; `measured` at the points that the device drew,
-    with its float32 arithmetic.
+    `predicted` by closed form, at the truth's surface points; `measured` at the points that the
+    device drew, with its float32 arithmetic.
     """
 
     near: float
@@ -65,7 +72,8 @@ class MissedLight:
 
     aperture: Aperture
     numbers: LeftOutNumbers
-    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth without
+    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth
+    #: without
     picture: str
     difference: str
 
@@ -78,7 +86,8 @@ class LightReport:
     names: str  #: of the effects, as `--effects` takes them
     #: For every effect: whether the scene calls for it, and why.
     decisions: tuple[Decision, ...]
-    #: Whether the rasterizer's images with all effects and with those called for are the same, bit by bit.
+    #: Whether the rasterizer's images with all effects and with those called for are the same, bit
+    #: by bit.
     same_bits: bool
     #: Error by near; empty where no highlight and no reflection is drawn.
     eye: tuple[EyeError, ...]
@@ -95,7 +104,8 @@ class LightReport:
             "sampling": self.scene.sampling,
             "eye_vector": self.eye,
             "left_out": [
-                {"aperture": part.aperture.index, **json_object(part.numbers)} for part in self.missed
+                {"aperture": part.aperture.index, **json_object(part.numbers)}
+                for part in self.missed
             ],
         }
 
@@ -122,7 +132,8 @@ def measure_light(
 ) -> LightReport | None:
     """Measure what a report says about light beside its rows; None where a scene says nothing of light.
 
-    Light that is missed is measured at all apertures of the report, everything else at the first one.
+    Light that is missed is measured at all apertures of the report, everything else at the first
+    one.
     """
     if not is_shaded(scene):
         return None
@@ -144,7 +155,9 @@ def measure_light(
             with Rasterizer(once) as rasterizer:
                 for near in nears:
                     # With a depth buffer that loses nothing.
-                    exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+                    exact = DoubleFrustum(
+                        near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED
+                    )
                     shown = rasterizer.render(first, exact, normals=False)
                     errors = (
                         predicted_eye_error(scene, surfaces, near),
@@ -179,7 +192,8 @@ def measure_light(
 
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
-All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page stays under
+All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page
+stays under
 30 MB."""
 
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
@@ -191,8 +205,8 @@ what causes alone need, which are frames with exact depth and the traced images 
 class Truth:
     """What is kept of the truth of an aperture: its picture, and what each ray tracer alone would get wrong.
 
-    `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels by the
-    tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
+    `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels
+    by the tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
     """
 
     picture: bytes
@@ -215,12 +229,14 @@ class Sweep:
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     device_model: str  #: name of the model by which rounding is explained
-    #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
-    #: `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and of a
-    #: shaded scene `light`. Stages run at the same time: the sum exceeds `wall_s`.
+    #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`,
+    #: `predict`, `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for
+    #: that page, and of a shaded scene `light`. Stages run at the same time: the sum exceeds
+    #: `wall_s`.
     times_s: Mapping[str, float]
     wall_s: float
-    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
+    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their
+    #: channels.
     inspected: tuple[inspection.InspectedHogel, ...]
     light: LightReport | None
 
@@ -240,7 +256,9 @@ class Sweep:
         given = self.options.apertures
         return given if isinstance(given, AutoApertures) else None
 
-    def numbered(self, aperture: Aperture, geometry: DoubleFrustum) -> list[tuple[int, Measurement]]:
+    def numbered(
+        self, aperture: Aperture, geometry: DoubleFrustum
+    ) -> list[tuple[int, Measurement]]:
         """Return the rows of an aperture and a geometry, with their numbers."""
         return [
             (number, row)
@@ -291,30 +309,35 @@ def sweep(
 ) -> Sweep:
     """Measure every setting at every aperture, at least one each; options say how.
 
-    Only numbers and encoded pictures are kept, so memory does not grow with the float images. Raises
-    InputError where there is no usable OpenGL or no such tracer.
+    Only numbers and encoded pictures are kept, so memory does not grow with the float images.
+    Raises InputError where there is no usable OpenGL or no such tracer.
     """
     options, begun = options or ReportOptions(), time.perf_counter()
-    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
+    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond
+    # the reach.
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
     decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
     width, height = scene.frustum.resolution
     pixels = width * height * len(apertures) * len(settings)
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
     reference = alone.open_reference(scene, decision, effects)
-    with Judge(scene, reference=reference, effects=effects, model=options.device) as judge:
+    with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
         seconds = defaultdict(float, prepare=time.perf_counter() - begun)
         found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
         rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
         # The hogels where the best setting is worst are drawn anew with it, to be inspected.
         since, taken = time.perf_counter(), best.best_setting(rows).settings
-        worst = sorted((one for one in rows if one.settings == taken), key=lambda one: -one.surface_fraction)
+        worst = sorted(
+            (one for one in rows if one.settings == taken), key=lambda one: -one.surface_fraction
+        )
         shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
         inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
         seconds["inspection"] = time.perf_counter() - since
         opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     since = time.perf_counter()
-    light = measure_light(scene, apertures, settings, effects=options.effects, progress=options.progress)
+    light = measure_light(
+        scene, apertures, settings, effects=options.effects, progress=options.progress
+    )
     if light is not None:
         seconds["light"] = time.perf_counter() - since
     return Sweep(
@@ -336,7 +359,7 @@ def sweep(
 
 
 def _measure(
-    judge: Judge,
+    judge: Evaluator,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
     options: ReportOptions,
@@ -348,7 +371,7 @@ def _measure(
     tracers = TracersAlone(scene) if judge.reference.decided_by == alone.CERTIFIED else None
     shaded = is_shaded(scene)
     # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
-    wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
+    wanted = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
     total, finish = len(apertures) * (1 + len(settings)), partial(_finish, scene, reduction)
     with (
         progress_bar(total, "report", "image", shown=options.progress) as bar,
@@ -367,7 +390,9 @@ def _measure(
                 stages["pictures"] += drawn - since
                 found = tracers.find(truth) if tracers else None
                 marks = images.alone_pictures(truth, found.wrong, reduction) if found else {}
-                truths[aperture] = Truth(picture=picture, alone=found.numbers if found else None, marks=marks)
+                truths[aperture] = Truth(
+                    picture=picture, alone=found.numbers if found else None, marks=marks
+                )
                 stages["alone"] = time.perf_counter() - drawn
                 bar.set_postfix_str(f"{at}: truth", refresh=False)
                 bar.update()
@@ -378,7 +403,9 @@ def _measure(
     return rows, truths
 
 
-def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measurement, HogelImage, float]:
+def _finish(
+    scene: Scene, reduction: int, frame: JudgedFrame
+) -> tuple[Measurement, HogelImage, float]:
     """Return the row of a frame, its truth, and the seconds that its pictures took to encode.
 
     The thread that has judged the frame encodes them.
@@ -387,16 +414,20 @@ def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measureme
     comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
     if budget is not None:
         # The place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all.
-        places = np.array([list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
+        places = np.array(
+            [list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8
+        )
         is_wrong, charge = budget.surface_charge >= 0, budget.surface_charge.copy()
         charge[is_wrong] = places[charge[is_wrong]]
         charge[budget.explanation.unexplained & is_wrong] = len(images.CAUSE_COLORS)
     scale = reach, images.height_range(scene, reach)
     if comparison.errors.surface is not None:
-        wrong["surface"] = PixelSet.of(comparison.errors.surface)
+        wrong["surface"] = PixelSet.from_mask(comparison.errors.surface)
     if comparison.colors is not None:
         with np.errstate(invalid="ignore"):
-            wrong["radiance"] = PixelSet.of(np.abs(comparison.colors.error).max(axis=-1) > STEP)
+            wrong["radiance"] = PixelSet.from_mask(
+                np.abs(comparison.colors.error).max(axis=-1) > STEP
+            )
     row = Measurement(
         aperture=frame.aperture,
         settings=frame.settings,
@@ -425,13 +456,15 @@ class ReportFiles:
     json: Path
     parquet: Path
     inspection: Path
-    #: The best setting with its numbers at the worst aperture, in words, and the command that draws with it.
+    #: The best setting with its numbers at the worst aperture, in words, and the command that draws
+    #: with it.
     best: Recommendation
     sentence: str
     command: str
     #: The object in report.json.
     content: dict[str, Any]
-    #: Further sentences: how much of the plate was measured, and what is left out; and the time that it took.
+    #: Further sentences: how much of the plate was measured, and what is left out; and the time
+    #: that it took.
     notes: tuple[str, ...]
     cost: str
 
@@ -452,22 +485,27 @@ def make_report(
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write its page, numbers and inspection (`FILES`).
 
-    They go into the folder `out`, by default `default_folder`, where no file appears before all are complete.
+    They go into the folder `out`, by default `default_folder`, where no file appears before all are
+    complete.
 
-    InputError where a setting makes no sense, there is nothing to measure or to see, the folder cannot be
-    written, or there is no OpenGL.
+    InputError where a setting makes no sense, there is nothing to measure or to see, the folder
+    cannot be written, or there is no OpenGL.
     """
     options = options or ReportOptions()
     given = scene.default_apertures() if options.apertures is None else options.apertures
     apertures = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
     settings = best.settings_of(scene.frustum, options)
     if not settings or not apertures:
-        raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
+        raise InputError(
+            "nothing to measure: give at least one near, one depth format and one aperture"
+        )
     require_seen(scene, apertures)
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         measured = sweep(scene, apertures, settings, options)
         chosen, frustum = measured.best, scene.frustum
-        said = best.sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
+        said = best.sentence(
+            measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered
+        )
         if measured.decided_by != alone.CERTIFIED:
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
         command = provenance.raster_command(scene, chosen.aperture, chosen.settings)
@@ -480,7 +518,7 @@ def make_report(
             scene=scene,
             told=f"The apertures of the report, drawn with its best setting: {drawn}.",
             hogels=measured.inspected,
-            plate_map=PlateMap.of(scene.plate, "Share of wrong surfaces", shares),
+            plate_map=PlateMap.from_values(scene.plate, "Share of wrong surfaces", shares),
         )
         inspection.write_inspection(staging.folder, inspected)
         content = report_content(measured, said, command)
@@ -505,7 +543,11 @@ def make_report(
 def write_parquet(measured: Sweep, path: Path) -> None:
     """Write one row per aperture and setting, whose columns follow from `TableRow`."""
     scene = measured.scene
-    made_by = {"scene_name": scene.name, "scene_source": scene.source, "scene_hash": scene.content_hash}
+    made_by = {
+        "scene_name": scene.name,
+        "scene_source": scene.source,
+        "scene_hash": scene.content_hash,
+    }
     made_by |= {"units": scene.units, "decided_by": measured.decided_by}
     made_by |= {f"version_{name}": version for name, version in measured.versions.items()}
     made_by |= {f"device_{name}": value for name, value in measured.devices.items()}
@@ -549,7 +591,11 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
         "best_per_depth": list(map(recommended, best.best_per_depth(measured.rows))),
         "best_per_geometry": list(map(recommended, best.best_per_geometry(measured.rows))),
         "rows": [
-            {"aperture": row.aperture.index, **json_object(row.numbers(reach)), "causes": row.causes}
+            {
+                "aperture": row.aperture.index,
+                **json_object(row.numbers(reach)),
+                "causes": row.causes,
+            }
             for row in measured.rows
         ],
         # Where a tracer alone made the truths, there is nothing to compare it with.

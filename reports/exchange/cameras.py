@@ -1,6 +1,7 @@
 """Cameras in files for renderers that somebody else writes, with the numbered triangles beside them.
 
-`raster.cameras.description` has those of C and C*; Blender's is the crossed frustum (blender/render.py).
+`raster.cameras.description` has those of C and C*; Blender's is the crossed frustum
+(blender/render.py).
 """
 
 import shutil
@@ -51,9 +52,9 @@ def write_cameras(
 ) -> CameraFiles:
     """Write the cameras of a scene for another renderer into a folder.
 
-    For `json`, `gltf` and `mitsuba` they are C and C* of some settings, by default of a report's apertures.
-    For `blender` it is the crossed frustum itself, which needs no settings; the apertures are those that its
-    script renders unless it is told others.
+    For `json`, `gltf` and `mitsuba` they are C and C* of some settings, by default of a report's
+    apertures. For `blender` it is the crossed frustum itself, which needs no settings; the
+    apertures are those that its script renders unless it is told others.
 
     InputError where settings are missing or make no sense, or the folder cannot be written.
     """
@@ -69,7 +70,9 @@ def write_cameras(
         next_step += f"blender -b {blend}-P {script} -- --out HOGELS"
         return CameraFiles(renderer=chosen, files=files, next_step=next_step)
     if settings is None:
-        raise InputError("C and C* need --near, the distance by which they step back from the plate")
+        raise InputError(
+            "C and C* need --near, the distance by which they step back from the plate"
+        )
     cameras = cameras_of(scene, settings, apertures or scene.default_apertures())
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
@@ -77,14 +80,18 @@ def write_cameras(
         staging.write(name, written)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         cameras_file, triangles_file = sorted(staging.commit(), key=lambda file: file.name != name)
-    next_step = f"read CONVENTIONS.md, and {cameras_file}; {triangles_file} has the numbered triangles"
+    next_step = (
+        f"read CONVENTIONS.md, and {cameras_file}; {triangles_file} has the numbered triangles"
+    )
     return CameraFiles(renderer=chosen, files=(cameras_file, triangles_file), next_step=next_step)
 
 
 def write_triangles(scene: Scene, path: Path) -> None:
     """Write the corners of all triangles, scene units, the object of each, and what shading reads of them."""
     objects, environment = scene.objects, scene.appearance.environment
-    shading = {name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")}
+    shading = {
+        name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")
+    }
     shading["environment"] = None if environment is None else environment.radiance
     np.savez(
         path,
@@ -98,7 +105,9 @@ def write_triangles(scene: Scene, path: Path) -> None:
     )
 
 
-def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None) -> tuple[Path, ...]:
+def write_blender(
+    scene: Scene, out: Path, apertures: Sequence[Aperture] | None
+) -> tuple[Path, ...]:
     """Write the script that renders a scene's hogels in Blender, with plate and numbered triangles beside it.
 
     The script renders these apertures where nobody names others; the whole plate where None.
@@ -117,10 +126,15 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
         "apertures": None if apertures is None else [aperture.index for aperture in apertures],
         "objects": [one.name for one in objects],
         "colors": [material.diffuse for material in scene.materials],
-        "lights": [{"direction": light.direction, "color": light.color} for light in scene.appearance.lights],
+        "lights": [
+            {"direction": light.direction, "color": light.color}
+            for light in scene.appearance.lights
+        ],
     }
     with Staging(out, ("render.py", "plate.json", TRIANGLES_FILE)) as staging:
-        shutil.copyfile(Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py")
+        shutil.copyfile(
+            Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py"
+        )
         staging.write("plate.json", described)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         return staging.commit()

@@ -26,17 +26,21 @@ from xfrustum.reports.plate.stored import checked_group, read_hogel
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
-from xfrustum.scenes.disk.durable import Aside
+from xfrustum.scenes.disk.durable import TempPath
 from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.files import layouts, plate_files
 from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
-LAYOUT_ATTRIBUTE = "xfrustum:converted"  # of converted groups, says from what; drawn ones have another
+LAYOUT_ATTRIBUTE = (
+    "xfrustum:converted"  # of converted groups, says from what; drawn ones have another
+)
 
 
-NUMBERED = Reading(encoding=Encoding.TRIANGLE_ID)  #: how pictures hold numbers of triangles; see `packed`
+NUMBERED = Reading(
+    encoding=Encoding.TRIANGLE_ID
+)  #: how pictures hold numbers of triangles; see `packed`
 
 
 class PlateArray(StrEnum):
@@ -67,28 +71,40 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
         names = [name for name in PlateArray if name in group]
         chosen = array or (names[0] if names else PlateArray.COLOR)
         if chosen not in names:
-            raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
+            raise InputError(
+                f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?"
+            )
         stored, flags = group[chosen], group.get(FINISHED) if ATTRIBUTE in group.attrs else None
     except DAMAGE as error:
         raise InputError(f"{place}: is no plate that can be read ({told(error)})") from error
     dimensions = 5 if chosen is PlateArray.COLOR else 4
-    if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
+    if (
+        not isinstance(stored, zarr.Array)
+        or stored.ndim != dimensions
+        or stored.dtype.kind not in "uif"
+    ):
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
     shape = layouts.PlateShape(hogels=(columns, rows), resolution=(width, height))
-    largest = max(math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ()))
+    largest = max(
+        math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ())
+    )
     check_allowed(place, largest * stored.dtype.itemsize, f"one hogel or chunk of {chosen}")
     floating = stored.dtype.kind == "f"
     dtype = stored.dtype if chosen is PlateArray.COLOR else np.dtype(np.uint8)
     if dtype not in (np.uint8, np.float16, np.float32):
-        raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
+        raise InputError(
+            f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32"
+        )
 
     # Hogels that were not drawn stay empty; groups of others may leave out the files of empty ones.
     finished = flags if isinstance(flags, zarr.Array) and flags.shape == (rows, columns) else None
 
     def row(number: int) -> layouts.Pixels:
         pixels = plate_files.empty_row(found)
-        for column in range(columns) if finished is None else np.flatnonzero(finished[number]).tolist():
+        for column in (
+            range(columns) if finished is None else np.flatnonzero(finished[number]).tolist()
+        ):
             hogel = read_hogel(place, stored, column, number, must_exist=finished is not None)
             pixels[column] = hogel if chosen is PlateArray.COLOR else packed(hogel)
         return pixels
@@ -185,7 +201,9 @@ class ConversionOptions:
 
     hogels: tuple[int, int] | None = None  #: columns and rows, which a mosaic does not state
     tiles: tuple[int, int] | None = None  #: columns and rows of tiles of a quilt to be written
-    suffix: str | None = None  #: of pictures to be written; None for the layout's, .exr for floating point
+    suffix: str | None = (
+        None  #: of pictures to be written; None for the layout's, .exr for floating point
+    )
     array: PlateArray | str | None = None  #: of a Zarr group to be read or written
     aspect: float | None = None  #: width of the plate over its height; None for that of the hogels
 
@@ -201,7 +219,8 @@ def convert(
 ) -> Conversion:
     """Write the plate of a folder, picture or Zarr group (NAME.zarr) in another layout.
 
-    Layouts are named, or `zarr`; None for what the source looks like, and for `zarr` by the name of `out`.
+    Layouts are named, or `zarr`; None for what the source looks like, and for `zarr` by the name of
+    `out`.
 
     InputError where the source cannot be read in this layout, or nothing can be written at `out`.
     """
@@ -242,7 +261,11 @@ def convert(
 
 def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> plate_files.FileSet:
     """Return the files of a whole plate; InputError where some are missing or lie beyond it."""
-    shape = None if options.hogels is None else layouts.PlateShape(hogels=options.hogels, resolution=(1, 1))
+    shape = (
+        None
+        if options.hogels is None
+        else layouts.PlateShape(hogels=options.hogels, resolution=(1, 1))
+    )
     found = plate_files.find_files(
         source, shape, layouts.LAYOUTS if read_as is None else layouts.layouts_named(read_as)
     )
@@ -252,7 +275,9 @@ def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> 
             f"for a plate of {found.shape.words}"
         )
     if found.beyond:
-        advice = "leave out --hogels, or give all of them" if options.hogels else "move the others away"
+        advice = (
+            "leave out --hogels, or give all of them" if options.hogels else "move the others away"
+        )
         raise InputError(
             f"{source}: {found.beyond} of {len(found.files)} files of the layout {found.layout.name} "
             f"lie beyond a plate of {found.shape.words}; {advice}"
@@ -267,14 +292,18 @@ def _into_group(
     if array is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
-        plate = plate_files.plate_with_levels(plate, BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
+        plate = plate_files.plate_with_levels(
+            plate, BYTE_LEVELS if array is PlateArray.TRIANGLE else None
+        )
     if out.exists() or out.is_symlink():
-        raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
+        raise InputError(
+            f"{out}: exists; choose another place, for a group is written in one piece"
+        )
     columns, rows = plate.shape.hogels
     described: dict[str, object] = {"source": str(source), "layout": done.read_as}
     with (
         refused(f"{out}: cannot be written", "choose another place"),
-        Aside(out.absolute().parent, folder=True) as aside,
+        TempPath(out.absolute().parent, folder=True) as aside,
         progress_bar(columns * rows, "convert", "hogel", shown=progress) as bar,
     ):
         made = aside.path / "group"
@@ -300,14 +329,18 @@ def _into_files(
     )
 
     def named(naming: layouts.Naming) -> bool:  # `pleno` has no other files than .ppm
-        name = plate_files.Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
+        name = plate_files.Target(layout=layout, naming=naming).file_name(
+            next(layout.indices(shape)), shape
+        )
         return layout.read_name(name) is not None
 
     floating = replace(naming, suffix=".exr")
     if suffix is None and plate.levels is None and named(floating):
         naming = floating
     if not named(naming):
-        raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
+        raise InputError(
+            f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}"
+        )
     target = plate_files.Target(layout=layout, naming=naming)
     files, losses = layout.file_count(shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
@@ -346,7 +379,9 @@ class LaidOutPlate:
     @property
     def files(self) -> Path:
         """The folder of the files, or the one picture."""
-        return self.out.with_name(f"{self.out.stem}-{self.layout}") if self.keeps_group else self.out
+        return (
+            self.out.with_name(f"{self.out.stem}-{self.layout}") if self.keeps_group else self.out
+        )
 
     def check(self, scene: Scene, content: PlateContent, *, judged: bool) -> None:
         """Raise InputError where the files could not be written, or would lose images or measures."""
@@ -363,13 +398,17 @@ class LaidOutPlate:
         for layout in layouts.layouts_named(self.layout):
             # A layout that has no place for such a plate says so here.
             layout.stem(next(layout.indices(shape)), shape, layouts.Naming())
-        single = self.layout in ONE_PICTURE and self.files.suffix.lower() in layouts.PICTURE_SUFFIXES
+        single = (
+            self.layout in ONE_PICTURE and self.files.suffix.lower() in layouts.PICTURE_SUFFIXES
+        )
         check_writable_folder(self.files.absolute().parent if single else self.files)
 
     def write(self, scene: Scene) -> Conversion:
         """Write the files of a plate that is drawn, and remove the group unless it is to be kept."""
         width, height = scene.plate.size
-        done = convert(self.group, self.files, ZARR, self.layout, ConversionOptions(aspect=width / height))
+        done = convert(
+            self.group, self.files, ZARR, self.layout, ConversionOptions(aspect=width / height)
+        )
         if not self.keeps_group:
             shutil.rmtree(self.group)
         return done

@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.radiance import transported
-from xfrustum.compare.run import Judge, JudgedFrame, Wanted
+from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.rasterizer import Rasterizer, normals_of
@@ -55,8 +55,13 @@ def measures_of(scene: Scene) -> dict[str, str]:
     certainty = {kind.name.lower(): 0 for kind in Certainty}
     empty = ComparisonNumbers(**counts, **nothing, certainty=certainty)  # type: ignore[arg-type]
     found = {}
-    for column in columns_of(MeasuredHogel, [MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)]):
-        name, numeric = column.name, pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+    for column in columns_of(
+        MeasuredHogel, [MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)]
+    ):
+        name, numeric = (
+            column.name,
+            pa.types.is_integer(column.type) or pa.types.is_floating(column.type),
+        )
         if name not in PLACES and numeric and (is_shaded(scene) or not name.startswith("radiance")):
             length = scene.units if name.startswith("height") else "1"
             found[name] = "px" if name.startswith("displacement_px") else length
@@ -78,11 +83,15 @@ def source_of(
     """Open what makes the hogels of a scene: with settings they are drawn, without they are traced."""
     if settings is None:
         if judge:
-            raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")
+            raise InputError(
+                "--judge compares what is drawn with the truth: leave out --truth, or --judge"
+            )
         yield _traced(scene, content)
         return
     if Channel.CERTAINTY in content.channels:
-        raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
+        raise InputError(
+            "certainty is the truth's alone: leave it out of the channels, or add --truth"
+        )
     # More effects than the scene calls for change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
@@ -93,7 +102,7 @@ def source_of(
             yield HogelSource(hogels=drawing.hogels, description=described)
         return
     settings.check_against(scene.frustum)
-    with Judge(scene, effects=content.effects) as judging:
+    with Evaluator(scene, effects=content.effects) as judging:
 
         def examined(rasterizer: Rasterizer) -> frozenset[Effect]:
             rasterizer.check_sampling(scene.sampling)
@@ -109,7 +118,9 @@ def source_of(
 def _traced(scene: Scene, content: PlateContent) -> HogelSource:
     """Return truths, certified; their colors are means of light paths where the scene has any."""
     by_paths = scene.transport.simulated
-    reference = Reference(scene, tracer="mitsuba" if by_paths else "embree", effects=content.effects)
+    reference = Reference(
+        scene, tracer="mitsuba" if by_paths else "embree", effects=content.effects
+    )
 
     def colored(aperture: Aperture) -> HogelImage:
         image = reference.trace(aperture, Sampling())
@@ -124,24 +135,30 @@ def _traced(scene: Scene, content: PlateContent) -> HogelSource:
     renderer = f"reference, {'colored by Mitsuba' if by_paths else 'certified'}"
     return HogelSource(
         hogels=hogels,
-        description=described_as(scene, content, renderer, ALL_EFFECTS if by_paths else simulated, None),
+        description=described_as(
+            scene, content, renderer, ALL_EFFECTS if by_paths else simulated, None
+        ),
     )
 
 
 def _judged(
-    judge: Judge, content: PlateContent, settings: DoubleFrustum, apertures: Iterable[Aperture]
+    judge: Evaluator, content: PlateContent, settings: DoubleFrustum, apertures: Iterable[Aperture]
 ) -> Iterator[PlateHogel]:
     """Draw and judge hogels; the images are those of a plate that is drawn alone, bit for bit."""
     colors = is_shaded(judge.scene)
     # Pixels are stored with color; whether it is compared is another question.
-    wanted = Wanted(color=True, colored_truths=colors, radiance=colors)
+    wanted = FrameRequest(color=True, colored_truths=colors, radiance=colors)
 
     def stored(frame: JudgedFrame) -> JudgedPlateHogel:
         here, image = frame.aperture, frame.image
         if Channel.NORMAL in content.channels:
             image = replace(image, normal=normals_of(judge.scene, image.triangle))
         measured = MeasuredHogel(
-            column=here.column, row=here.row, x=here.x, y=here.y, comparison=frame.comparison.numbers
+            column=here.column,
+            row=here.row,
+            x=here.x,
+            y=here.y,
+            comparison=frame.comparison.numbers,
         )
         return JudgedPlateHogel(**{**vars(plate_hogel(image, content)), "measured": measured})
 
@@ -158,8 +175,8 @@ def described_as(
 ) -> dict[str, Any]:
     """Return everything that decides the pixels of hogels, as JSON; it must agree to go on with a store.
 
-    What is None is left out: plates of truths have no `settings`, those with one sample a pixel through the
-    middle of its aperture no `sampling`, and those without light paths no `transport`.
+    What is None is left out: plates of truths have no `settings`, those with one sample a pixel
+    through the middle of its aperture no `sampling`, and those without light paths no `transport`.
     """
     usual = PlateContent(color=content.color, ids=content.ids).channels == content.channels
     sampling, transport = scene.sampling, scene.transport
@@ -183,7 +200,9 @@ def described_as(
         "sampling": {"aperture": sampling.aperture, **{k: n for k, n in finer.items() if n > 1}}
         if sampled
         else None,
-        "transport": {name: getattr(transport, name) for name in ("shadows", "interreflection", "samples")}
+        "transport": {
+            name: getattr(transport, name) for name in ("shadows", "interreflection", "samples")
+        }
         if settings is None and transport.simulated
         else None,
     }
@@ -240,7 +259,9 @@ class PlateJob(Job):
             yield PlateSession(source, store, self.check)
 
 
-_opened = lru_cache(1)(PlateStore)  # store of the last job, which this process asks about many blocks
+_opened = lru_cache(1)(
+    PlateStore
+)  # store of the last job, which this process asks about many blocks
 
 
 @dataclass(frozen=True)
@@ -259,7 +280,9 @@ class PlateSession:
         """Draw what is missing of a block."""
         self.draw([replace(block, apertures=self.store.missing(block, check=self.check)[0])])
 
-    def draw(self, blocks: Iterable[Block], done: Callable[[int], object] = lambda hogels: None) -> None:
+    def draw(
+        self, blocks: Iterable[Block], done: Callable[[int], object] = lambda hogels: None
+    ) -> None:
         """Draw blocks as one stream of hogels; each block is written while the next one is drawn."""
         begun: deque[Block] = deque()
 
@@ -296,18 +319,19 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, block by block, each into a shard of its own.
 
-    Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn in the
-    order in which their apertures are named, by `engine`. Killed at any moment it loses no finished block;
-    called again it goes on with the others and ends with the arrays of a run that was not disturbed.
+    Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn
+    in the order in which their apertures are named, by `engine`. Killed at any moment it loses no
+    finished block; called again it goes on with the others and ends with the arrays of a run that
+    was not disturbed.
 
-    A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without shards;
-    None for those of a store that exists, and for a new one as many as `BLOCK_BYTES` hold. `judge` says
-    whether every hogel is traced too, and its measures are stored beside its pixels; `check`, whether every
-    hogel that is there is read in full, and drawn again where it is damaged. `begun` is called once the store
-    is open, before the first hogel is drawn.
+    A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without
+    shards; None for those of a store that exists, and for a new one as many as `BLOCK_BYTES` hold.
+    `judge` says whether every hogel is traced too, and its measures are stored beside its pixels;
+    `check`, whether every hogel that is there is read in full, and drawn again where it is damaged.
+    `begun` is called once the store is open, before the first hogel is drawn.
 
-    InputError: see `source_of` and `open_store`; or the block is none, no scheduler answers, or a worker has
-    another device than the one that began the plate.
+    InputError: see `source_of` and `open_store`; or the block is none, no scheduler answers, or a
+    worker has another device than the one that began the plate.
     """
     content, out, part = content or PlateContent(), Path(out), engine.part
     asked = scene.plate.apertures() if apertures is None else apertures
@@ -366,7 +390,9 @@ def layout_of(
     """Return the layout of a new store; parameters as for `write_plate`."""
     columns, rows = scene.plate.hogels
     if block is not None and min(block) < 1:
-        raise InputError(f"a block must have at least one column and one row, not {block[0]} x {block[1]}")
+        raise InputError(
+            f"a block must have at least one column and one row, not {block[0]} x {block[1]}"
+        )
     side = block or default_side(scene.plate, scene.frustum, content)
     return Layout(
         plate=scene.plate,
@@ -383,7 +409,9 @@ def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> Ap
     found = []
     for block in blocks:
         spans = zip(block, plate.hogels, strict=True)
-        (left, right), (top, bottom) = ((0, count - 1) if span is None else span for span, count in spans)
+        (left, right), (top, bottom) = (
+            (0, count - 1) if span is None else span for span, count in spans
+        )
         # Both corners first: a mistake is not found in the middle of the work.
         plate.aperture(left, top), plate.aperture(right, bottom)
         found.append((range(left, right + 1), range(top, bottom + 1)))

@@ -27,7 +27,9 @@ class PlateSize:
     @property
     def words(self) -> str:
         """The size in one line."""
-        size = f"{self.hogels:,} hogels to draw take at most {_sized(self.needed)} before compression"
+        size = (
+            f"{self.hogels:,} hogels to draw take at most {_sized(self.needed)} before compression"
+        )
         return f"{self.place}: {size}; the disk has {_sized(self.free)} free"
 
     def require_room(self) -> None:
@@ -48,14 +50,20 @@ def _sized(size: int) -> str:
 
 
 def plate_size(
-    out: Path, layout: Layout, apertures: ApertureBlocks | Sequence[Aperture], *, files: bool = False
+    out: Path,
+    layout: Layout,
+    apertures: ApertureBlocks | Sequence[Aperture],
+    *,
+    files: bool = False,
 ) -> PlateSize:
     """Return the size of some hogels of a plate without those that are there already.
 
     With `files`, one image of each is written once more, in a layout of files.
     """
     hogels = len(apertures) - _finished(out, apertures)
-    per_hogel = layout.hogel_bytes + 8 * len(layout.measures) * 2  # measures are in maps and in a table
+    per_hogel = (
+        layout.hogel_bytes + 8 * len(layout.measures) * 2
+    )  # measures are in maps and in a table
     if files:
         per_hogel += layout.array_bytes(layout.arrays[-1])
     place = out.absolute()

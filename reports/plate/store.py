@@ -1,15 +1,16 @@
 """A plate on disk: its arrays and their labels, its blocks of hogels, and the Zarr group that holds them.
 
-This is the only place that draws into the Zarr group of a plate; `exchange.convert` writes a converted plate
-row by row. The shards of the group are blocks of hogels. Zarr writes every file aside and renames it. The
-array `finished` says which hogels are there; its part of a block is written after all others, so that
-whatever ends a process, a hogel that it calls finished is. What a process that was killed may leave is a file
-`*.partial`, which the next command on the plate removes, and beside it a part of the measures, which the next
-one that writes measures removes (`scenes.disk`).
+This is the only place that draws into the Zarr group of a plate; `exchange.convert` writes a
+converted plate row by row. The shards of the group are blocks of hogels. Zarr writes every file
+aside and renames it. The array `finished` says which hogels are there; its part of a block is
+written after all others, so that whatever ends a process, a hogel that it calls finished is. What a
+process that was killed may leave is a file `*.partial`, which the next command on the plate
+removes, and beside it a part of the measures, which the next one that writes measures removes
+(`scenes.disk`).
 
-Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a block is
-read, completed and written under an exclusive lock on the group's description. Whole blocks are written under
-a shared lock, for every process has the same bytes of them.
+Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a
+block is read, completed and written under an exclusive lock on the group's description. Whole
+blocks are written under a shared lock, for every process has the same bytes of them.
 """
 
 from __future__ import annotations
@@ -61,7 +62,12 @@ PLATE_DIMENSIONS = ("row", "column")  # the first two of every array
 _CERTAINTY = "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined"
 _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
     Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance"),
-    Channel.TRIANGLE: ("<i4", NOTHING, ("v", "u"), "number of the visible triangle, -1 where there is none"),
+    Channel.TRIANGLE: (
+        "<i4",
+        NOTHING,
+        ("v", "u"),
+        "number of the visible triangle, -1 where there is none",
+    ),
     Channel.HEIGHT: ("<f4", np.nan, ("v", "u"), "height of the visible surface above the plate"),
     Channel.NORMAL: ("<f4", np.nan, ("v", "u", "xyz"), "unit normal of the visible triangle"),
     Channel.CERTAINTY: ("u1", int(Certainty.UNEXAMINED), ("v", "u"), _CERTAINTY),
@@ -157,7 +163,8 @@ class Layout:
                 fill=fill,
                 shape=(*self.frustum.resolution[::-1], *(3 for _ in dimensions[2:])),
                 dimensions=(*PLATE_DIMENSIONS, *dimensions),
-                attributes={"long_name": meaning} | ({"units": units[channel]} if channel in units else {}),
+                attributes={"long_name": meaning}
+                | ({"units": units[channel]} if channel in units else {}),
             )
             arrays.append(array)
         return tuple(arrays)
@@ -194,7 +201,9 @@ class Layout:
         if isinstance(apertures, ApertureBlocks):
             for columns, rows in apertures.blocks:
                 for row in range(rows.start // height, -(-rows.stop // height)):
-                    first, last = (row * across + end // width for end in (columns.start, columns.stop - 1))
+                    first, last = (
+                        row * across + end // width for end in (columns.start, columns.stop - 1)
+                    )
                     named |= {number: [] for number in range(first, last + 1)}
         else:
             for one in dict.fromkeys(apertures):
@@ -204,7 +213,10 @@ class Layout:
             columns = range(column * width, min((column + 1) * width, hogels[0]))
             rows = range(row * height, min((row + 1) * height, hogels[1]))
             inside = some or [
-                one for j in rows for i in columns if (one := self.plate.aperture(i, j)) in apertures
+                one
+                for j in rows
+                for i in columns
+                if (one := self.plate.aperture(i, j)) in apertures
             ]
             yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
 
@@ -221,7 +233,9 @@ def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple
 def side_of(found: object, plate: Plate) -> tuple[int, int] | None:
     """Return the columns and rows of a block as a store's description has them; None where it has none."""
     side = found.get("block") if isinstance(found, dict) else None
-    if not (isinstance(side, Sequence) and len(side) == 2 and all(type(count) is int for count in side)):
+    if not (
+        isinstance(side, Sequence) and len(side) == 2 and all(type(count) is int for count in side)
+    ):
         return None
     columns, rows = side
     inside = 1 <= columns <= plate.hogels[0] and 1 <= rows <= plate.hogels[1]
@@ -229,7 +243,8 @@ def side_of(found: object, plate: Plate) -> tuple[int, int] | None:
 
 
 ATTRIBUTE = "xfrustum"  # of the group, holds everything that decides its pixels
-LAYOUT = "layout"  # key of a description that decides no pixel; a store keeps its own unless one is asked for
+# key of a description that decides no pixel; a store keeps its own unless one is asked for
+LAYOUT = "layout"
 COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value  # arrays that most readers ask for
 FINISHED = "finished"  # array over (row, column) that is 1 where a hogel is there
 METADATA = "zarr.json"  # what Zarr calls the description of a group or an array, in its folder
@@ -238,7 +253,15 @@ COMPRESSOR = ZstdCodec(level=1, checksum=True)
 """Compressor of everything: level 1 takes a small part of the time that drawing takes; the checksum tells a
 reader whether a chunk is what was written."""
 
-DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+DAMAGE = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+)
 """What Zarr raises of files that are not what was written: codecs, JSON and checksums have errors of their
 own."""
 
@@ -247,7 +270,10 @@ class _RegularFiles(LocalStore):
     """A folder of which regular files alone are read: a FIFO would keep its reader waiting."""
 
     async def get(
-        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+        self,
+        key: str,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
     ) -> Buffer | None:
         path = self.root / key
         if path.exists() and not path.is_file():
@@ -301,7 +327,8 @@ class Table:
         merged = [rows[place] for place in sorted(rows)]
         self.folder.mkdir(exist_ok=True)
         with new_file(self.path(block)) as aside:
-            # From plain values, so that equal rows make equal bytes, whatever tables they come from.
+            # From plain values, so that equal rows make equal bytes, whatever tables they come
+            # from.
             pq.write_table(pa.Table.from_pylist(merged, schema=added.schema), aside)
         return merged
 
@@ -309,8 +336,9 @@ class Table:
 def require_described(place: Path, layout: Layout) -> None:
     """Raise InputError unless the arrays of a plate, and their labels, are those of its layout.
 
-    Shapes, types, fill values, dimensions and units are compared, and the values of coordinates: every file
-    that is gone reads as zeros. The copies of the descriptions in the group's own file are compared, too.
+    Shapes, types, fill values, dimensions and units are compared, and the values of coordinates:
+    every file that is gone reads as zeros. The copies of the descriptions in the group's own file
+    are compared, too.
     """
     expected = _make(MemoryStore(), layout, {})
     for consolidated in (True, False):
@@ -412,8 +440,13 @@ class PlateStore:
 
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
         """Return a block's unfinished hogels, and how many are damaged, which only `check` finds."""
-        flags, files = self._flags(block), all(self._shard(array, block).is_file() for array in self._arrays)
-        measured = {(row["column"], row["row"]) for row in self.table.rows(block)} if self._maps else None
+        flags, files = (
+            self._flags(block),
+            all(self._shard(array, block).is_file() for array in self._arrays),
+        )
+        measured = (
+            {(row["column"], row["row"]) for row in self.table.rows(block)} if self._maps else None
+        )
         missing, damaged = [], 0
         for aperture in block.apertures:
             there = bool(flags[block.place_of(aperture)]) and files
@@ -455,13 +488,18 @@ class PlateStore:
                     self._shard(array.name, block).unlink()
                     stored[block.selection] = values
             if self._maps:
-                judged = [one.measured for one in hogels.values() if isinstance(one, JudgedPlateHogel)]
+                judged = [
+                    one.measured for one in hogels.values() if isinstance(one, JudgedPlateHogel)
+                ]
                 measured = self.table.add(block, judged)
                 for name, stored in self._maps.items():
                     values = np.full(block.shape, np.nan)
                     for one in measured:
                         if one[name] is not None:
-                            place = one["row"] - block.rows.start, one["column"] - block.columns.start
+                            place = (
+                                one["row"] - block.rows.start,
+                                one["column"] - block.columns.start,
+                            )
                             values[place] = one[name]
                     stored[block.selection] = values
             for aperture in hogels:
@@ -489,22 +527,28 @@ class PlateStore:
         return shard_file(self._place, self._arrays[name], block.columns.start, block.rows.start)
 
 
-def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:
+def open_store(
+    out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True
+) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
 
-    Where blocks are `free`, a store keeps its own. InputError where it was drawn from another scene or with
-    other settings, is something else, or is damaged.
+    Where blocks are `free`, a store keeps its own. InputError where it was drawn from another scene
+    or with other settings, is something else, or is damaged.
     """
     wanted: dict[str, Any] = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
     table = out.resolve().with_suffix(".parquet")
     if layout.measures and table.exists() and not table.is_dir():
-        raise InputError(f"--out {out}: its measures belong into {table}, which is no folder; move that away")
+        raise InputError(
+            f"--out {out}: its measures belong into {table}, which is no folder; move that away"
+        )
     if not out.exists():
         try:
-            # Zarr writes from a thread of its own, which would go on making files after an interrupt.
+            # Zarr writes from a thread of its own, which would go on making files after an
+            # interrupt.
             with Staging(out) as staging, delayed():
                 _make(LocalStore(staging.folder), layout, wanted)
-                # No folder that holds something is replaced by this: another process may have been faster.
+                # No folder that holds something is replaced by this: another process may have been
+                # faster.
                 staging.folder.rename(out.resolve())
         except InputError:
             if not (out / METADATA).is_file():
@@ -556,7 +600,10 @@ def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.
             attributes=dict(array.attributes),
         )
     maps = [(name, "<f8", np.nan, name.replace("_", " "), unit) for name, unit in layout.measures]
-    for name, dtype, fill, meaning, unit in (*maps, (FINISHED, "u1", 0, "1 where the hogel is there", "1")):
+    for name, dtype, fill, meaning, unit in (
+        *maps,
+        (FINISHED, "u1", 0, "1 where the hogel is there", "1"),
+    ):
         group.create_array(
             name,
             shape=layout.plate.hogels[::-1],
@@ -577,7 +624,8 @@ def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.
             attributes={"long_name": meaning, **units},
         )
     with warnings.catch_warnings():
-        # Consolidated metadata are no part of Zarr's format 3 yet; readers that know them are faster.
+        # Consolidated metadata are no part of Zarr's format 3 yet; readers that know them are
+        # faster.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(store)
     return group
@@ -586,9 +634,9 @@ def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.
 def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     """Return the crossed frustum of a hogel of a plate, in full double precision.
 
-    The line of film coordinates u, v is (x, y, 0) + s (kx + u tx, ky + v ty, -1), with the aperture x, y, the
-    shear k and the half-extent t. It has the settings that the plate was drawn with. The store is a folder,
-    or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
+    The line of film coordinates u, v is (x, y, 0) + s (kx + u tx, ky + v ty, -1), with the aperture
+    x, y, the shear k and the half-extent t. It has the settings that the plate was drawn with. The
+    store is a folder, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
 
     InputError where there is no plate, or no such hogel on it.
     """
@@ -596,7 +644,9 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     said = said_by(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)
     name = store if in_folder else "the store"
     if not isinstance(said, Mapping):
-        raise InputError(f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made")
+        raise InputError(
+            f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made"
+        )
     try:
         plate = TypeAdapter(Plate).validate_python(said["plate"])
         frustum = TypeAdapter(Frustum).validate_python(said["frustum"])
@@ -604,7 +654,9 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
         scene, renderer = said["scene"], said["renderer"]
         source, scene_hash, device = str(scene[SOURCE]), str(scene["hash"]), str(renderer["device"])
     except (KeyError, TypeError, ValidationError, InputError) as error:
-        raise InputError(f"{name}: the description of the plate is damaged; draw it again") from error
+        raise InputError(
+            f"{name}: the description of the plate is damaged; draw it again"
+        ) from error
     aperture = plate.aperture(column, row)
     shear, half_extent = film_window(frustum, aperture)
     return HogelCamera(

@@ -1,7 +1,8 @@
 """Plates that `xfrustum plate` has drawn, for readers, who believe nothing that the files declare unchecked.
 
-Zarr reads a chunk whose file is gone as the fill value, so that a plate without the file `x/c/0` has all of
-its hogels at x = 0. A plate's description decides all its arrays and their labels: they are compared with it.
+Zarr reads a chunk whose file is gone as the fill value, so that a plate without the file `x/c/0`
+has all of its hogels at x = 0. A plate's description decides all its arrays and their labels: they
+are compared with it.
 """
 
 from __future__ import annotations
@@ -34,12 +35,15 @@ IMAGES = (*Channel, FINISHED)
 def layout_described(place: Path, group: zarr.Group, said: Mapping[str, Any]) -> Layout:
     """Return the layout that a plate's description implies; InputError where that is damaged.
 
-    Measures of hogels are those that the group has: which ones there are depends on the scene's look.
+    Measures of hogels are those that the group has: which ones there are depends on the scene's
+    look.
     """
     try:
         content = said["content"]
         channels = tuple(map(Channel, content.get("channels", ())))
-        wanted = PlateContent(color=ColorType(content["color"]), ids=content["ids"], channels=channels)
+        wanted = PlateContent(
+            color=ColorType(content["color"]), ids=content["ids"], channels=channels
+        )
         layout = Layout(
             plate=TypeAdapter(Plate).validate_python(said["plate"]),
             frustum=TypeAdapter(Frustum).validate_python(said["frustum"]),
@@ -51,7 +55,9 @@ def layout_described(place: Path, group: zarr.Group, said: Mapping[str, Any]) ->
         named = sorted(set(group.array_keys()) - {*labels, *IMAGES})
         measures = tuple((name, str(group[name].attrs.get("units", ""))) for name in named)
     except (*DAMAGE, ValidationError, InputError) as error:
-        raise InputError(f"{place}: the description of the plate is damaged; draw it again") from error
+        raise InputError(
+            f"{place}: the description of the plate is damaged; draw it again"
+        ) from error
     return replace(layout, measures=measures if content.get("judged") else ())
 
 
@@ -70,8 +76,8 @@ def checked_group(place: Path) -> zarr.Group:
 class StoredPlate:
     """The hogels of a Zarr group that `xfrustum plate` has made, for those who read it.
 
-    `description` is everything that decides the pixels, as the group says it; `arrays` are those of images by
-    name, (rows, columns, H, W) or (rows, columns, H, W, 3).
+    `description` is everything that decides the pixels, as the group says it; `arrays` are those of
+    images by name, (rows, columns, H, W) or (rows, columns, H, W, 3).
     """
 
     def __init__(self, path: Path) -> None:
@@ -83,11 +89,15 @@ class StoredPlate:
             raise InputError(f"{path}: its description is damaged; draw the plate again") from error
         self.description: Mapping[str, Any] = said if isinstance(said, dict) else {}
         finished = found.pop(FINISHED)
-        self.arrays = {name: array for name, array in found.items() if isinstance(array, zarr.Array)}
+        self.arrays = {
+            name: array for name, array in found.items() if isinstance(array, zarr.Array)
+        }
         shapes = {array.shape[:4] for array in self.arrays.values()}
         shape = next(iter(shapes), ())
         if not self.description or len(shapes) != 1 or len(shape) != 4 or 0 in shape:
-            raise InputError(f"{path}: is no plate of xfrustum, or damaged; draw it with `xfrustum plate`")
+            raise InputError(
+                f"{path}: is no plate of xfrustum, or damaged; draw it with `xfrustum plate`"
+            )
         # Plates of version 0.2 do not say which hogels are there: all are taken for finished.
         self._finished: Any = np.ones(shape[:2], np.uint8)
         if isinstance(finished, zarr.Array) and finished.shape == shape[:2]:
@@ -98,14 +108,18 @@ class StoredPlate:
         try:
             return bool(self._finished[aperture.row, aperture.column])
         except DAMAGE as error:
-            raise InputError(f"{self.path}: array {FINISHED} is damaged; draw the plate again") from error
+            raise InputError(
+                f"{self.path}: array {FINISHED} is damaged; draw the plate again"
+            ) from error
 
     def image(self, name: str, column: int, row: int) -> Any:
         """Return an image of a finished hogel; InputError where its file is damaged or gone."""
         return read_hogel(self.path, self.arrays[name], column, row)
 
 
-def read_hogel(place: Path, array: zarr.Array[Any], column: int, row: int, *, must_exist: bool = True) -> Any:
+def read_hogel(
+    place: Path, array: zarr.Array[Any], column: int, row: int, *, must_exist: bool = True
+) -> Any:
     """Return an image of a hogel; InputError where its file is damaged, or gone although it must exist."""
     reason = "its file is gone"
     if not must_exist or has_shard(place, array, column, row):

@@ -29,7 +29,7 @@ from xfrustum.reports.common.templates_environment import Filters, plain_text, s
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook import Figure, Shown, counted
+from xfrustum.scenes.notebook import Figure, NotebookRepr, counted
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
@@ -72,12 +72,14 @@ class PictureFrame:
     scale: float  #: pixels per scene unit
 
     @classmethod
-    def of(cls, scene: Scene, view: View) -> Self:
+    def from_scene(cls, scene: Scene, view: View) -> Self:
         """Show the reach, the plate, the frusta and the objects, as far as they are not far away."""
         toward, back = scene.frustum.reach
         far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
         least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
-        low, high = aside_of_frusta(scene.frustum, shown_apertures(scene), view.axis, (-back, toward))
+        low, high = aside_of_frusta(
+            scene.frustum, shown_apertures(scene), view.axis, (-back, toward)
+        )
         corners = [np.clip([[-back, low], [toward, high]], least, most)]
         for part in scene.objects:
             (x0, y0, z0), (x1, y1, z1) = box(part)
@@ -88,7 +90,9 @@ class PictureFrame:
         size = np.array([WIDTH, HEIGHT])
         scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
         # The rectangle is as wide and as high as its place on the picture.
-        (left, bottom), (right, top) = ((first + last) / 2 + side * size / scale / 2 for side in (-1, 1))
+        (left, bottom), (right, top) = (
+            (first + last) / 2 + side * size / scale / 2 for side in (-1, 1)
+        )
         return cls(box=(float(left), float(bottom), float(right), float(top)), scale=scale)
 
     def x(self, z: float) -> float:
@@ -102,7 +106,9 @@ class PictureFrame:
     def place(self, points: Floats) -> Floats:
         """Return where points (N, 2) of z and x or y lie within the frame, pixels from its top left."""
         z, across = points.T
-        return np.stack(((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1)
+        return np.stack(
+            ((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1
+        )
 
 
 def shown_apertures(scene: Scene) -> list[Aperture]:
@@ -113,15 +119,17 @@ def shown_apertures(scene: Scene) -> list[Aperture]:
 def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline]:
     """Return closed outlines of an object within a frame, pixels from the frame's top left.
 
-    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is projected; what is
-    thinner than a cell of the mask is shown as thick as one.
+    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is projected;
+    what is thinner than a cell of the mask is shown as thick as one.
     """
     size = int(FINER * WIDTH), int(FINER * HEIGHT)
     mask = Image.new("1", size)
     draw = ImageDraw.Draw(mask)
     small = np.zeros((size[1], size[0]), dtype=bool)
     for triangles in triangles_in_chunks(part):
-        corners = frame.place(triangles[..., [2, view.axis]].reshape(-1, 2)).reshape(-1, 3, 2) * FINER
+        corners = (
+            frame.place(triangles[..., [2, view.axis]].reshape(-1, 2)).reshape(-1, 3, 2) * FINER
+        )
         low, high = corners.min(axis=1), corners.max(axis=1)
         within = ((high >= 0) & (low <= size)).all(axis=1)
         # Triangles no larger than a cell are marked by their corners alone.
@@ -139,17 +147,19 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline
         # Points within a straight run are left out; their halves are exact.
         bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
         rows_of, columns_of = contour[bends].T - 0.5
-        found.append(list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True)))
+        found.append(
+            list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True))
+        )
     return found
 
 
 def draw_view(scene: Scene, view: View) -> str:
     """Return one view of a scene as an SVG document that needs nothing else.
 
-    Plate, reach and frusta are drawn where they are, to one scale in both directions, and objects as the
-    outlines of all their triangles. Objects too far away for that are named.
+    Plate, reach and frusta are drawn where they are, to one scale in both directions, and objects
+    as the outlines of all their triangles. Objects too far away for that are named.
     """
-    frame, frustum, axis = PictureFrame.of(scene, view), scene.frustum, view.axis
+    frame, frustum, axis = PictureFrame.from_scene(scene, view), scene.frustum, view.axis
     toward, back = frustum.reach
     frusta = []
     middle, *corners = shown_apertures(scene)
@@ -162,7 +172,11 @@ def draw_view(scene: Scene, view: View) -> str:
     objects = []
     for number, part in enumerate(scene.objects[:MAX_DRAWN]):
         shapes, (lowest, highest) = outlines(part, frame, view), box(part)
-        found: dict[str, Any] = {"name": f"{number} {Path(part.name).name}", "ring": None, "away": ""}
+        found: dict[str, Any] = {
+            "name": f"{number} {Path(part.name).name}",
+            "ring": None,
+            "away": "",
+        }
         if not shapes:  # outside the picture
             found["away"] = heights(lowest[2], highest[2], scene.units)
         else:
@@ -180,7 +194,9 @@ def draw_view(scene: Scene, view: View) -> str:
     def signed(value: float) -> str:
         return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
-    def printable(words: str) -> str:  # XML cannot hold control characters, which file names may have
+    def printable(
+        words: str,
+    ) -> str:  # XML cannot hold control characters, which file names may have
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
     values = {
@@ -199,7 +215,9 @@ def _ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
-    return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+    return [
+        float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)
+    ]
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:
@@ -220,13 +238,14 @@ class ObjectCheck:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SceneCheck(Shown):
+class SceneCheck(NotebookRepr):
     """A scene, as it is known before it is drawn."""
 
     scene: Scene
     objects: tuple[ObjectCheck, ...]
     warnings: tuple[str, ...]
-    seen: bool  #: whether any aperture of the plate can show anything; true of a scene without objects
+    #: whether any aperture of the plate can show anything; true of a scene without objects
+    seen: bool
 
     def view(self, view: View | str) -> str:
         """Return the `side` or the `top` view as an SVG document."""
@@ -246,7 +265,9 @@ class SceneCheck(Shown):
     def summary(self) -> dict[str, Any]:
         """Return everything but the pictures, as `check --json` prints it."""
         scene = self.scene
-        objects = [{**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects]
+        objects = [
+            {**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects
+        ]
         return json_object(
             {
                 "scene": scene.name,
@@ -285,12 +306,16 @@ def check(scene: Scene) -> SceneCheck:
             for one in (checked.extent for checked in objects)
             if one.sight.apertures == 0
         ]
-    return SceneCheck(scene=scene, objects=objects, warnings=tuple(dict.fromkeys(told)), seen=unseen is None)
+    return SceneCheck(
+        scene=scene, objects=objects, warnings=tuple(dict.fromkeys(told)), seen=unseen is None
+    )
 
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
     """Write side.svg and top.svg into a folder, both or none; InputError where that cannot be."""
-    return write_files(out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)})
+    return write_files(
+        out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)}
+    )
 
 
 def _looks(part: SceneObject) -> dict[str, str]:
@@ -320,7 +345,9 @@ def _looks(part: SceneObject) -> dict[str, str]:
     textures = "none, though it has texture coordinates" if coordinates else "none"
     if number is not None and uv is not None and part.textures:
         shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
-        sizes = ", ".join(dict.fromkeys(f"{one.shape[1]} x {one.shape[0]}" for one in part.textures))
+        sizes = ", ".join(
+            dict.fromkeys(f"{one.shape[1]} x {one.shape[0]}" for one in part.textures)
+        )
         pictures = counted(len(part.textures), "picture")
         textures = f"{pictures} of {sizes} pixels, on {of(shown, len(part.faces), 'triangles')}"
     return {

@@ -58,21 +58,25 @@ class Up(StrEnum):
         return (-90.0, 0.0, 0.0) if self is Up.Z else (0.0, 0.0, 0.0)
 
 
-Length = float | tuple[float, str | None]  #: a number of scene units, or a number and the name of its unit
+Length = (
+    float | tuple[float, str | None]
+)  #: a number of scene units, or a number and the name of its unit
 
 
 @dataclass(frozen=True, kw_only=True)
 class NewSceneOptions:
     """What of a new scene is asked for; None leaves it to the mesh."""
 
-    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`, for no
-    #: other mesh file says which one it has.
+    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`,
+    #: for no other mesh file says which one it has.
     units: str | None = None
     size: Length | None = None  #: of the longest side; by default its own, or to fit `plate`
     place: Place | str | None = None
     plate: tuple[Length, Length] | None = None  #: width and height
     pitch: Length | None = None  #: largest distance between apertures
-    viewer: Length | None = None  #: distance from which no cells are seen, unless `pitch` says otherwise
+    viewer: Length | None = (
+        None  #: distance from which no cells are seen, unless `pitch` says otherwise
+    )
     up: Up | str = Up.Y
     force: bool = False  #: replace an existing file
 
@@ -92,7 +96,8 @@ class NewScene:
     units: str
     heights: tuple[float, float]
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: What was placed otherwise, cannot be drawn where it was asked for, or is seen as cells; None: nothing.
+    #: What was placed otherwise, cannot be drawn where it was asked for, or is seen as cells; None:
+    #: nothing.
     warning: str | None = None
     unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
 
@@ -121,22 +126,28 @@ class NewScene:
 
 
 def new_scene(
-    mesh: Path | str, out: Path | str | None = None, options: NewSceneOptions | None = None, **fields: Any
+    mesh: Path | str,
+    out: Path | str | None = None,
+    options: NewSceneOptions | None = None,
+    **fields: Any,
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
 
-    Fields of `NewSceneOptions` may be given by name. Where no place is given, a mesh is put through the
-    plate, or behind it where it is flat and would lie in the plate, where displacement is undefined.
+    Fields of `NewSceneOptions` may be given by name. Where no place is given, a mesh is put through
+    the plate, or behind it where it is flat and would lie in the plate, where displacement is
+    undefined.
 
-    InputError where the mesh cannot be read or has no size, a length is not positive or has an unknown unit,
-    the pitch is larger than the plate, the file exists already or cannot be written.
+    InputError where the mesh cannot be read or has no size, a length is not positive or has an
+    unknown unit, the pitch is larger than the plate, the file exists already or cannot be written.
     """
     mesh, asked = Path(mesh), replace(options or NewSceneOptions(), **fields)
     place = None if asked.place is None else choice(Place, asked.place, "place")
     asked = replace(asked, place=place, up=choice(Up, asked.up, "up"))
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
     if out.exists() and not asked.force:
-        raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
+        raise InputError(
+            f"{out}: exists already; give --out another name, or --force to replace it"
+        )
     if asked.units is not None and not (asked.units and asked.units.isprintable()):
         # A comment of the scene file names them too: a line feed would end it.
         raise InputError(f"units must be printable text on one line, not {asked.units!r}")
@@ -172,7 +183,9 @@ def new_scene(
         "resolution": RESOLUTION,
         "fov_deg": FOV_DEG,
     }
-    text = plain_text("scene.toml.j2", values, {"quoted": _quoted, "length": length, "heights": heights})
+    text = plain_text(
+        "scene.toml.j2", values, {"quoted": _quoted, "length": length, "heights": heights}
+    )
     write_files(out.parent, {out.name: text})
     return written
 
@@ -192,10 +205,14 @@ class _Display:
         if pitch is None and self.viewer is not None:
             pitch = self.viewer * ACUITY_ARCMIN / ARCMIN_PER_RADIAN
         if pitch is None:
-            columns, rows = (max(1, 2 * round((side * HOGELS / max(size) - 1) / 2) + 1) for side in size)
+            columns, rows = (
+                max(1, 2 * round((side * HOGELS / max(size) - 1) / 2) + 1) for side in size
+            )
         else:
             if self.pitch is not None and pitch > min(size):
-                raise InputError(f"a pitch of {length(pitch)} is larger than the plate, {length(min(size))}")
+                raise InputError(
+                    f"a pitch of {length(pitch)} is larger than the plate, {length(min(size))}"
+                )
             # A whole number of cells, but for the roundings of a quotient, is taken as it is.
             columns, rows = (math.ceil(side / pitch * (1 - WHOLE)) for side in size)
             if self.pitch is not None and not self.plate:
@@ -225,7 +242,9 @@ class _Display:
         return f"from nearer than {within} {units} hogels of {own} {units} are seen as cells; give {cure}"
 
 
-def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, size: float | None) -> NewScene:
+def _fitted(
+    mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, size: float | None
+) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
     turn = Up(asked.up).rotate_deg
@@ -239,16 +258,21 @@ def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, si
     if size is not None:
         scale = float(f"{size / max(own):.6g}")
     elif display.plate:
-        fits = min(side / (ROOM * mine) for side, mine in zip(display.plate, own, strict=False) if mine > 0)
+        fits = min(
+            side / (ROOM * mine) for side, mine in zip(display.plate, own, strict=False) if mine > 0
+        )
         scale = float(f"{fits:.6g}")
     width, height, depth = (side * scale for side in own)
     flat = depth <= PLATE_ROUNDING * max(width, height)
     place = Place(asked.place or (Place.BEHIND if flat else Place.THROUGH))
     # A flat object behind or before the plate keeps the distance of its longest side.
     longest = max(width, height, depth)
-    # From there on the middle aperture, of a plate no larger than the object, sees all of its nearest side.
+    # From there on the middle aperture, of a plate no larger than the object, sees all of its
+    # nearest side.
     gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
-    middle = {Place.THROUGH: 0.0, Place.BEHIND: -(gap + depth / 2), Place.BEFORE: gap + depth / 2}[place]
+    middle = {Place.THROUGH: 0.0, Place.BEHIND: -(gap + depth / 2), Place.BEFORE: gap + depth / 2}[
+        place
+    ]
     # Six digits of the longest side, and no negative zero.
     decimals = 5 - math.floor(math.log10(longest))
     x, y, z = (

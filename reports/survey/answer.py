@@ -21,7 +21,7 @@ from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.notebook import Figure, Shown, digits, map_of, percent, png
+from xfrustum.scenes.notebook import Figure, NotebookRepr, digits, map_of, percent, png
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,10 @@ class Share:
     def record(self) -> dict[str, Any]:
         """The counts and the bound with the worst hogel, as they are written."""
         written = ("aperture", "displacement_p99_px", "surface_fraction")
-        return {**vars(self), "worst": self.worst and {name: getattr(self.worst, name) for name in written}}
+        return {
+            **vars(self),
+            "worst": self.worst and {name: getattr(self.worst, name) for name in written},
+        }
 
     @property
     def bound_words(self) -> str:
@@ -60,7 +63,9 @@ class Extent:
     judged: int
     look: int | None  #: number of the last look, from 0; None for the whole plate, or one sample
     seed: int | None  #: start of the random numbers; None where nothing was drawn at random
-    complete: bool  #: whether all hogels that were asked for are judged; with `--part`, they need not be
+    complete: (
+        bool  #: whether all hogels that were asked for are judged; with `--part`, they need not be
+    )
 
     @property
     def everything(self) -> bool:
@@ -79,8 +84,8 @@ class Extent:
     def decides(self, beyond: int, settings: int, limit: float) -> bool:
         """Return whether the share of one setting surely keeps a limit, or surely exceeds it.
 
-        That a survey stops where a share surely exceeds the limit costs no risk: what is claimed are the
-        upper bounds, and these hold at all looks together.
+        That a survey stops where a share surely exceeds the limit costs no risk: what is claimed
+        are the upper bounds, and these hold at all looks together.
         """
         bound = self.bound(beyond, settings)
         if bound is None or self.everything or bound <= limit:
@@ -91,12 +96,12 @@ class Extent:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Survey(Shown):
+class Survey(NotebookRepr):
     """What a survey has found."""
 
     scene: Scene
     settings: tuple[DoubleFrustum | None, ...]  #: a single None for a plate of another renderer
-    tallies: tuple[rows.Tally, ...]  #: all rows of each setting
+    tallies: tuple[rows.SettingStats, ...]  #: all rows of each setting
     extent: Extent
     tolerance_px: float  #: displacement beyond which a hogel is counted
     limit: float | None  #: largest share of such hogels, if one was asked for
@@ -134,7 +139,9 @@ class Survey(Shown):
     def decided(self) -> bool:
         """Whether every setting keeps the share that was asked for, if any, or surely exceeds it."""
         limit, several = self.limit, len(self.tallies)
-        return limit is None or all(self.extent.decides(one.beyond, several, limit) for one in self.tallies)
+        return limit is None or all(
+            self.extent.decides(one.beyond, several, limit) for one in self.tallies
+        )
 
     @property
     def exceeded(self) -> bool:
@@ -151,9 +158,7 @@ class Survey(Shown):
         if chosen is not None and len(self.settings) > 1:
             with_what = f" with near {digits(chosen.near)}, the best of {len(self.settings)}"
         if extent.everything:
-            part = (
-                f"{share.beyond:,} of the {extent.hogels:,} hogels ({percent(share.beyond / extent.hogels)})"
-            )
+            part = f"{share.beyond:,} of the {extent.hogels:,} hogels ({percent(share.beyond / extent.hogels)})"
             said = f"{part} {'is' if share.beyond == 1 else 'are'} {self.judged_by}{with_what}"
         elif share.share_beyond_at_most is None:
             said = (
@@ -200,7 +205,9 @@ class Survey(Shown):
             assert one is not None
             more = f" ({share.empty:,} show nothing)" if share.empty else ""
             more += "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
-            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{more}")
+            lines.append(
+                f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{more}"
+            )
         return "\n".join(lines)
 
     def _said(self) -> str:
@@ -228,7 +235,9 @@ def percent_up(share: float) -> str:
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
 MARKED_HOGELS = 3  # of the worst, on the map of displacement: more would cover it
-DISTRIBUTION_MARGIN = 3.0  # by which the axis of displacement reaches beyond the smallest and largest value
+DISTRIBUTION_MARGIN = (
+    3.0  # by which the axis of displacement reaches beyond the smallest and largest value
+)
 
 Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]  # the worst hogels with their pictures
 
@@ -240,7 +249,11 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
         staging.write(DATA, found.summary())
         settings, maps = found.settings[found.best], found.tallies[found.best].maps
         name = next((one for one in (rows.P99, rows.SURFACE, rows.FRACTION) if one in maps), None)
-        drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
+        drawn = (
+            "images"
+            if settings is None
+            else f"near {digits(settings.near)}, {settings.depth_label}"
+        )
         inspected = inspection.Inspection(
             command="survey",
             scene=found.scene,
@@ -248,7 +261,7 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
             hogels=[one.inspected for _, one in pictured if one.inspected is not None],
             plate_map=PlateMap(words=words_of(name).capitalize(), cells=maps[name])
             if name
-            else PlateMap.of(found.scene.plate, "", ()),
+            else PlateMap.from_values(found.scene.plate, "", ()),
         )
         inspection.write_inspection(staging.folder, inspected)
         with inspection.replacing_inspection(out):
@@ -281,7 +294,9 @@ def map_figures(found: Survey) -> list[Plot]:
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {found.scene.units}" if name == "height_rms" else "")
             moved = name == rows.P99
-            figure = plate_map(found.scene.plate, values, words, known=tally.looked, logarithmic=moved)
+            figure = plate_map(
+                found.scene.plate, values, words, known=tally.looked, logarithmic=moved
+            )
             if moved:
                 worst = [(one.aperture, "one of the worst") for one in tally.worst[:MARKED_HOGELS]]
                 mark(figure, found.scene.plate, worst, labels=1)
@@ -307,7 +322,12 @@ def distribution_figure(found: Survey) -> Plot:
         name = "image" if settings is None else f"near {digits(settings.near)}"
         lines.append({"x": tolerances, "y": shares, "mode": "lines", "line": line, "name": name})
     low, high = min(shown) / DISTRIBUTION_MARGIN, max(shown) * DISTRIBUTION_MARGIN
-    tolerance = {"type": "line", "x0": found.tolerance_px, "x1": found.tolerance_px, "yref": "y domain"}
+    tolerance = {
+        "type": "line",
+        "x0": found.tolerance_px,
+        "x1": found.tolerance_px,
+        "yref": "y domain",
+    }
     layout = {
         "height": 380,
         "xaxis": {
@@ -315,7 +335,11 @@ def distribution_figure(found: Survey) -> Plot:
             "range": [np.log10(low), np.log10(high)],
             **log_axis([low, high]),
         },
-        "yaxis": {"title": "share of judged hogels beyond", "tickformat": ".0%", "rangemode": "tozero"},
+        "yaxis": {
+            "title": "share of judged hogels beyond",
+            "tickformat": ".0%",
+            "rangemode": "tozero",
+        },
         "shapes": [{**tolerance, "y0": 0, "y1": 1, "line": {"color": MARK, "dash": "dot"}}],
     }
     return styled(lines, layout)
@@ -326,10 +350,16 @@ def depth_figure(found: Survey) -> Plot | None:
     if not any(tally.depth_pixels.any() for tally in found.tallies):
         return None
     reach, lines, drawn = found.scene.frustum.longest_reach, [], list[float]()
-    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(rows.DEPTH_ENDS)]
+    names = [
+        f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(rows.DEPTH_ENDS)
+    ]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
-        label = "" if settings is None or len(found.settings) == 1 else f"near {digits(settings.near)}: "
+        label = (
+            ""
+            if settings is None or len(found.settings) == 1
+            else f"near {digits(settings.near)}: "
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
             rms = np.sqrt(tally.depth_squares_px2 / tally.depth_pixels)
         curves = ("rms", rms, "solid"), ("largest", tally.depth_max_px, "dot")

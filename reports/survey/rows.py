@@ -1,7 +1,7 @@
 """What a survey judges, block by block; a row for each hogel and setting; and all rows in bounded memory.
 
-Rows are read part by part. Of maps and distributions as much is kept of a large plate as of a small one: a
-map has at most `MAX_MAP_CELLS` cells along a side, in which the worst hogel counts.
+Rows are read part by part. Of maps and distributions as much is kept of a large plate as of a small
+one: a map has at most `MAX_MAP_CELLS` cells along a side, in which the worst hogel counts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import lengths
-from xfrustum.compare.run import Judge, JudgedDrawing, JudgedFrame
+from xfrustum.compare.run import Evaluator, JudgedDrawing, JudgedFrame
 from xfrustum.compare.sampling import aperture_at
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, device_index
@@ -27,7 +27,7 @@ from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.scout import plate_cells
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Hogel, Limits
@@ -67,7 +67,7 @@ class DepthBins:
     max_px: tuple[float, ...]
 
     @classmethod
-    def of(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
+    def from_image(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
         """Sort the pixels of a drawing, displaced (H, W, 2) in pixels, by the height of what they show."""
         moved = lengths(displacement)
         shown = np.isfinite(moved)
@@ -95,8 +95,8 @@ class Device:
 class DrawnRow:
     """One hogel that our rasterizer drew with one setting: what `report` measures, and error by depth.
 
-    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement alone does not see depth fighting or a
-    lost object, for all that is shown may be where it belongs.
+    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement alone does not see depth
+    fighting or a lost object, for all that is shown may be where it belongs.
     """
 
     column: int
@@ -111,8 +111,13 @@ class DrawnRow:
     device: Device
 
     @classmethod
-    def of(
-        cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, tolerance_px: float, device: Device
+    def from_drawing(
+        cls,
+        aperture: Aperture,
+        setting: int,
+        drawing: JudgedDrawing,
+        tolerance_px: float,
+        device: Device,
     ) -> DrawnRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
@@ -123,12 +128,14 @@ class DrawnRow:
             column=aperture.column,
             row=aperture.row,
             setting=setting,
-            beyond=is_beyond(displacement_p99(comparison), comparison.surface.fraction, tolerance_px),
+            beyond=is_beyond(
+                displacement_p99(comparison), comparison.surface.fraction, tolerance_px
+            ),
             settings=drawing.settings,
             comparison=comparison.numbers,
             causes={cause.name: cause.numbers for cause in drawing.causes},
             unexplained=drawing.unexplained,
-            depth=DepthBins.of(drawn, comparison.maps.displacement),
+            depth=DepthBins.from_image(drawn, comparison.maps.displacement),
             device=device,
         )
 
@@ -150,7 +157,7 @@ class ForeignNumbers(HogelNumbers):
     causes: RoundingCauses | None  # type: ignore[assignment]
 
     @classmethod
-    def of(cls, one: HogelNumbers | None) -> ForeignNumbers | None:
+    def from_numbers(cls, one: HogelNumbers | None) -> ForeignNumbers | None:
         """Return the numbers with the causes as columns."""
         causes = None if one is None or one.causes is None else RoundingCauses(**one.causes)
         return None if one is None else cls(**{**vars(one), "causes": causes})
@@ -170,7 +177,7 @@ class ForeignRow:
     corrected: ForeignNumbers | None
 
     @classmethod
-    def of(cls, hogel: Hogel) -> ForeignRow:
+    def from_hogel(cls, hogel: Hogel) -> ForeignRow:
         """Return the row of a hogel that was verified."""
         return cls(
             column=hogel.aperture.column,
@@ -178,8 +185,8 @@ class ForeignRow:
             beyond=not hogel.passed,
             verdict=hogel.verdict,
             problem=hogel.problem,
-            as_found=ForeignNumbers.of(hogel.as_found),
-            corrected=ForeignNumbers.of(hogel.corrected),
+            as_found=ForeignNumbers.from_numbers(hogel.as_found),
+            corrected=ForeignNumbers.from_numbers(hogel.corrected),
         )
 
 
@@ -188,13 +195,17 @@ class WorstHogel:
     """A hogel by how bad it is: whether it is beyond, then by displacement, then by its wrong surfaces."""
 
     beyond: bool
-    badness: float  # p99 of displacement: infinite where it is unknown of a hogel beyond, 0 of others
-    surface_fraction: float | None  # wrong pixels of images that name no surfaces; None for a missing hogel
+    badness: (
+        float  # p99 of displacement: infinite where it is unknown of a hogel beyond, 0 of others
+    )
+    surface_fraction: (
+        float | None
+    )  # wrong pixels of images that name no surfaces; None for a missing hogel
     aperture: tuple[int, int]
     displacement_p99_px: float | None
 
 
-class Tally:
+class SettingStats:
     """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many hogels."""
 
     def __init__(self, hogels: tuple[int, int]) -> None:
@@ -206,7 +217,9 @@ class Tally:
         self.maps: dict[str, Floats] = {}
         self._moved_px: list[Floats] = []
         #: Sums and maxima of `DepthBins` over all hogels
-        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros((3, len(DEPTH_ENDS) - 1))
+        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros(
+            (3, len(DEPTH_ENDS) - 1)
+        )
 
     def add(self, rows: pa.Table) -> None:
         """Count some rows, of this setting alone."""
@@ -233,12 +246,19 @@ class Tally:
         # Of equals the first on the plate is named, in whatever order parts are read.
         self.worst = sorted(
             (*self.worst, *found),
-            key=lambda h: (not h.beyond, -h.badness, -(h.surface_fraction or 0.0), h.aperture[::-1]),
+            key=lambda h: (
+                not h.beyond,
+                -h.badness,
+                -(h.surface_fraction or 0.0),
+                h.aperture[::-1],
+            ),
         )[:WORST_HOGELS]
         places = np.stack((columns, lines), axis=-1)
         self.looked = self.looked | plate_cells(self._hogels, places, beyond)[1]
         for name in rows.column_names:
-            cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
+            cause = (
+                name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
+            )
             if cause or name in MAP_COLUMNS:
                 cells, _ = plate_cells(self._hogels, places, _numbers(rows, name))
                 self.maps[name] = np.fmax(self.maps.get(name, np.nan), cells)
@@ -258,7 +278,7 @@ class Tally:
         return moved[places], (len(moved) - 1 - places) / max(self.judged, 1)
 
 
-def add_rows(found: Sequence[Tally], tables: Iterable[pa.Table]) -> None:
+def add_rows(found: Sequence[SettingStats], tables: Iterable[pa.Table]) -> None:
     """Count the rows of some parts, those of each setting in its tally."""
     for table in tables:
         numbers = _numbers(table, "setting")
@@ -314,7 +334,9 @@ class Session:
     """What judges the hogels of a survey in one process."""
 
     make: Callable[[HogelBlock], None]  # writes the rows of a block
-    shown: Callable[[tuple[int, int], int], ShownHogel]  # of a column and row, and the number of a setting
+    shown: Callable[
+        [tuple[int, int], int], ShownHogel
+    ]  # of a column and row, and the number of a setting
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -322,7 +344,7 @@ class SurveyJob(Job):
     """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
 
     scene: Scene
-    parts: Parts
+    parts: ParquetParts
     tolerance_px: float
 
     def finished(self, block: HogelBlock) -> bool:
@@ -335,7 +357,9 @@ class SurveyJob(Job):
 
     def words(self, block: HogelBlock) -> str:
         """Return the number of a block, and its first aperture."""
-        return "block {} (from aperture {},{})".format(block.number, *self.apertures(block)[0].index)
+        return "block {} (from aperture {},{})".format(
+            block.number, *self.apertures(block)[0].index
+        )
 
     def apertures(self, block: HogelBlock) -> list[Aperture]:
         """Return the hogels of a block, in their order."""
@@ -357,7 +381,7 @@ class DrawnJob(SurveyJob):
         def make(block: HogelBlock) -> None:
             hogels = judge.stream(self.apertures(block), self.settings, images=True, causes=True)
             rows = [
-                DrawnRow.of(hogel.aperture, setting, drawing, self.tolerance_px, device)
+                DrawnRow.from_drawing(hogel.aperture, setting, drawing, self.tolerance_px, device)
                 for hogel in hogels
                 for setting, drawing in enumerate(hogel.drawings)
             ]
@@ -368,7 +392,7 @@ class DrawnJob(SurveyJob):
             with closing(judge.frames(apertures, settings, DRAWN, self._shown)) as frames:
                 return next(frames)
 
-        with Judge(self.scene, self.tracer) as judge:
+        with Evaluator(self.scene, self.tracer) as judge:
             device = Device(judge.device["renderer"], device_index())
             yield Session(make, shown)
 
@@ -405,7 +429,9 @@ class ForeignJob(SurveyJob):
 
         def make(block: HogelBlock) -> None:
             judged = run.hogels(question, self.apertures(block))
-            rows = [ForeignRow.of(hogel.told_from(renderer.named_from)) for hogel, _ in judged]
+            rows = [
+                ForeignRow.from_hogel(hogel.told_from(renderer.named_from)) for hogel, _ in judged
+            ]
             self.parts.write(block.number, table_of(ForeignRow, rows))
 
         def shown(index: tuple[int, int], setting: int) -> ShownHogel:
@@ -414,7 +440,9 @@ class ForeignJob(SurveyJob):
             return ShownHogel(pictures=pictures, inspected=inspected)
 
         with renderer.opened(reference) as source:
-            run = Run(renderer=renderer, reference=reference, source=source, asked=asked, limits=limits)
+            run = Run(
+                renderer=renderer, reference=reference, source=source, asked=asked, limits=limits
+            )
             question = run.question()
             run.kept.clear()  # few hogels of the sample are this process's own: all are read anew
             yield Session(make, shown)

@@ -15,7 +15,7 @@ from xfrustum.compare.extent import apertures_drawn, require_seen
 from xfrustum.compare.sampling import GrowingSample, clean_sample, places_of, risk_of_claim
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
-from xfrustum.reports.parts import Parts, scene_description
+from xfrustum.reports.parts import ParquetParts, scene_description
 from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.answer import FILES, Extent, Survey, write_survey
 from xfrustum.reports.verification.sources import ForeignRenderer
@@ -36,8 +36,8 @@ class Chosen:
     """Which hogels of a plate are judged: all, so many, or as many as a bound needs."""
 
     sample: int | None = DEFAULT_SAMPLE  #: number of hogels of a sample; None for all
-    #: Share at which the bound stops the survey; samples then grow from as many hogels as would do if none of
-    #: them was beyond the tolerance.
+    #: Share at which the bound stops the survey; samples then grow from as many hogels as would do
+    #: if none of them was beyond the tolerance.
     until: float | None = None
     seed: int = 0  #: start of the random numbers
 
@@ -50,7 +50,8 @@ class Chosen:
 class Hogels:
     """Which hogels are judged: all of a population, or samples that grow; in blocks of `size`.
 
-    Sampled are hogels that can show something; with `Chosen.sample` None, every hogel of the plate is judged.
+    Sampled are hogels that can show something; with `Chosen.sample` None, every hogel of the plate
+    is judged.
     """
 
     population: Indices | range  #: places on the path of the plate
@@ -59,7 +60,9 @@ class Hogels:
     size: int
 
     @classmethod
-    def of(cls, scene: Scene, chosen: Chosen, settings: Sequence[DoubleFrustum | None]) -> Hogels:
+    def from_scene(
+        cls, scene: Scene, chosen: Chosen, settings: Sequence[DoubleFrustum | None]
+    ) -> Hogels:
         """Return the hogels of a plate, of which something is claimed of each of several settings."""
         hogels, first = math.prod(scene.plate.hogels), chosen.sample
         population: Indices | range = range(hogels)
@@ -87,7 +90,9 @@ class Hogels:
     def blocks(self, look: int, first: int) -> list[rows.HogelBlock]:
         """Return the blocks that a look adds, numbered from the first on; the last may have fewer hogels."""
         if self.sample is not None:
-            places: Sequence[int] = np.asarray(self.population)[self.sample.new_places(look)].tolist()
+            places: Sequence[int] = np.asarray(self.population)[
+                self.sample.new_places(look)
+            ].tolist()
         elif isinstance(self.population, range):  # of millions of hogels, which are never listed
             places = self.population
         else:
@@ -113,26 +118,29 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 ) -> Survey:
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
 
-    Every hogel is drawn with each of the settings, or is one of another renderer's plate; by default a sample
-    of `DEFAULT_SAMPLE` is judged. It is beyond `tolerance_px` by `compare.beyond`; `tracer` gives the truth a
-    second opinion. Hogels are judged by `engine`, by default in as many processes as this one may use
-    processors; `told` takes notes, a sentence each.
+    Every hogel is drawn with each of the settings, or is one of another renderer's plate; by
+    default a sample of `DEFAULT_SAMPLE` is judged. It is beyond `tolerance_px` by `compare.beyond`;
+    `tracer` gives the truth a second opinion. Hogels are judged by `engine`, by default in as many
+    processes as this one may use processors; `told` takes notes, a sentence each.
 
-    Stopped at any moment and called again it goes on where it was, and ends with the rows of a run that was
-    not disturbed but for one column: the index of `device` is that of the worker that took the block, so
-    that with several GPUs it depends on who was free.
+    Stopped at any moment and called again it goes on where it was, and ends with the rows of a run
+    that was not disturbed but for one column: the index of `device` is that of the worker that took
+    the block, so that with several GPUs it depends on who was free.
 
-    InputError where the scene, settings or folder are not usable, or the folder holds something else.
+    InputError where the scene, settings or folder are not usable, or the folder holds something
+    else.
     """
     one_of(scene, Scene, "scene")
     chosen, engine = chosen or Chosen(), engine or Engine()
     if chosen.until is not None and not engine.part.everything:
-        raise InputError("--part: how many hogels --until takes is known in the end; use --all or --sample")
+        raise InputError(
+            "--part: how many hogels --until takes is known in the end; use --all or --sample"
+        )
     if not real(tolerance_px) > 0:
         raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
-    parts = Parts(out=out.absolute(), name=ROWS)
+    parts = ParquetParts(out=out.absolute(), name=ROWS)
     common: dict[str, Any] = {"scene": scene, "parts": parts, "tolerance_px": tolerance_px}
     job: rows.DrawnJob | rows.ForeignJob
     several: tuple[DoubleFrustum | None, ...]
@@ -145,12 +153,12 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         drawn = _each(settings, scene)
         job, several = rows.DrawnJob(settings=drawn, tracer=tracer, **common), drawn
         work = {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
-    hogels = Hogels.of(scene, chosen, several)
+    hogels = Hogels.from_scene(scene, chosen, several)
     described = hogels.description
     work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": described}
     parts.open(json_ready(work))
 
-    begun, found = time.perf_counter(), [rows.Tally(scene.plate.hogels) for _ in several]
+    begun, found = time.perf_counter(), [rows.SettingStats(scene.plate.hogels) for _ in several]
     blocks, sample = hogels.blocks(0, 0), hogels.sample
 
     def answer(look: int, *, complete: bool) -> Survey:
@@ -191,13 +199,17 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
                 break
         if surveyed.extent.complete:
             worst = surveyed.tallies[surveyed.best].worst
-            pictures = [workers.ask(job, rows.shown_hogel, one.aperture, surveyed.best) for one in worst]
+            pictures = [
+                workers.ask(job, rows.shown_hogel, one.aperture, surveyed.best) for one in worst
+            ]
             surveyed = answer(look, complete=True)
             write_survey(surveyed, list(zip(worst, pictures, strict=True)), parts.out)
     return surveyed
 
 
-def _each(settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene) -> tuple[DoubleFrustum, ...]:
+def _each(
+    settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene
+) -> tuple[DoubleFrustum, ...]:
     """Return the settings, each once; InputError where there are none, or one does not suit the scene."""
     drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
     if not drawn:

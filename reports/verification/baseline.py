@@ -2,9 +2,9 @@
 
     DIR/accepted/RUN.json    a file for each accepted run; nobody writes it again
 
-A run that is approved begins a new accepted state; approved as repeated, it joins the newest one, and the
-spread of the runs of one state is the renderer's noise. Branches that accept different runs merge without
-conflict: the state that was begun last counts.
+A run that is approved begins a new accepted state; approved as repeated, it joins the newest one,
+and the spread of the runs of one state is the renderer's noise. Branches that accept different runs
+merge without conflict: the state that was begun last counts.
 """
 
 import json
@@ -22,7 +22,12 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.reports.common.outputs import check_writable_folder, json_object, refused, write_output
+from xfrustum.reports.common.outputs import (
+    check_writable_folder,
+    json_object,
+    refused,
+    write_output,
+)
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes import InputError
@@ -78,7 +83,7 @@ class Stated:
     amounts: Mapping[str, float]
 
     @classmethod
-    def of(cls, text: str) -> Self:
+    def from_text(cls, text: str) -> Self:
         """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma."""
         share, amounts, names = None, {}, ", ".join(WORDS)
         for part in (part.strip() for part in text.split(",")):
@@ -139,10 +144,13 @@ class KeptHogel:
     measures: dict[str, float | None]
 
     @classmethod
-    def of(cls, hogel: Hogel) -> Self:
+    def from_hogel(cls, hogel: Hogel) -> Self:
         """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
         found, corrected = hogel.as_found, hogel.corrected
-        measures: dict[str, float | None] = {**dict.fromkeys(WORDS), "missing": float(found is None)}
+        measures: dict[str, float | None] = {
+            **dict.fromkeys(WORDS),
+            "missing": float(found is None),
+        }
         if found is None or corrected is None:
             return cls(aperture=hogel.aperture.index, by=None, measures=measures)
         measures |= {
@@ -150,12 +158,16 @@ class KeptHogel:
             "wrong_pixels": float(found.wrong),
             "wrong_colors": None if found.radiance is None else float(found.radiance.wrong),
             "invalid": float(found.invalid),
-            "unexplained": None if corrected.causes is None else float(corrected.causes["unexplained"]),
+            "unexplained": None
+            if corrected.causes is None
+            else float(corrected.causes["unexplained"]),
         }
         # An image that shows nothing displaces nothing; `Limits.checks` knows which image that is.
         still = any(check.figure == DISPLACEMENT and check.value == 0 for check in hogel.checks)
         for name in ("rms", "p99", "max"):
-            measures[f"displacement_{name}_px"] = getattr(found.displacement_px, name, 0.0 if still else None)
+            measures[f"displacement_{name}_px"] = getattr(
+                found.displacement_px, name, 0.0 if still else None
+            )
         return cls(aperture=hogel.aperture.index, by=found.by, measures=measures)
 
 
@@ -178,7 +190,9 @@ class Run:
     def like(self, runs: Iterable[Self]) -> list[Self]:
         """Return the runs that this one can be compared with."""
         shared = ("scene_hash", "renderer", "device", "judged")
-        return [one for one in runs if all(getattr(one, name) == getattr(self, name) for name in shared)]
+        return [
+            one for one in runs if all(getattr(one, name) == getattr(self, name) for name in shared)
+        ]
 
 
 _RUN = TypeAdapter(Run)
@@ -188,9 +202,13 @@ _RUN = TypeAdapter(Run)
 class BaselineOptions:
     """How a verification is held to accepted measures."""
 
-    renderer: str | None = None  #: name under which measures are kept; that of the source where None
+    renderer: str | None = (
+        None  #: name under which measures are kept; that of the source where None
+    )
     device: str | None = None  #: likewise; this machine's processor where None
-    near: float | None = None  #: as given to `verify`, like the next two: other options, other measures
+    near: float | None = (
+        None  #: as given to `verify`, like the next two: other options, other measures
+    )
     accept: Sequence[str] = ()
     encoding: str | None = None
     tolerance: Stated | None = None  #: goes before the spread of repeated runs
@@ -217,7 +235,9 @@ class Baseline:
     def change(self) -> Change:
         """The worst of all changes."""
         there = {one.change for one in self.changes}
-        return next((one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW)
+        return next(
+            (one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW
+        )
 
     @property
     def compared(self) -> bool:
@@ -240,16 +260,28 @@ class Baseline:
 
     def summary(self) -> dict[str, Any]:
         """Return the JSON object; `changes` has what got worse, then what got better."""
-        told = {name: getattr(self.run, name) for name in ("run", "commit", "renderer", "device", "judged")}
-        changes = [json_object(one) for kind in (Change.WORSE, Change.BETTER) for one in self.of_kind(kind)]
-        rest = {name: value for name, value in vars(self).items() if name not in ("run", "changes", "notes")}
+        told = {
+            name: getattr(self.run, name)
+            for name in ("run", "commit", "renderer", "device", "judged")
+        }
+        changes = [
+            json_object(one) for kind in (Change.WORSE, Change.BETTER) for one in self.of_kind(kind)
+        ]
+        rest = {
+            name: value
+            for name, value in vars(self).items()
+            if name not in ("run", "changes", "notes")
+        }
         return {"change": str(self.change), **rest, **told, "changes": changes}
 
 
-def baseline(found: Verification, folder: Path | str, options: BaselineOptions | None = None) -> Baseline:
+def baseline(
+    found: Verification, folder: Path | str, options: BaselineOptions | None = None
+) -> Baseline:
     """Hold a verification to the measures accepted in a folder; keep it there where it is approved.
 
-    InputError where the folder cannot be written, or holds what is no accepted run; then nothing is approved.
+    InputError where the folder cannot be written, or holds what is no accepted run; then nothing is
+    approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
@@ -271,7 +303,8 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
         tolerance = alone if options.tolerance is None else "tolerance as stated"
     new = [one for one in found.hogels if one.aperture.index not in accepted]
     if options.approve and options.repeated and alike:
-        # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
+        # Only the user knows that a difference is noise: at the same commit, a compiler may have
+        # got worse.
         run = replace(run, began=alike[-1].began)
     held = Baseline(
         run=run,
@@ -335,12 +368,14 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
         judged=", ".join(judged),
         commit=commit_of(options.repository or Path()),
         xfrustum=metadata.version("xfrustum"),
-        hogels=tuple(map(KeptHogel.of, found.hogels)),
+        hogels=tuple(map(KeptHogel.from_hogel, found.hogels)),
     )
 
 
 def _changes(
-    hogels: Sequence[KeptHogel], accepted: Mapping[Place, Sequence[KeptHogel]], stated: Stated | None
+    hogels: Sequence[KeptHogel],
+    accepted: Mapping[Place, Sequence[KeptHogel]],
+    stated: Stated | None,
 ) -> Iterator[MeasureChange]:
     """Compare hogels with their accepted runs: worse is what exceeds all by more than their spread."""
     values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
@@ -372,14 +407,20 @@ def _changes(
             slack = ROUNDING_PX if name.endswith("_px") else 0.0
             change = Change.WORSE if now is None or now > high + slack else Change.SAME
             change = Change.BETTER if now is not None and now < low - slack else change
-        yield MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
+        yield MeasureChange(
+            measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change
+        )
 
 
 def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
     """Yield what may be misunderstood otherwise."""
     run, told = held.run, []
     if held.new_hogels and (held.compared or held.not_judged_hogels):
-        beyond = f", {held.new_beyond_limits:,} of them beyond the limits" if held.new_beyond_limits else ""
+        beyond = (
+            f", {held.new_beyond_limits:,} of them beyond the limits"
+            if held.new_beyond_limits
+            else ""
+        )
         told.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
     if held.not_judged_hogels:
         told.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
@@ -387,7 +428,12 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
         yield f"Not compared: {'; '.join(told)}."
     alike = run.like(everything)
     same = any(one.commit == run.commit for one in alike)
-    if held.change in (Change.WORSE, Change.BETTER) and not options.repeated and run.commit and same:
+    if (
+        held.change in (Change.WORSE, Change.BETTER)
+        and not options.repeated
+        and run.commit
+        and same
+    ):
         yield "a run of this commit is accepted: if no file differs, give --approve --repeated for the noise"
     others = [one for one in everything if one.scene_hash == run.scene_hash]
     if others and not alike:
@@ -399,13 +445,15 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
 def commit_of(folder: Path) -> str | None:
     """Return the commit at which a folder is checked out; None without a repository of this user.
 
-    The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree, so that no
-    filter runs; programs that the repository's settings name are switched off.
+    The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree,
+    so that no filter runs; programs that the repository's settings name are switched off.
     """
     line = ["git", *HARMLESS, "-C", str(folder), "rev-parse", "HEAD"]
     null = subprocess.DEVNULL
     try:
-        return subprocess.check_output(line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS).strip()
+        return subprocess.check_output(
+            line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS
+        ).strip()
     except (OSError, subprocess.SubprocessError):
         return None
 
@@ -421,7 +469,9 @@ def sentence(held: Baseline) -> str:
     first, *more = held.of_kind(held.change)
     others = f"; and {len(more)} more" if more else ""
     before = " before, and accepted now" if held.approved else ""
-    return f"Baseline: {held.change} than accepted{before}: {first.words}{others} ({held.tolerance})."
+    return (
+        f"Baseline: {held.change} than accepted{before}: {first.words}{others} ({held.tolerance})."
+    )
 
 
 def lines(held: Baseline) -> str:

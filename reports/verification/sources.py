@@ -18,17 +18,23 @@ from typing import Any, Self
 import numpy as np
 
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program, choice, real
-from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
-from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, FileSet, find_files, pictures_at, with_levels
+from xfrustum.scenes.files.plate_files import (
+    PARAMETERS_FILE,
+    FileSet,
+    find_files,
+    pictures_at,
+    with_levels,
+)
 from xfrustum.scenes.notebook import counted
 
 MAX_NAMES_TRIED = 10_000
@@ -37,7 +43,9 @@ MAX_NAMES_TRIED = 10_000
 MAX_TOLD_LINES, MAX_TOLD_BYTES = 5, 1 << 16
 """Last lines of a failed command's standard error that are passed on, and last bytes that are looked at."""
 
-Renderer = Callable[[Scene, Aperture], HogelImage]  #: what a renderer in Python looks like from here
+Renderer = Callable[
+    [Scene, Aperture], HogelImage
+]  #: what a renderer in Python looks like from here
 
 
 class Problem(Exception):
@@ -110,7 +118,11 @@ class Files(Source):
         named = fields_of(self.pattern, ("i", "j"), "SOURCE")
         hogels = zip("ij", self.reference.scene.plate.hogels, strict=True)
         if missing := [axis for axis, count in hogels if count > 1 and axis not in named]:
-            what = f"has no {{{missing[0]}}}" if named or Path(self.pattern).exists() else "does not exist"
+            what = (
+                f"has no {{{missing[0]}}}"
+                if named or Path(self.pattern).exists()
+                else "does not exist"
+            )
             raise InputError(
                 f"SOURCE {self.pattern!r} {what}: give a folder, or files of every hogel, such as "
                 "'DIR/hogel_{i}x{j}.png', {i} the column and {j} the row"
@@ -125,7 +137,9 @@ class Files(Source):
         if not apertures:  # such as those of an eye that sees no hogel
             return
         parsed = string.Formatter().parse(self.pattern)
-        any_name = "".join(escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed)
+        any_name = "".join(
+            escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed
+        )
         # On a plate of millions it is enough that some file has such a name.
         some = next(iglob(any_name), None) is not None  # noqa: PTH207 - names are no paths of ours
         if some and len(apertures) <= MAX_NAMES_TRIED:
@@ -170,7 +184,9 @@ class LaidOut(Source):
         """Raise InputError where there is a file for none of the hogels."""
         known = self.files.layout.in_hogels and self.fits
         if known and not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
-            raise InputError(f"SOURCE {self.files.place}: has no file of the hogels that are asked for")
+            raise InputError(
+                f"SOURCE {self.files.place}: has no file of the hogels that are asked for"
+            )
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, upright as its layout says, with all that OpenEXR files have."""
@@ -187,7 +203,9 @@ class LaidOut(Source):
                 image = read_foreign(path, camera, self.encoding)
                 names = ("triangle", "object", "position", "normal", "color", "uncertainty")
                 stored = {name: getattr(image, name) for name in names} if layout.turned else {}
-                turned = {name: array[::-1, ::-1] for name, array in stored.items() if array is not None}
+                turned = {
+                    name: array[::-1, ::-1] for name, array in stored.items() if array is not None
+                }
                 return replace(image, **turned)
             picture = files.hogel(*aperture.index)
         except InputError as error:
@@ -231,8 +249,8 @@ class Function(Source):
         arrays = (image.triangle, image.object, image.position, image.color)
         if any(array is not None and array.shape[:2] != (height, width) for array in arrays):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The function is taken at its word about which aperture its image answers for. It may draw all hogels
-        # into the same arrays, and the next one while this one is judged.
+        # The function is taken at its word about which aperture its image answers for. It may draw
+        # all hogels into the same arrays, and the next one while this one is judged.
         copies = {name: getattr(image, name).copy() for name in ("triangle", "object", "position")}
         color = None if image.color is None else image.color.copy()
         return HogelImage(camera=self.reference.camera(aperture), color=color, **copies)
@@ -252,8 +270,8 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
     try:
-        # A process that was started is noted before a signal is obeyed. It has a session of its own, so
-        # that children of a hanging command end with it.
+        # A process that was started is noted before a signal is obeyed. It has a session of its
+        # own, so that children of a hanging command end with it.
         with delayed(), log.open("wb") as stderr:
             process = subprocess.Popen(
                 arguments,
@@ -276,7 +294,9 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
     if status:
-        how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
+        how = (
+            f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
+        )
         raise Problem(f"the command {how}{told()}")
 
 
@@ -284,7 +304,9 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
 class Command(Source):
     """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
 
-    template: str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
+    template: (
+        str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
+    )
     folder: Path  #: that {out} lies in
     timeout_s: float
     suffix: str = ".png"
@@ -302,7 +324,12 @@ class Command(Source):
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read what it wrote."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
-        values = {"x": float(aperture.x), "y": float(aperture.y), "i": aperture.column, "j": aperture.row}
+        values = {
+            "x": float(aperture.x),
+            "y": float(aperture.y),
+            "i": aperture.column,
+            "j": aperture.row,
+        }
         arguments = [argument.format(**values, out=out) for argument in self._arguments]
         run_program(arguments, self.folder, self.timeout_s, self.working)
         if not out.is_file():
@@ -327,31 +354,39 @@ class ForeignRenderer:
     accept: tuple[str, ...] = ()
     timeout_s: float = 60.0
     folder: Path | None = None  #: in which a command runs; None for that of the process
-    named_from: Path | None = None  #: folder from which the user named the files of an absolute `source`
+    named_from: Path | None = (
+        None  #: folder from which the user named the files of an absolute `source`
+    )
     layout: str | None = None  #: of folders and pictures
 
-    def nominal(self, scene: Scene) -> DrawnModel:
+    def nominal(self, scene: Scene) -> RendererModel:
         """Return what the renderer's author says of it; InputError where that cannot be."""
         if strange := [name for name in self.accept if name not in ACCEPTABLE]:
             raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
         reach = scene.frustum.longest_reach
         if self.near is not None and not 0 <= real(self.near) < reach:
-            raise InputError(f"near {self.near} must be at least 0 and smaller than the reach, {reach}")
-        return DrawnModel(near=real(self.near or 0.0))
+            raise InputError(
+                f"near {self.near} must be at least 0 and smaller than the reach, {reach}"
+            )
+        return RendererModel(near=real(self.near or 0.0))
 
     @contextmanager
     def opened(self, reference: Reference) -> Iterator[Source]:
         """Open where its images come from, with a folder of its own for what a command writes."""
         source, command = self.source, self.command
         if (source is None) == (command is None):
-            raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+            raise InputError(
+                "give either SOURCE, a pattern of files with {i} and {j}, or --command"
+            )
         if self.layout is not None and not isinstance(source, str):
             raise InputError("layout is that of files; name their folder as SOURCE")
-        meant = Encoding.RGB if self.encoding is None else choice(Encoding, self.encoding, "encoding")
+        meant = (
+            Encoding.RGB if self.encoding is None else choice(Encoding, self.encoding, "encoding")
+        )
         if command is not None:
             if not real(self.timeout_s) > 0:
                 raise InputError(f"timeout must be positive, not {self.timeout_s}")
-            with Aside(scratch_folder(), folder=True) as aside:
+            with TempPath(scratch_folder(), folder=True) as aside:
                 yield Command(
                     template=command,
                     reference=reference,
@@ -371,7 +406,8 @@ class ForeignRenderer:
         else:
             yield Files(pattern=source, reference=reference, encoding=meant)
 
-    # What follows is for work in several processes, which may have other working folders than the command.
+    # What follows is for work in several processes, which may have other working folders than the
+    # command.
 
     def placed(self, scene: Scene) -> Self:
         """Return the renderer with absolute names of its files, or the folder in which its command runs."""

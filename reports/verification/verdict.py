@@ -25,7 +25,7 @@ from xfrustum.compare.judging.judged import (
     MeasuredBy,
     SurfaceFigures,
 )
-from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
 from xfrustum.reports import inspection
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
@@ -41,19 +41,23 @@ from xfrustum.reports.verification.where import Places, where_words, where_wrong
 from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Aperture, InputError, Scene
 from xfrustum.scenes.arguments import real
-from xfrustum.scenes.notebook import Figure, Shown, plain
+from xfrustum.scenes.notebook import Figure, NotebookRepr, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID, MISSING = "claims of what does not exist", "missing outlines"
 """Names of what is compared with limits, beside the wrong pixels that `compare.judging.judged` names."""
 
-MAX_INVALID_SHARE = 0.5  #: share of an image's claims that may be of what does not exist, whatever the limits
+MAX_INVALID_SHARE = (
+    0.5  #: share of an image's claims that may be of what does not exist, whatever the limits
+)
 
 NOT_MEASURED = "not measured, as there are no outlines"
 """Words for the displacement of an image whose truth has nothing that could be seen to move."""
 
-NOT_JUDGED = "not judged"  #: verdict on images that are neither right nor wrong by anything that they show
+NOT_JUDGED = (
+    "not judged"  #: verdict on images that are neither right nor wrong by anything that they show
+)
 
 JUDGED_WORDS = {
     "triangle": "surfaces, by the triangles that pixels name",
@@ -69,8 +73,8 @@ JUDGED_WORDS = {
 class Check:
     """One figure of a hogel and the limit that it is compared with; its fields are those of the JSON object.
 
-    What cannot be known keeps no limit, but the displacement of a truth without outlines need not be known
-    where colors are judged. Where nothing else could tell a wrong image, `held` is None.
+    What cannot be known keeps no limit, but the displacement of a truth without outlines need not
+    be known where colors are judged. Where nothing else could tell a wrong image, `held` is None.
     """
 
     figure: str
@@ -102,25 +106,33 @@ class Check:
 class Limits:
     """Limits within which a hogel is right, and how its image is judged."""
 
-    wrong: float = MAX_WRONG  #: largest share of wrong surfaces, colors or outlines in what shows something
-    displacement_px: float | None = TOLERANCE_PX  #: of 99 of 100 points or outlines; None for no limit
+    wrong: float = (
+        MAX_WRONG  #: largest share of wrong surfaces, colors or outlines in what shows something
+    )
+    displacement_px: float | None = (
+        TOLERANCE_PX  #: of 99 of 100 points or outlines; None for no limit
+    )
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:
         if not 0 <= real(self.wrong) <= 1:
             raise InputError(f"max-wrong must be a share between 0 and 100 %, not {self.wrong}")
         if self.displacement_px is not None and not real(self.displacement_px) >= 0:
-            raise InputError(f"max-displacement-px must be a number, not negative: {self.displacement_px}")
+            raise InputError(
+                f"max-displacement-px must be a number, not negative: {self.displacement_px}"
+            )
         if not real(self.judging.color_tolerance) >= 0:
-            raise InputError(f"max-color must be a number, not negative: {self.judging.color_tolerance}")
+            raise InputError(
+                f"max-color must be a number, not negative: {self.judging.color_tolerance}"
+            )
 
     def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
         """Compare an image's figures with the limits (`compare.beyond`), some wrong pixels `excused`.
 
-        Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
-        pixel is no share, unless none may be wrong. No displacement is asked of an image that shows nothing,
-        nor of colors where the truth has no outline that a picture could show elsewhere. Any other image of
-        such a truth is not judged.
+        Shares are of the pixels where something is shown, so that an empty film excuses nothing;
+        but a single pixel is no share, unless none may be wrong. No displacement is asked of an
+        image that shows nothing, nor of colors where the truth has no outline that a picture could
+        show elsewhere. Any other image of such a truth is not judged.
         """
         numbers = figures.numbers
         counts = {numbers.limited_words: numbers.limited - excused}
@@ -133,7 +145,9 @@ class Limits:
             found.append(Check(figure=name, value=share, limit=self.wrong, unit="share", held=held))
         if numbers.invalid:
             share, held = numbers.invalid / figures.claimed, 2 * numbers.invalid <= figures.claimed
-            found.append(Check(figure=INVALID, value=share, limit=MAX_INVALID_SHARE, unit="share", held=held))
+            found.append(
+                Check(figure=INVALID, value=share, limit=MAX_INVALID_SHARE, unit="share", held=held)
+            )
         spread, limit = numbers.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
         told: bool | None = limit is None or not is_beyond(value, 0.0, limit)
@@ -148,10 +162,11 @@ class Limits:
             found.append(Check(figure=MISSING, value=share, limit=most, unit="share", held=kept))
         return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=told))
 
-    def mends(self, as_found: Figures, corrected: Figures, model: DrawnModel) -> bool:
+    def mends(self, as_found: Figures, corrected: Figures, model: RendererModel) -> bool:
         """Return whether an image is right once it is corrected, wrong pixels by rounding excused.
 
-        An image that fails must pass. One that could not be judged as found refutes nothing unless it fails.
+        An image that fails must pass. One that could not be judged as found refutes nothing unless
+        it fails.
         """
         # The true places of surface points on an uneven film are unknown.
         limits = self if model.film == EVEN else replace(self, displacement_px=None)
@@ -170,7 +185,9 @@ class Hogel:
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
     places: Places | None = None  #: where its wrong pixels are, as found
-    left: int = 0  #: number of wrong pixels that stay when it is corrected, without those by rounding
+    left: int = (
+        0  #: number of wrong pixels that stay when it is corrected, without those by rounding
+    )
     mended: bool = True  #: whether it is right when it is corrected
     storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
 
@@ -189,11 +206,16 @@ class Hogel:
 
     def told_from(self, folder: Path | None) -> Self:
         """Return the hogel with a problem that names files as the user did; see `as_given`."""
-        return self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
+        return (
+            self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the JSON object."""
-        fields = json_object(self) | {"aperture": list(self.aperture.index), "verdict": self.verdict}
+        fields = json_object(self) | {
+            "aperture": list(self.aperture.index),
+            "verdict": self.verdict,
+        }
         names = ("aperture", "verdict", "problem", "checks", "as_found", "corrected")
         return {name: fields[name] for name in names}
 
@@ -209,7 +231,9 @@ class PlateNumbers:
     fraction: float
     surface: SurfaceFigures | None
     invalid: int
-    displacement_px: dict[str, float] | None  #: `worst_p99`: p99 of the hogel in which it is largest
+    displacement_px: (
+        dict[str, float] | None
+    )  #: `worst_p99`: p99 of the hogel in which it is largest
     displacement_by: str
     radiance: ColorFigures | None
     causes: dict[str, int] | None
@@ -252,7 +276,11 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
     """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
     parts = [f"{figures.shown:,} pixels show something"]
     if figures.surface is not None:
-        outside = f", {figures.surface.outside:,} from outside the film" if figures.surface.outside else ""
+        outside = (
+            f", {figures.surface.outside:,} from outside the film"
+            if figures.surface.outside
+            else ""
+        )
         share = percent(figures.surface.fraction)
         parts.append(f"{SURFACES} {figures.surface.wrong:,} ({share}{outside})")
     counted = " or ".join(WRONG_WORDS[name] for name in figures.by.split(" or "))
@@ -261,14 +289,24 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
         parts.append(f"{figures.invalid:,} claim what does not exist")
     if figures.radiance is not None:
         parts.append(f"{COLORS} on right surfaces {figures.radiance.wrong:,}")
-    whole, spread, means = isinstance(figures, PlateNumbers), figures.displacement_px, figures.displacement_by
+    whole, spread, means = (
+        isinstance(figures, PlateNumbers),
+        figures.displacement_px,
+        figures.displacement_by,
+    )
     name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
     if spread is None:
         parts.append(f"{name} {NOT_MEASURED if means == MeasuredBy.NO_OUTLINES else 'unknown'}")
     else:
         p99 = spread["worst_p99"] if isinstance(spread, dict) else spread.p99
-        known = [m for m in means.split(" or ") if m not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES)]
-        some = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means.split(" or ") else ""
+        known = [
+            m for m in means.split(" or ") if m not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES)
+        ]
+        some = (
+            " (in some hogels it cannot be known)"
+            if MeasuredBy.NOTHING in means.split(" or ")
+            else ""
+        )
         parts.append(f"{name} {p99:.3g} px by {' or '.join(known)}{some}")
     text = ", ".join(parts)
     if figures.causes is not None and figures.wrong:
@@ -278,7 +316,7 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Verification(Shown):
+class Verification(NotebookRepr):
     """The answer to `xfrustum verify`: of which renderer (`source`), its limits, faults, and every hogel."""
 
     scene: Scene
@@ -309,7 +347,9 @@ class Verification(Shown):
         """The worst hogel's check of each figure: limits are for every hogel, not for their mean."""
         worst: dict[str, Check] = {}
         for check in (check for hogel in self.hogels for check in hogel.checks):
-            worst[check.figure] = max(worst.get(check.figure, check), check, key=lambda one: one.badness)
+            worst[check.figure] = max(
+                worst.get(check.figure, check), check, key=lambda one: one.badness
+            )
         return tuple(worst.values())
 
     @property
@@ -404,26 +444,34 @@ def wrong_in(numbers: HogelNumbers) -> int:
 def with_correction_tested(found: Verification) -> Verification:
     """Return a verification whose faults are named only if all hogels are right when corrected for them.
 
-    A diagnosis is made of some hogels by pixels that differ; the verdict judges all of them by their limits,
-    before and after correction. Faults that leave any hogel wrong become guesses, which state the share of
-    the wrong pixels of all judged hogels that they explain.
+    A diagnosis is made of some hogels by pixels that differ; the verdict judges all of them by
+    their limits, before and after correction. Faults that leave any hogel wrong become guesses,
+    which state the share of the wrong pixels of all judged hogels that they explain.
     """
     judged = [one for one in found.hogels if one.as_found and one.corrected]
     wrong = [one for one in judged if not one.mended]
     if not found.diagnosis.faults or not wrong:
         return found
-    pairs = [(one.as_found, one.corrected, one.left) for one in judged if one.as_found and one.corrected]
-    before, after = sum(wrong_in(mine) for mine, *_ in pairs), sum(wrong_in(its) for _, its, _ in pairs)
+    pairs = [
+        (one.as_found, one.corrected, one.left) for one in judged if one.as_found and one.corrected
+    ]
+    before, after = (
+        sum(wrong_in(mine) for mine, *_ in pairs),
+        sum(wrong_in(its) for _, its, _ in pairs),
+    )
     # A correction after which nothing could be wrong explains nothing.
     left = sum(wrong_in(mine) if its.blind else rest for mine, its, rest in pairs)
     share = max(0.0, 1.0 - left / before) if before else 0.0
     named = ", ".join(f"{one.aperture.column},{one.aperture.row}" for one in wrong[:MAX_NAMED])
     told = f"would explain only {100 * share:.0f} % of what is wrong"
-    told += f"; corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
+    told += (
+        f"; corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
+    )
     told += f", and {len(wrong)} of {len(judged)} hogels do not pass: {named}"
     told += ", .." if len(wrong) > MAX_NAMED else ""
     refuted = (
-        replace(fault, explains=share, words=f"{fault.words}: {told}") for fault in found.diagnosis.faults
+        replace(fault, explains=share, words=f"{fault.words}: {told}")
+        for fault in found.diagnosis.faults
     )
     guesses = (*refuted, *found.diagnosis.does_not_explain)
     diagnosis = replace(found.diagnosis, faults=(), does_not_explain=guesses, refuted=True)
@@ -442,14 +490,18 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
         staging.write(PAGE, render_page(found))
         staging.write(DATA, found.summary())
         if found.inspected:
-            known = [(one.aperture.index, one.as_found) for one in found.hogels if one.as_found is not None]
+            known = [
+                (one.aperture.index, one.as_found)
+                for one in found.hogels
+                if one.as_found is not None
+            ]
             shares = [(*index, (numbers.surface or numbers).fraction) for index, numbers in known]
             inspected = inspection.Inspection(
                 command="verify",
                 scene=found.scene,
                 told=f"The worst hogels of {found.source}, as they were found.",
                 hogels=found.inspected,
-                plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
+                plate_map=PlateMap.from_values(found.scene.plate, "Share of wrong pixels", shares),
             )
             inspection.write_inspection(staging.folder, inspected)
         # The inspection page of an earlier run would show other images than the page beside it.
@@ -477,11 +529,13 @@ def plate_map(found: Verification) -> dict[str, Any] | None:
 
     def badness(hogel: Hogel) -> float:
         shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
-        wrong = max(0.0 if hogel.passed else math.ulp(0.0), max(shares, default=0.0) * (not hogel.passed))
+        wrong = max(
+            0.0 if hogel.passed else math.ulp(0.0), max(shares, default=0.0) * (not hogel.passed)
+        )
         return math.inf if hogel.verdict in ("missing", NOT_JUDGED) else wrong
 
     every = ((*hogel.aperture.index, badness(hogel)) for hogel in found.hogels)
-    cells = PlateMap.of(found.scene.plate, "", every).cells
+    cells = PlateMap.from_values(found.scene.plate, "", every).cells
     number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
     number[np.isnan(cells)] = -1
     classes = [
@@ -497,7 +551,11 @@ def number(value: float | None, unit: str | None) -> str:
         return ""
     if unit == "share":
         return percent(value)
-    return f"{value:,.0f}" if float(value).is_integer() and abs(value) < 2**53 else plain(f"{value:.6g}")
+    return (
+        f"{value:,.0f}"
+        if float(value).is_integer() and abs(value) < 2**53
+        else plain(f"{value:.6g}")
+    )
 
 
 FILTERS: Filters = {"percent": percent, "figures": figures_words, "number": number}
@@ -519,7 +577,12 @@ def _told(found: Verification) -> dict[str, Any]:
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
     made_by = {**versions(), **machine()}
-    values = {**_told(found), "summary": found.summary(), "map": plate_map(found), "versions": made_by}
+    values = {
+        **_told(found),
+        "summary": found.summary(),
+        "map": plate_map(found),
+        "versions": made_by,
+    }
     return html_page("verify.html.j2", values, FILTERS)
 
 
@@ -531,16 +594,16 @@ def write_junit(found: Verification, path: Path) -> None:
         exceeded = "; ".join(check.words for check in hogel.checks if check.held is False)
         if hogel.verdict == NOT_JUDGED:
             exceeded = NOTHING_TO_JUDGE
-        text = "" if hogel.as_found is None else f"{figures_words(hogel.as_found)}\ndiagnosis: {words}"
+        text = (
+            "" if hogel.as_found is None else f"{figures_words(hogel.as_found)}\ndiagnosis: {words}"
+        )
         name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
         case = JUnitCase(found.scene.name or "scene", name, hogel.problem, exceeded, text)
         cases.append(case)
     write_output(path, junit(f"xfrustum verify {found.scene.name}", cases, table(found)), "--junit")
 
 
-NOTHING_TO_JUDGE = (
-    "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or judge colors)"
-)
+NOTHING_TO_JUDGE = "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or judge colors)"
 """Words for images that are neither right nor wrong by anything that they show."""
 
 
@@ -558,7 +621,11 @@ def sentence(found: Verification) -> str:
         rest = "" if blind == count else "; the others keep to the limits"
         return f"Not judged, neither right nor wrong: in {who} {NOTHING_TO_JUDGE}{rest}."
     exceeded = ", ".join(check.words for check in found.checks if check.held is False)
-    who = "the hogel exceeds" if count == 1 else f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
+    who = (
+        "the hogel exceeds"
+        if count == 1
+        else f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
+    )
     parts = [f"{who} a limit: at worst {exceeded}"] if bad else []
     if blind := verdicts.count(NOT_JUDGED):
         parts.append(f"in {blind} of {count} {NOTHING_TO_JUDGE}")
@@ -577,15 +644,15 @@ def table(found: Verification) -> str:
 def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    ambiguous = found.diagnosis.refuted and any(one.alternatives for one in found.diagnosis.does_not_explain)
+    ambiguous = found.diagnosis.refuted and any(
+        one.alternatives for one in found.diagnosis.does_not_explain
+    )
     words = several if ambiguous else "no known fault explains what is wrong"
     # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
     wrong = [one.aperture for one in found.hogels if one.verdict == "fail"]
     if wrong and found.diagnosis.nothing_wrong:
         named = ";".join(f"{one.column},{one.row}" for one in wrong[:MAX_LISTED])
-        words += (
-            f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
-        )
+        words += f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
     black = (found.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
     if black and found.as_found is not None and found.as_found.by == "outlines":
         # A surface that no light reaches and one that is not drawn make the same picture.
@@ -599,7 +666,11 @@ def explained(found: Verification) -> list[str]:
     if not found.diagnosis.faults:
         return []
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
-    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
+    return (
+        [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"]
+        if shares
+        else []
+    )
 
 
 def nothing_found(found: Verification) -> str:
@@ -611,6 +682,4 @@ def nothing_found(found: Verification) -> str:
         return "nothing found"
     by_hogel = {one.aperture: (one.as_found and one.as_found.causes) or {} for one in found.hogels}
     worst = max(by_hogel, key=lambda one: by_hogel[one].get("unexplained", 0))
-    return (
-        f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel {worst.column},{worst.row}"
-    )
+    return f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel {worst.column},{worst.row}"

@@ -1,11 +1,12 @@
 """`xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong with it?
 
-With `--workers`, `--scheduler` and `--part` hogels are judged in blocks by any process; each block becomes a
-Parquet part. When all parts are there, the verification is put together from them, and is the one that one
-process makes alone; the worst hogels are judged once more for their pictures. The first process that judges
-diagnoses the renderer, and leaves the question beside the parts: a renderer with noise answers otherwise each
-time. Files are the same as long as their sizes and times are. Nobody knows what a command depends on: one
-that was interrupted goes on, but for hogels that could not be had; one that was finished is begun anew.
+With `--workers`, `--scheduler` and `--part` hogels are judged in blocks by any process; each block
+becomes a Parquet part. When all parts are there, the verification is put together from them, and is
+the one that one process makes alone; the worst hogels are judged once more for their pictures. The
+first process that judges diagnoses the renderer, and leaves the question beside the parts: a
+renderer with noise answers otherwise each time. Files are the same as long as their sizes and times
+are. Nobody knows what a command depends on: one that was interrupted goes on, but for hogels that
+could not be had; one that was finished is begun anew.
 """
 
 from __future__ import annotations
@@ -26,20 +27,20 @@ import numpy as np
 import pyarrow as pa
 from pydantic import TypeAdapter
 
-from xfrustum.compare.diagnosis.diagnosis import Evidence, Findings, declared, diagnose
-from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.diagnosis.diagnosis import Findings, TestSet, declared, diagnose
+from xfrustum.compare.diagnosis.faults import Defect
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.conventions import ENCODING
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import shown_points
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.outputs import json_ready, progress_bar
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.verification import sources
 from xfrustum.reports.verification.verdict import (
     Hogel,
@@ -52,7 +53,7 @@ from xfrustum.reports.verification.where import places_of
 from xfrustum.reports.verification.worst import MAX_SHOWN_HOGELS, Pictured, WorstHogels
 from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
-from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.disk.input_files import damage_refused
 from xfrustum.scenes.files import layouts
 from xfrustum.scenes.files.foreign_images import Encoding
@@ -80,14 +81,22 @@ class VerifyOptions:
     timeout_s: float = 60.0  #: of one run
     encoding: Encoding | str | None = None  #: what pictures mean, `rgb` where nobody says
     layout: str | None = None  #: of a folder or picture (docs/layouts.md)
-    apertures: Sequence[tuple[int, int]] | None = None  #: column and row of each; None for the whole plate
-    near: float | None = None  #: offset that the renderer's author states; it is then part of the question
+    apertures: Sequence[tuple[int, int]] | None = (
+        None  #: column and row of each; None for the whole plate
+    )
+    near: float | None = (
+        None  #: offset that the renderer's author states; it is then part of the question
+    )
     accept: Sequence[str] = ()
     """Conventions out of `ACCEPTABLE`, of which images are judged by what was found."""
-    max_wrong: float = MAX_WRONG  #: share of wrong surfaces of each hogel; of pictures, of colors or outlines
+    max_wrong: float = (
+        MAX_WRONG  #: share of wrong surfaces of each hogel; of pictures, of colors or outlines
+    )
     max_displacement_px: float | None = TOLERANCE_PX
     """Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit."""
-    max_color: float | None = None  #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
+    max_color: float | None = (
+        None  #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
+    )
     compare: Compared | str = Compared.COLOR
     """What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines."""
     device: DeviceModel | None = None  #: model of the machine that drew; None: any
@@ -102,7 +111,9 @@ class VerifyOptions:
             judging = replace(judging, color_tolerance=real(self.max_color))
         if self.device is not None:
             judging = replace(judging, device=self.device)
-        return Limits(wrong=self.max_wrong, displacement_px=self.max_displacement_px, judging=judging)
+        return Limits(
+            wrong=self.max_wrong, displacement_px=self.max_displacement_px, judging=judging
+        )
 
     def renderer(self, source: str | sources.Renderer | None) -> sources.ForeignRenderer:
         """Return where images come from: files of a pattern or place, or a function; else the command."""
@@ -116,7 +127,9 @@ class VerifyOptions:
         asked: Sequence[Aperture] = scene.plate.apertures()
         if self.apertures:
             pairs = [wholes(index, 2) for index in self.apertures]
-            if short := [given for given, pair in zip(self.apertures, pairs, strict=True) if len(pair) < 2]:
+            if short := [
+                given for given, pair in zip(self.apertures, pairs, strict=True) if len(pair) < 2
+            ]:
                 raise InputError(
                     f"apertures are pairs of a column and a row, such as (2, 1), not {short[0]!r:.100}"
                 )
@@ -133,10 +146,11 @@ def verify(
 ) -> Verification:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
-    `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture; single
-    fields of `VerifyOptions` may be given by name.
+    `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture;
+    single fields of `VerifyOptions` may be given by name.
 
-    InputError where the scene, the source or an option is not usable, or no aperture sees any object.
+    InputError where the scene, the source or an option is not usable, or no aperture sees any
+    object.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
     asked = replace(options or VerifyOptions(), **fields)
@@ -147,7 +161,9 @@ def verify(
         images.check(apertures)
 
         def verified(one: sources.Source) -> Verification:
-            run = Run(renderer=renderer, reference=reference, source=one, asked=apertures, limits=limits)
+            run = Run(
+                renderer=renderer, reference=reference, source=one, asked=apertures, limits=limits
+            )
             return run.verified(channels=asked.channels, progress=asked.progress)
 
         found = with_layout_named(verified(images), images, verified)
@@ -161,7 +177,7 @@ FiguresPair = tuple[Figures, Figures]  #: figures of a hogel as found, and as co
 class Question:
     """What hogels are judged by: how the renderer is supposed to draw, and how it draws and stores."""
 
-    asked: DrawnModel
+    asked: RendererModel
     found: Findings
     read_as_found: bool  #: whether another reading of the pixels is accepted
 
@@ -206,8 +222,10 @@ class Run:
             self.kept[aperture] = self._had(aperture)
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-        of_views = isinstance(self.source, sources.LaidOut) and not self.source.files.layout.in_hogels
-        evidence = Evidence(
+        of_views = (
+            isinstance(self.source, sources.LaidOut) and not self.source.files.layout.in_hogels
+        )
+        evidence = TestSet(
             reference=self.reference, images=images, nominal=nominal, judging=self.limits.judging
         )
         found = diagnose(evidence, of_views=of_views)
@@ -227,10 +245,15 @@ class Run:
         """
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
         with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-            images = ((one, self.kept.pop(one) if one in self.kept else self._had(one)) for one in apertures)
+            images = (
+                (one, self.kept.pop(one) if one in self.kept else self._had(one))
+                for one in apertures
+            )
             yield from in_order((pool.submit(self._judged, question, *one) for one in images), most)
 
-    def pictured(self, question: Question, aperture: Aperture, *, channels: bool) -> Pictured | None:
+    def pictured(
+        self, question: Question, aperture: Aperture, *, channels: bool
+    ) -> Pictured | None:
         """Return one hogel in pictures, with all its channels if asked; None where it is missing."""
         worst = WorstHogels(scene=self.reference.scene if channels else None)
         figures = self._judged(question, aperture, self._had(aperture))[1]
@@ -253,16 +276,21 @@ class Run:
         encoding, model = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
         read = encoding.read(self.reference, image)
-        # Correction may read nothing in another way than the verdict does, and draw nothing otherwise.
+        # Correction may read nothing in another way than the verdict does, and draw nothing
+        # otherwise.
         same = question.asked == model and encoding.restoring is None
         same = same and (question.read_as_found or encoding.reading is None)
 
-        def figures(asked: DrawnModel, of: HogelImage, judging: Judging, *, explained: bool) -> Figures:
+        def figures(
+            asked: RendererModel, of: HogelImage, judging: Judging, *, explained: bool
+        ) -> Figures:
             points = shown_points(changed(self.reference, model.changes).scene, model, of)
             return judge(self.reference, asked, of, points, judging, explained=explained)
 
         as_found = figures(question.asked, given, self.limits.judging, explained=same)
-        corrected = as_found if same else figures(model, read, question.found.judging, explained=True)
+        corrected = (
+            as_found if same else figures(model, read, question.found.judging, explained=True)
+        )
         judged = Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
@@ -280,7 +308,9 @@ def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
     """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
 
     def spread(items: Sequence[Item], most: int) -> list[Item]:
-        return [items[index] for index in np.unique(np.linspace(0, len(items) - 1, most).astype(int))]
+        return [
+            items[index] for index in np.unique(np.linspace(0, len(items) - 1, most).astype(int))
+        ]
 
     pixels = math.prod(scene.frustum.resolution)
     count = int(np.clip(MAX_SAMPLE_PIXELS // pixels, MIN_SAMPLE_HOGELS, SAMPLE_SIDE**2))
@@ -314,7 +344,11 @@ def with_layout_named(
     The layout is then a fault, and the corrected figures are those of the other reading.
     """
     named = {fault.fault for fault in found.diagnosis.faults}
-    if not isinstance(source, sources.LaidOut) or found.passed or (named and named <= CONVENTIONAL_FAULTS):
+    if (
+        not isinstance(source, sources.LaidOut)
+        or found.passed
+        or (named and named <= CONVENTIONAL_FAULTS)
+    ):
         return found
     readings = other_readings(source.files, sources.shape_of(found.scene))
     others = (replace(source, files=files) for files in readings)
@@ -324,7 +358,7 @@ def with_layout_named(
     other = verified(right)
     before = sum(hogel.as_found.wrong for hogel in found.hogels if hogel.as_found is not None)
     after = sum(hogel.corrected.wrong for hogel in other.hogels if hogel.corrected is not None)
-    fault = Fault(
+    fault = Defect(
         fault="layout",
         value=right.files.layout.name,
         words=f"files were read as {source.files.layout.words}, and hold {right.files.layout.words}",
@@ -338,14 +372,19 @@ def with_layout_named(
 
     return replace(
         found,
-        diagnosis=replace(other.diagnosis, faults=(fault, *other.diagnosis.faults), does_not_explain=()),
+        diagnosis=replace(
+            other.diagnosis, faults=(fault, *other.diagnosis.faults), does_not_explain=()
+        ),
         hogels=tuple(map(mended, found.hogels)),
     )
 
 
 def other_readings(stated: FileSet, told: layouts.PlateShape) -> Iterator[FileSet]:
     """Yield other layouts in which the same files form the plate that is told."""
-    for layout in (*layouts.LAYOUTS, *(other for each in layouts.LAYOUTS for other in mistaken(each))):
+    for layout in (
+        *layouts.LAYOUTS,
+        *(other for each in layouts.LAYOUTS for other in mistaken(each)),
+    ):
         with suppress(InputError):
             found = find_files(stated.place, told, (layout,)) if layout != stated.layout else stated
             if found is not stated and found.shape == told and not found.missing:
@@ -366,11 +405,15 @@ def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
     exchanged: tuple[layouts.Layout, ...] = ()
     if len(numbers) == 2:
         first, second = numbers
-        pattern = layout.pattern.replace(f"<{first}>", "<swapped>").replace(f"<{second}>", f"<{first}>")
+        pattern = layout.pattern.replace(f"<{first}>", "<swapped>").replace(
+            f"<{second}>", f"<{first}>"
+        )
         words = layout.words.replace("columns x rows", "rows x columns")
         if words == layout.words:
             words = f"{words}, with the two numbers of its names exchanged"
-        exchanged = (replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words),)
+        exchanged = (
+            replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words),
+        )
     if layout.name == "quilt":
         return (*exchanged, *(other_side(one, downward=True) for one in (layout, *exchanged)))
     return (other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
@@ -378,7 +421,7 @@ def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
 
 def _is_right(source: sources.LaidOut, found: Verification) -> bool:
     """Return whether nearly all claims of a few hogels in another reading hold, whatever the other faults."""
-    reference, nominal, wrong, shown = source.reference, DrawnModel(), 0, 0
+    reference, nominal, wrong, shown = source.reference, RendererModel(), 0, 0
     for hogel in found.hogels[:: max(1, len(found.hogels) // MAX_TRIED_HOGELS)][:MAX_TRIED_HOGELS]:
         try:
             image = source.image(hogel.aperture)
@@ -417,7 +460,7 @@ class VerifyJob(Job):
     state: str
     asked: Sequence[Aperture]
     hogels_per_block: int
-    parts: Parts
+    parts: ParquetParts
     name = "verify"
     draws = False
 
@@ -475,7 +518,9 @@ class VerifySession(Session):
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
         assert content is not None
-        with damage_refused(parts.folder / QUESTION, "question of a verification", "delete its folder"):
+        with damage_refused(
+            parts.folder / QUESTION, "question of a verification", "delete its folder"
+        ):
             return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
 
     def question(self) -> tuple[str, Question]:
@@ -487,7 +532,11 @@ class VerifySession(Session):
         digest, question = self.known
         rows = []
         for hogel, figures in self.run.hogels(question, self.job.apertures(block)):
-            bad = [None, None] if figures is None else [one.numbers.judged_fraction for one in figures]
+            bad = (
+                [None, None]
+                if figures is None
+                else [one.numbers.judged_fraction for one in figures]
+            )
             row = {
                 "column": hogel.aperture.column,
                 "row": hogel.aperture.row,
@@ -502,7 +551,9 @@ class VerifySession(Session):
 
     def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
         """Return a hogel in pictures, with all its channels or without; None where it is missing."""
-        return self.run.pictured(self.known[1], self.job.scene.plate.aperture(*index), channels=channels)
+        return self.run.pictured(
+            self.known[1], self.job.scene.plate.aperture(*index), channels=channels
+        )
 
 
 def verify_on(
@@ -515,12 +566,14 @@ def verify_on(
 ) -> Verification | None:
     """Judge the hogel images of a renderer by several processes; the verification is that of `verify`.
 
-    Stopped at any moment and called again with the same folder it goes on where it was. A command whose
-    hogels are all judged in this folder is judged anew, and so are blocks with hogels that could not be had.
-    Parts are kept in `out`, None for a folder of this machine's that is gone afterwards; `told` is called
-    with notes in words. Returns None where other parts of a job array are not finished yet.
+    Stopped at any moment and called again with the same folder it goes on where it was. A command
+    whose hogels are all judged in this folder is judged anew, and so are blocks with hogels that
+    could not be had. Parts are kept in `out`, None for a folder of this machine's that is gone
+    afterwards; `told` is called with notes in words. Returns None where other parts of a job array
+    are not finished yet.
 
-    InputError as from `verify`, and where there is no folder that others see, or it holds something else.
+    InputError as from `verify`, and where there is no folder that others see, or it holds something
+    else.
     """
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
@@ -538,7 +591,11 @@ def verify_on(
     most = MAX_BLOCK_PIXELS // math.prod(scene.frustum.resolution)
     renderer = renderer.placed(scene)
     with ExitStack() as stack:
-        folder = out.absolute() if out else stack.enter_context(Aside(scratch_folder(), folder=True)).path
+        folder = (
+            out.absolute()
+            if out
+            else stack.enter_context(TempPath(scratch_folder(), folder=True)).path
+        )
         job = VerifyJob(
             scene=scene,
             renderer=renderer,
@@ -546,7 +603,7 @@ def verify_on(
             state=renderer.state(asked),
             asked=asked,
             hogels_per_block=max(1, min(most, math.ceil(len(asked) / MIN_BLOCKS))),
-            parts=Parts(out=folder, name=PARTS),
+            parts=ParquetParts(out=folder, name=PARTS),
         )
         described = {
             "scene": scene.content_hash,
@@ -554,7 +611,9 @@ def verify_on(
             "state of the images": job.state,
             "limits": limits,
             "hogels": {
-                "hogels": () if isinstance(asked, ApertureBlocks) else tuple(one.index for one in asked),
+                "hogels": ()
+                if isinstance(asked, ApertureBlocks)
+                else tuple(one.index for one in asked),
                 "size": job.hogels_per_block,
             },
         }
@@ -573,7 +632,9 @@ def verify_on(
         job.parts.tell_damaged(blocks, told)
         done = sum(map(job.finished, blocks))
         if done:
-            told(f"{done} of {len(blocks)} blocks were judged before, and are in {job.parts.folder}")
+            told(
+                f"{done} of {len(blocks)} blocks were judged before, and are in {job.parts.folder}"
+            )
         with open_workers(engine, len(blocks), draws=False) as workers:
             if done < len(blocks):
                 # One process diagnoses before all others judge.
@@ -602,7 +663,9 @@ def _put_together(
                 )
             hogels.append(_HOGEL.validate_json(row["found"]))
             if row["worst_as_found"] is not None:
-                badness.append(((row["worst_as_found"], row["worst_corrected"]), hogels[-1].aperture))
+                badness.append(
+                    ((row["worst_as_found"], row["worst_corrected"]), hogels[-1].aperture)
+                )
     kept = []
     # As in `WorstHogels.add`, of equals those that come first.
     for _, aperture in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=lambda one: one[0]):

@@ -45,7 +45,9 @@ def places_of(figures: Figures) -> Places:
     }
     for number in np.unique(answer.object[answer.object != NOTHING]).tolist():
         masks[f"object/{number}"] = answer.object == number
-    return {name: (int((mask & error).sum()), int((mask & shown).sum())) for name, mask in masks.items()}
+    return {
+        name: (int((mask & error).sum()), int((mask & shown).sum())) for name, mask in masks.items()
+    }
 
 
 def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
@@ -66,7 +68,11 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
         if group == "object":
             place = f"{place} ({PurePath(scene.objects[int(place)].name).stem})"
         if shown[name]:
-            share = {"wrong": wrong[name], "shown": shown[name], "fraction": wrong[name] / shown[name]}
+            share = {
+                "wrong": wrong[name],
+                "shown": shown[name],
+                "fraction": wrong[name] / shown[name],
+            }
             found.setdefault(group, {})[place] = share
     return found
 
@@ -74,8 +80,8 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
 def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dict[str, Any] | None:
     """Return the numbers of wrong pixels, `where` of `verify --json`; None where nothing is wrong.
 
-    `front` is before the plate, drawn by C*. `hogels` has a list for each row of the plate, with None for
-    hogels that were not judged; `shares` has what `where_wrong` says.
+    `front` is before the plate, drawn by C*. `hogels` has a list for each row of the plate, with
+    None for hogels that were not judged; `shares` has what `where_wrong` says.
     """
     shares = where_wrong(scene, hogels)
     if shares is None:
@@ -86,14 +92,24 @@ def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dic
         wrong = (count for name, (count, _) in places.items() if name.startswith("side/"))
         plate[aperture.row][aperture.column] = sum(wrong)
     sides, objects = (
-        {place: one["wrong"] for place, one in shares.get(group, {}).items()} for group in ("side", "object")
+        {place: one["wrong"] for place, one in shares.get(group, {}).items()}
+        for group in ("side", "object")
     )
-    return {"sides": {"front": 0, "back": 0} | sides, "objects": objects, "hogels": plate, "shares": shares}
+    return {
+        "sides": {"front": 0, "back": 0} | sides,
+        "objects": objects,
+        "hogels": plate,
+        "shares": shares,
+    }
 
 
 def where_words(where: Mapping[str, Any]) -> list[str]:
     """Return where hogels are wrong in words, a line for each way to divide the pixels."""
-    heads = {"side": "side of the plate", "object": "object", "distance": "distance from outlines of objects"}
+    heads = {
+        "side": "side of the plate",
+        "object": "object",
+        "distance": "distance from outlines of objects",
+    }
     heads |= {"row": "row of hogels", "column": "column of hogels", "shown": "where images show"}
     lines = []
     for group, head in heads.items():

@@ -45,7 +45,9 @@ class WorstHogels:
             return
         scene, pictures = self.scene, {}
         shown = {"truth": _shown(as_found.answer, as_found.image), "image": _shown(as_found.image)}
-        for name, pixels in (shown | {"error": _errors(as_found), "rest": _errors(corrected)}).items():
+        for name, pixels in (
+            shown | {"error": _errors(as_found), "rest": _errors(corrected)}
+        ).items():
             step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
             pictures[name] = address(png(pixels[::step, ::step], optimize=False))
         pictured = Pictured(
@@ -53,7 +55,9 @@ class WorstHogels:
             words=as_found.numbers.limited_words,
             badness=badness,
             pictures=pictures,
-            inspected=None if scene is None else inspected_figures(scene, aperture, as_found, corrected),
+            inspected=None
+            if scene is None
+            else inspected_figures(scene, aperture, as_found, corrected),
         )
         worst_first = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)
         self.kept = worst_first[:MAX_SHOWN_HOGELS]
@@ -62,7 +66,8 @@ class WorstHogels:
 def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
     """Return what people can see of an image: its colors, else a color for each surface.
 
-    That is a triangle or an object, whichever `like` names, by default the image itself: truth names both.
+    That is a triangle or an object, whichever `like` names, by default the image itself: truth
+    names both.
     """
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
@@ -72,7 +77,9 @@ def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
         named = np.where(image.covered, 0, NOTHING)
     # Neighboring numbers get colors far apart: multiples of odd constants.
     spread = named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
-    return np.where((named == NOTHING)[..., None], BACKGROUND_GRAY, spread % 200 + 30).astype(np.uint8)
+    return np.where((named == NOTHING)[..., None], BACKGROUND_GRAY, spread % 200 + 30).astype(
+        np.uint8
+    )
 
 
 def _errors(figures: Figures) -> Bytes:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from xfrustum.scenes.arrays import Singles
 
 Color = tuple[float, float, float]  #: linear RGB
-#: Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay within
-#: float32's range, 3e38.
+#: Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay
+#: within float32's range, 3e38.
 LARGEST_COEFFICIENT = 1e15
-#: Largest radiance of an environment: sums and products with coefficients stay within float32's range in
-#: pictures, 3e38.
+#: Largest radiance of an environment: sums and products with coefficients stay within float32's
+#: range in pictures, 3e38.
 MAX_RADIANCE = 1e30
 
 
@@ -37,8 +37,8 @@ def _color(name: str, given: object) -> Color:
 class Material:
     """A Phong material with a mirror over it (paper, section 3, figure 3); coefficients are linear RGB.
 
-    Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1, is the
-    share of the environment's radiance that is added. Raises InputError outside the ranges.
+    Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1,
+    is the share of the environment's radiance that is added. Raises InputError outside the ranges.
     """
 
     ambient: Color = (0.1, 0.1, 0.1)
@@ -51,7 +51,9 @@ class Material:
         for name in ("ambient", "diffuse", "specular", "reflectivity"):
             settle(self, **{name: _color(name, getattr(self, name))})
         if max(self.reflectivity) > 1:
-            raise InputError(f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}")
+            raise InputError(
+                f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}"
+            )
         exponent = real(self.exponent)
         if not (math.isfinite(exponent) and exponent > 0):
             raise InputError(f"exponent must be a positive number, not {self.exponent!r}")
@@ -66,8 +68,8 @@ DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
 class DirectionalLight:
     """A light at infinity, hence its own conjugate (paper, section 3).
 
-    The direction points to it and is made a unit vector. The color is its irradiance over pi, which a white
-    diffuse surface facing it shows. Raises InputError where the direction has no length.
+    The direction points to it and is made a unit vector. The color is its irradiance over pi, which
+    a white diffuse surface facing it shows. Raises InputError where the direction has no length.
     """
 
     direction: tuple[float, float, float]
@@ -90,9 +92,10 @@ DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
 class Environment:
     """Radiance from all directions, as a latitude-longitude map of linear RGB, (H, W, 3), row 0 on top.
 
-    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle follows
-    +x, then +z at both ends. It is seen only in reflections: a line that meets nothing shows black.
-    Raises InputError where the array has another shape, or radiance is negative or beyond `MAX_RADIANCE`.
+    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle
+    follows +x, then +z at both ends. It is seen only in reflections: a line that meets nothing
+    shows black. Raises InputError where the array has another shape, or radiance is negative or
+    beyond `MAX_RADIANCE`.
     """
 
     radiance: Singles
@@ -105,12 +108,18 @@ class Environment:
         try:
             radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
         except (TypeError, ValueError) as error:
-            raise InputError(f"{self.name}: an environment map is an RGB picture ({error})") from error
+            raise InputError(
+                f"{self.name}: an environment map is an RGB picture ({error})"
+            ) from error
         strength = real(self.strength)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
-            raise InputError(f"{self.name}: an environment map is an RGB picture, not {radiance.shape}")
+            raise InputError(
+                f"{self.name}: an environment map is an RGB picture, not {radiance.shape}"
+            )
         if not (np.isfinite(radiance).all() and radiance.min() >= 0):
-            raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
+            raise InputError(
+                f"{self.name}: radiance must be finite and not negative; repair the map"
+            )
         if not (math.isfinite(strength) and strength >= 0):
             raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
         if strength * float(radiance.max()) > MAX_RADIANCE:

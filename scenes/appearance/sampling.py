@@ -20,8 +20,12 @@ class Sampling:
     """Samples per pixel and per aperture, 1 to `MAX_SAMPLES`; only color is averaged. Else InputError."""
 
     supersample: int = 1  #: points along each side of a pixel, on a regular grid (box filter)
-    multisample: int = 1  #: coverage samples of the rasterizer; the reference averages over the same box
-    aperture: int = 1  #: sub-apertures over which the image is averaged (paper, section 6: band limiting)
+    multisample: int = (
+        1  #: coverage samples of the rasterizer; the reference averages over the same box
+    )
+    aperture: int = (
+        1  #: sub-apertures over which the image is averaged (paper, section 6: band limiting)
+    )
 
     def __post_init__(self) -> None:
         for name in ("supersample", "multisample", "aperture"):
@@ -48,7 +52,10 @@ class Transport:
                 f"samples must be a count between 2 and {MAX_SAMPLES}, not {self.samples!r}: "
                 "fewer than two have no variance"
             )
-        shadows, lit = switch(self.shadows, "shadows"), switch(self.interreflection, "interreflection")
+        shadows, lit = (
+            switch(self.shadows, "shadows"),
+            switch(self.interreflection, "interreflection"),
+        )
         settle(self, samples=samples, shadows=shadows, interreflection=lit)
 
     @property
@@ -57,15 +64,16 @@ class Transport:
         return self.shadows or self.interreflection
 
 
-#: The real root of x^3 = x + 1: its powers give the most even additive recurrence in two dimensions.
+#: The real root of x^3 = x + 1: its powers give the most even additive recurrence in two
+#: dimensions.
 PLASTIC = 1.32471795724474602596
 
 
 def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Aperture, ...]:
     """Return points spread evenly over one hogel pitch about an aperture (paper, section 6); one is itself.
 
-    They follow the additive recurrence of Roberts, "The unreasonable effectiveness of quasirandom sequences"
-    (2018): the error of a smooth integrand falls as 1 / count.
+    They follow the additive recurrence of Roberts, "The unreasonable effectiveness of quasirandom
+    sequences" (2018): the error of a smooth integrand falls as 1 / count.
     """
     if count == 1:
         return (aperture,)

@@ -2,6 +2,6 @@
 
 suite  Cases as they are frozen in `1.0`, and the scenes that they are asked of
 
-`1.0/cases.toml` lists the cases; `1.0/scenes` and `1.0/meshes` have what no built-in scene has. A released
-suite is never changed: what is found to be wrong in it is mended in the next one.
+`1.0/cases.toml` lists the cases; `1.0/scenes` and `1.0/meshes` have what no built-in scene has. A
+released suite is never changed: what is found to be wrong in it is mended in the next one.
 """

@@ -35,8 +35,9 @@ LEVELS = {
 CLOSE_NEAR = 1e-6
 """Near offset, as a part of the reach, of the two cameras that a case without a stated offset is handed.
 
-With a reversed depth buffer of 32 bits they keep to the bounds of edges wherever no surface lies closer to
-the plate than some ten times the offset: points at |z| move by W / 2 * n / |z| pixels at most.
+With a reversed depth buffer of 32 bits they keep to the bounds of edges wherever no surface lies
+closer to the plate than some ten times the offset: points at |z| move by W / 2 * n / |z| pixels at
+most.
 """
 
 
@@ -51,11 +52,17 @@ class Case:
     asked: str  #: `triangle-id`, `object-id`, `rgb` or `srgb`
     why: str
     resolution: tuple[int, int] | None = None  #: in place of the scene's own
-    near: float | None = None  #: offset of the paper's two cameras, scene units; None for the true frustum
+    near: float | None = (
+        None  #: offset of the paper's two cameras, scene units; None for the true frustum
+    )
     depth: DepthFormat = DepthFormat.D32F
     mapping: DepthMapping = DepthMapping.REVERSED
-    wrong: float = 0.0  #: largest share of the shown pixels that may be wrong without an accepted reason
-    tolerance: float | None = None  #: difference of linear radiance that is accepted; None: `COLOR_TOLERANCE`
+    wrong: float = (
+        0.0  #: largest share of the shown pixels that may be wrong without an accepted reason
+    )
+    tolerance: float | None = (
+        None  #: difference of linear radiance that is accepted; None: `COLOR_TOLERANCE`
+    )
     digest: str = ""  #: of the truth: triangles and ties of all hogels
     radiance: float | None = None  #: mean of the true colors
 
@@ -77,9 +84,7 @@ class Case:
         elif self.asked == "object-id":
             told = "the object, wherever no edge lies within rounding of the pixel's center"
         else:
-            told = (
-                "the triangle, any of a tie, or a neighbor at an edge within rounding of the pixel's center"
-            )
+            told = "the triangle, any of a tie, or a neighbor at an edge within rounding of the pixel's center"
             told += f"; of surfaces that {self.depth} {self.mapping} stores as one depth, either"
         return f"{told}; else at most {100 * self.wrong:g} % of the pixels" if self.wrong else told
 
@@ -92,7 +97,9 @@ class Case:
         # Meshes are named by their paths: a suite has the same names wherever it is installed.
         objects = tuple(replace(one, name=Path(one.name).name) for one in scene.objects)
         resolution = self.resolution or scene.frustum.resolution
-        return replace(scene, objects=objects, frustum=replace(scene.frustum, resolution=resolution))
+        return replace(
+            scene, objects=objects, frustum=replace(scene.frustum, resolution=resolution)
+        )
 
     def apertures(self, scene: Scene) -> list[Aperture]:
         """Return the apertures that are asked for."""

@@ -20,15 +20,20 @@ def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
     return archive.read(name)  # `zipfile` reads no more than the member declares
 
 
-def read_arrays(path: Path, what: str, advice: str, content: bytes | None = None) -> dict[str, NDArray[Any]]:
+def read_arrays(
+    path: Path, what: str, advice: str, content: bytes | None = None
+) -> dict[str, NDArray[Any]]:
     """Return the arrays of a .npz by their names: that of a file, or `content`, which lay in the file.
 
-    InputError where it is damaged, declares too much memory, or has members other than plain arrays.
+    InputError where it is damaged, declares too much memory, or has members other than plain
+    arrays.
     """
     content = read_input(path, what, advice) if content is None else content
     found: dict[str, NDArray[Any]] = {}
     with damage_refused(path, what, advice), zipfile.ZipFile(io.BytesIO(content)) as archive:
-        check_declared(path, sum(one.file_size for one in archive.infolist()), "unpacking its arrays")
+        check_declared(
+            path, sum(one.file_size for one in archive.infolist()), "unpacking its arrays"
+        )
         for name in archive.namelist():
             # The header is at most 10,000 bytes, and holds literals alone.
             member = io.BytesIO(read_member(archive, name, path))

@@ -1,7 +1,8 @@
 """Files and folders that are whole or absent: written aside, in the folder where they belong, then renamed.
 
-What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed. A process that was killed
-leaves it; the next one that writes there removes it, unless a running process has that number by then.
+What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed. A process that was
+killed leaves it; the next one that writes there removes it, unless a running process has that
+number by then.
 """
 
 import errno
@@ -31,10 +32,11 @@ def _host() -> str:
     return f"{zlib.crc32(' '.join(names).encode()):08x}"
 
 
-class Aside:
+class TempPath:
     """A file or a folder in the making, at `path` in the folder `host`: rename it to keep it.
 
-    A context manager that removes what still has this name, and first what killed processes left there.
+    A context manager that removes what still has this name, and first what killed processes left
+    there.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
@@ -79,15 +81,16 @@ def remove_abandoned(host: Path) -> None:
 def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
     """Give an empty file aside, which takes its name, and is on the disk, when the block ends without error.
 
-    Links are followed: their target is replaced, keeping its permissions, and they stay. Devices, pipes and
-    the process's own open files, such as `/dev/stdout`, are written into. The host is the folder in which the
-    file is made, on the same file system; None for the folder that it belongs in.
+    Links are followed: their target is replaced, keeping its permissions, and they stay. Devices,
+    pipes and the process's own open files, such as `/dev/stdout`, are written into. The host is the
+    folder in which the file is made, on the same file system; None for the folder that it belongs
+    in.
 
     Raises InputError as from `written_into`, OSError where the disk is full or has lost data.
     """
     into, target = written_into(path), Path(os.path.realpath(path))
     # A file that is copied in the end can be made anywhere.
-    with Aside(host or (scratch_folder() if into else target.parent)) as aside:
+    with TempPath(host or (scratch_folder() if into else target.parent)) as aside:
         yield aside.path
         if into:
             number = _descriptor(path)
@@ -151,7 +154,8 @@ def put(made: Path, path: Path) -> None:
 def put_folder(made: Path, path: Path) -> bool:
     """Give a folder that was made aside its name in one step, with all its files.
 
-    Returns False where the name is taken: nothing has been done, and `put` can place the files one by one.
+    Returns False where the name is taken: nothing has been done, and `put` can place the files one
+    by one.
     """
     if path.exists() or path.is_symlink():
         return False

@@ -1,9 +1,9 @@
 """Files from outside: regular files only, and a bound on the memory that reading one may take.
 
-A name may lead to a pipe, on which reading waits for ever, to a device without end, or to a file of a few
-bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a library that
-opens it itself is called after `regular_size`. The memory that a file declares goes through `check_declared`,
-and errors of a library that reads it through `damage_refused`.
+A name may lead to a pipe, on which reading waits for ever, to a device without end, or to a file of
+a few bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a
+library that opens it itself is called after `regular_size`. The memory that a file declares goes
+through `check_declared`, and errors of a library that reads it through `damage_refused`.
 """
 
 import os
@@ -18,9 +18,9 @@ from xfrustum.scenes.errors import InputError
 MEMORY_PER_BYTE = 64
 """Bytes of memory that reading may take for each byte of the file, where that is more than the bound.
 
-The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and numbers as
-Python objects, then arrays); twice that lets every honest file through, however large it is. A file that
-takes more is compressed, or declares more than it holds.
+The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and
+numbers as Python objects, then arrays); twice that lets every honest file through, however large it
+is. A file that takes more is compressed, or declares more than it holds.
 """
 
 #: Bytes of memory that a pixel of a picture takes: four channels as read, and three copies.
@@ -28,7 +28,9 @@ MEMORY_PER_PIXEL = 16
 
 BLOCK_BYTES = 512  # bytes of a block, the unit in which a file system states what a file fills
 
-SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, sixteen million bytes; people write some hundreds
+SCENE_FILE_SIZE = (
+    1 << 24
+)  # largest size of a scene file, sixteen million bytes; people write some hundreds
 RAISING_OPTION = "--max-input-memory"  # option of the command line that raises the bound on memory
 
 
@@ -38,7 +40,9 @@ class _Bound:
     memory = 1 << 30
     """Bytes of memory that one input may take while it is read, whatever the size of its file."""
 
-    hogels = 20_000_000  # largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million
+    hogels = (
+        20_000_000  # largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million
+    )
 
 
 @contextmanager
@@ -75,8 +79,9 @@ def check_hogels(columns: int, rows: int) -> None:
 def regular_size(path: Path, what: str, advice: str = "") -> int:
     """Return the size in bytes of a regular file, called `what` in messages; symbolic links are followed.
 
-    Raises InputError where it is missing, which gets the advice, cannot be reached, is no regular file, or
-    is empty, as files of /proc are; or where its size is mostly a hole, which takes memory and no disk.
+    Raises InputError where it is missing, which gets the advice, cannot be reached, is no regular
+    file, or is empty, as files of /proc are; or where its size is mostly a hole, which takes memory
+    and no disk.
     """
     try:
         status = path.stat()
@@ -139,7 +144,9 @@ def read_small(path: Path, what: str, largest: int, advice: str = "") -> bytes:
     """Return the bytes of a file; InputError as from `read_input`, or where it has more than `largest`."""
     size = regular_size(path, what, advice)
     if size > largest:
-        raise InputError(f"{path}: has {in_words(size)}, more than {_article(what)} has; give the right file")
+        raise InputError(
+            f"{path}: has {in_words(size)}, more than {_article(what)} has; give the right file"
+        )
     return head_of(path, what, largest)
 
 
@@ -155,7 +162,9 @@ def damage_refused(path: Path, what: str, advice: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: is no {what} that can be read ({reason:.200}); {advice}") from error
+        raise InputError(
+            f"{path}: is no {what} that can be read ({reason:.200}); {advice}"
+        ) from error
 
 
 def allowed_memory(size: int) -> int:
@@ -188,7 +197,9 @@ def bounded_memory(path: Path) -> Iterator[None]:
     """Let a library read a file whose declared size was checked; InputError where memory runs out."""
     from PIL import Image  # noqa: PLC0415 - a scene file is checked without it
 
-    Image.MAX_IMAGE_PIXELS = None  # `check_picture_size` bounds them, by a number that an option raises
+    Image.MAX_IMAGE_PIXELS = (
+        None  # `check_picture_size` bounds them, by a number that an option raises
+    )
     try:
         yield
     except MemoryError as error:

@@ -1,7 +1,8 @@
 """Names under which renderers store the channels of a hogel image in OpenEXR files.
 
-Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, others `pos.X`; in files of several parts the
-name of a part may stand for the layer. Names of our own contract (CONVENTIONS.md, "Image files") come first.
+Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, others `pos.X`; in files of several
+parts the name of a part may stand for the layer. Names of our own contract (CONVENTIONS.md, "Image
+files") come first.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -89,7 +90,9 @@ def _named(present: Sequence[StoredChannel], name: str) -> tuple[StoredChannel, 
     same = [one for one in present if one.name == name]
     if name not in COLOR or len({one.part for one in present}) == 1:
         return tuple(same)
-    others = frozenset[str]().union(*(layers for group, layers in _LAYERS.items() if group != COLOR))
+    others = frozenset[str]().union(
+        *(layers for group, layers in _LAYERS.items() if group != COLOR)
+    )
     same = [one for one in same if one.layer_and_axis[0] not in others]
     main = [one for one in same if one.layer_and_axis[0] in _LAYERS[COLOR]]
     return tuple(main if len(main) == 1 else same)

@@ -1,7 +1,8 @@
 """Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files"; docs/adr/0012).
 
-Headers are read alone before pixels are, for the library allocates whatever one declares. Its newer interface
-reads, for it raises where the older one ends the process; the older one writes, band by band.
+Headers are read alone before pixels are, for the library allocates whatever one declares. Its newer
+interface reads, for it raises where the older one ends the process; the older one writes, band by
+band.
 """
 
 import io
@@ -53,7 +54,8 @@ CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 #: Attributes as JSON, whose numbers are the shortest digits that give the same double again.
 EYE_JSON = TypeAdapter(Eye)
 MAGIC = bytes.fromhex("762f3101")  # first four bytes of every OpenEXR file
-#: Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits.
+#: Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32
+#: bits.
 MAX_PIXELS = (2**31 - 1) // 4
 FAR = 1e10  #: coordinate from which on renderers mean that there is no surface
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # types of pixels, in the order of their codes
@@ -77,11 +79,24 @@ def _silence() -> Iterator[None]:
 def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
     """Open a file; whatever OpenEXR raises then and within the block becomes an InputError."""
     try:
-        with _silence(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+        with (
+            _silence(),
+            OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
+        ):
             yield file
-    except (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError) as error:
+    except (
+        OSError,
+        RuntimeError,
+        SystemError,
+        LookupError,
+        TypeError,
+        ValueError,
+        MemoryError,
+    ) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{path}: the OpenEXR image is damaged ({reason}); write it again") from error
+        raise InputError(
+            f"{path}: the OpenEXR image is damaged ({reason}); write it again"
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +114,9 @@ def read_header(path: Path) -> Header:
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:
-        headers = [dict(file.header(part)) for part in range(len(file.parts))]  # OpenEXR empties its own
+        headers = [
+            dict(file.header(part)) for part in range(len(file.parts))
+        ]  # OpenEXR empties its own
         kinds = {header["type"] for header in headers}
         if not kinds <= {OpenEXR.scanlineimage, OpenEXR.tiledimage}:
             raise ValueError("it has deep pixels; only flat ones are read")
@@ -146,8 +163,9 @@ class ReadPlanes:
 def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
     """Return those of some channels that a file has, from any of its parts, under names of others too.
 
-    Pixels of the display window that the data window lacks are 0, NaN in positions, heights and normals.
-    Raises InputError as `read_header`, or where a channel lies in several parts or lacks pixels.
+    Pixels of the display window that the data window lacks are 0, NaN in positions, heights and
+    normals. Raises InputError as `read_header`, or where a channel lies in several parts or lacks
+    pixels.
     """
     header = read_header(path)
     places, several = located(header.channels, names)
@@ -157,7 +175,9 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
         for name, place in places.items():
             channel = file.channels(place.part)[place.name]
             if (channel.xSampling, channel.ySampling) != (1, 1):
-                raise InputError(f"{path}: channel {place.words} is subsampled; write every pixel of it")
+                raise InputError(
+                    f"{path}: channel {place.words} is subsampled; write every pixel of it"
+                )
             windows = file.header(place.part)["dataWindow"], header.attributes["displayWindow"]
             planes[name] = _in_display(channel.pixels, *windows, name)
     return ReadPlanes(planes=planes, header=header, places=places)
@@ -171,7 +191,10 @@ def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDA
         return pixels
     missing = np.nan if name in (*POSITION, *NORMAL, HEIGHT) else 0
     whole = np.full((lower - upper + 1, last - first + 1), missing, pixels.dtype)
-    x, y = slice(max(left, first), min(right, last) + 1), slice(max(top, upper), min(bottom, lower) + 1)
+    x, y = (
+        slice(max(left, first), min(right, last) + 1),
+        slice(max(top, upper), min(bottom, lower) + 1),
+    )
     if x.start < x.stop and y.start < y.stop:
         part = pixels[y.start - top : y.stop - top, x.start - left : x.stop - left]
         whole[y.start - upper : y.stop - upper, x.start - first : x.stop - first] = part
@@ -203,10 +226,11 @@ def read_image(
 ) -> HogelImage:
     """Read an image by any renderer; channels that the file lacks are absent, NaN, or `NOTHING`.
 
-    The camera given is that of files that name none; with `partial` it is that of all, and any of `CHANNELS`
-    will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. A channel `id` counts what `counted`
-    says, `TRIANGLE` or `OBJECT`; else it only says where there is no surface. Raises InputError where the
-    file is missing, damaged, without a camera, or of another size than its camera's.
+    The camera given is that of files that name none; with `partial` it is that of all, and any of
+    `CHANNELS` will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. A channel `id`
+    counts what `counted` says, `TRIANGLE` or `OBJECT`; else it only says where there is no surface.
+    Raises InputError where the file is missing, damaged, without a camera, or of another size than
+    its camera's.
     """
     path = Path(path)
     read = read_channels(path, (*CHANNELS, ANY_ID))
@@ -216,11 +240,17 @@ def read_image(
     own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
     found = own or camera
     if found is None:
-        raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
+        raise InputError(
+            f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for"
+        )
     if not planes.keys() - {ANY_ID}:
-        wanted = "none of " + " ".join(CHANNELS) if partial else "neither id.triangle nor P.X P.Y P.Z"
+        wanted = (
+            "none of " + " ".join(CHANNELS) if partial else "neither id.triangle nor P.X P.Y P.Z"
+        )
         advice = (
-            "say with --encoding triangle-id or object-id what id counts" if planes else "write one of them"
+            "say with --encoding triangle-id or object-id what id counts"
+            if planes
+            else "write one of them"
         )
         raise InputError(f"{path}: has {wanted}; {advice}; it has {listed(header.channels)}")
     width, height = header.size
@@ -263,16 +293,20 @@ def read_image(
 def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
     """Return the pixels (H, W) that show no surface, whatever position they have.
 
-    Numbers say it where a file has any. Where it has none, a position says it that is not finite, or is 0 in
-    all coordinates, or one of which is at least `FAR`: many renderers store that. The point 0 lies in the
-    plate, where a true hogel sees the center of its own aperture alone.
+    Numbers say it where a file has any. Where it has none, a position says it that is not finite,
+    or is 0 in all coordinates, or one of which is at least `FAR`: many renderers store that. The
+    point 0 lies in the plate, where a true hogel sees the center of its own aperture alone.
     """
     numbers = [read.planes[name] for name in (TRIANGLE, OBJECT, ANY_ID) if name in read.places]
     if any(plane.any() for plane in numbers):  # numbers that nobody has set are all 0
         nowhere: Mask = np.logical_and.reduce([plane == 0 for plane in numbers])
         return nowhere
     # A coordinate that was compressed with loss is not 0 where 0 was written.
-    axes = [axis for axis, name in enumerate(POSITION) if name in read.places and read.lossy(name) is None]
+    axes = [
+        axis
+        for axis, name in enumerate(POSITION)
+        if name in read.places and read.lossy(name) is None
+    ]
     largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
     nowhere = ~((largest > 0) & (largest < max(FAR, *camera.reach)))
     # One point in all pixels is a value for the background, too, where all numbers are 0.
@@ -333,7 +367,9 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
     if len(missing) == len(names):
         return None
     if missing:
-        raise InputError(f"{path}: has no channel {missing[0]} beside the others of {' '.join(names)}")
+        raise InputError(
+            f"{path}: has no channel {missing[0]} beside the others of {' '.join(names)}"
+        )
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 
 
@@ -343,13 +379,17 @@ def _numbers(path: Path, name: str, plane: NDArray[Any], read: ReadPlanes) -> Nu
     if plane.dtype == np.float16:  # which does not reach that
         plane = plane.astype(np.float32)
     if not ((plane >= 0) & (plane <= largest) & (plane == np.floor(plane))).all():
-        raise InputError(f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1")
+        raise InputError(
+            f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1"
+        )
     if name in read.places:
         if (kind := read.lossy(name)) is not None:
             raise InputError(
                 f"{path}: channel {name} is stored with {kind}, which changes numbers; write ZIP"
             )
-        largest = largest_whole(read.planes[name].dtype, read.header.compressions[read.places[name].part])
+        largest = largest_whole(
+            read.planes[name].dtype, read.header.compressions[read.places[name].part]
+        )
         if plane.max(initial=0) > largest:
             raise InputError(
                 f"{path}: channel {name} holds numbers above {largest:,}, which its type rounds; "
@@ -378,13 +418,17 @@ def stored_planes(image: HogelImage | EyeImage) -> dict[str, NDArray[Any]]:
 
 @contextmanager
 def _rows(
-    path: Path, size: tuple[int, int], types: Mapping[str, np.dtype[Any]], attributes: Mapping[str, bytes]
+    path: Path,
+    size: tuple[int, int],
+    types: Mapping[str, np.dtype[Any]],
+    attributes: Mapping[str, bytes],
 ) -> Iterator[Callable[[Planes], None]]:
     """Write a lossless file from the top down: yield the function that writes the next rows of channels."""
     header: dict[str, Any] = OpenEXR.Header(*size)
     header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
     header["channels"] = {
-        name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type))) for name, kind in types.items()
+        name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type)))
+        for name, kind in types.items()
     }
     # This is OpenEXR's older interface: the newer one writes whole images only.
     file = OpenEXR.OutputFile(str(path), {**header, **attributes})
@@ -410,13 +454,16 @@ def _rows(
 
 @contextmanager
 def image_writer(
-    path: str | Path, camera: HogelCamera, arrays: Sequence[str] = (), rendering: Rendering | None = None
+    path: str | Path,
+    camera: HogelCamera,
+    arrays: Sequence[str] = (),
+    rendering: Rendering | None = None,
 ) -> Iterator[Callable[[HogelImage], None]]:
     """Write an image from the top down, band by band: yield the function that takes the next band.
 
-    A band is an image of full width and any number of rows; `arrays` names the optional arrays that all have.
-    The file appears, in place of an older one, when the block ends without an exception. Raises InputError
-    where it cannot be written, or the image has more than `MAX_PIXELS`.
+    A band is an image of full width and any number of rows; `arrays` names the optional arrays that
+    all have. The file appears, in place of an older one, when the block ends without an exception.
+    Raises InputError where it cannot be written, or the image has more than `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
     if width * height > MAX_PIXELS:
@@ -424,7 +471,13 @@ def image_writer(
             f"{path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
             f"{MAX_PIXELS:,}; lower frustum.resolution"
         )
-    names = [*POSITION, HEIGHT, TRIANGLE, OBJECT, *(name for one in arrays for name in _OPTIONAL[one])]
+    names = [
+        *POSITION,
+        HEIGHT,
+        TRIANGLE,
+        OBJECT,
+        *(name for one in arrays for name in _OPTIONAL[one]),
+    ]
     numbers = (TRIANGLE, OBJECT, CERTAINTY)
     types = {name: np.dtype(np.uint32 if name in numbers else np.float32) for name in names}
     attributes = {CAMERA_ATTRIBUTE: CAMERA_JSON.dump_json(camera)}
@@ -446,7 +499,9 @@ def image_writer(
         nonlocal written
         rows, columns = band.triangle.shape
         if columns != width or written + rows > height:
-            raise ValueError(f"a band of {columns} x {rows} at row {written} leaves {width} x {height}")
+            raise ValueError(
+                f"a band of {columns} x {rows} at row {written} leaves {width} x {height}"
+            )
         with refused("check the disk"):
             write(stored_planes(band))
         written += rows

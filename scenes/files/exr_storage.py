@@ -12,7 +12,8 @@ _DWA = (OpenEXR.DWAA_COMPRESSION, OpenEXR.DWAB_COMPRESSION)
 _B44 = (OpenEXR.B44_COMPRESSION, OpenEXR.B44A_COMPRESSION)
 #: Last letters of names of the channels that DWA changes; it keeps every bit of all others.
 _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
-#: Largest relative change by rounding to half precision, and largest absolute one of subnormal numbers.
+#: Largest relative change by rounding to half precision, and largest absolute one of subnormal
+#: numbers.
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25
 PXR24_ROUNDING = 2.0**-16  #: PXR24 keeps 15 of the 23 bits of a float's fraction
 DWA_LEVEL = 45.0  #: level of files that state none
@@ -39,7 +40,9 @@ def largest_whole(kind: np.dtype[Any], compression: Any) -> int:
     return int(np.iinfo(np.uint32).max)
 
 
-def uncertainty(values: NDArray[Any], name: str, compression: Any, level: float | None) -> Floats | None:
+def uncertainty(
+    values: NDArray[Any], name: str, compression: Any, level: float | None
+) -> Floats | None:
     """Return how far values of a channel may be from those that were written; None as exactly as float32.
 
     B44 has no bound that is of use: values in it must not be positions.
@@ -57,14 +60,17 @@ def uncertainty(values: NDArray[Any], name: str, compression: Any, level: float 
 def _dwa(values: Floats, level: float) -> Floats:
     """Return how far values may be from those that DWA compressed.
 
-    It rounds a value to half precision, takes a curve v of it that is the power 1 / 2.2 up to 1 and then a
-    logarithm, and rounds the coefficients of the cosine transform of 8 x 8 values v, whose basis is
-    orthonormal: at each pixel the squares of its functions add up to 1. So errors e_k of the coefficients
-    change v by at most the square root of the sum of e_k^2. Coefficients are rounded to half precision,
-    which changes v by 2^-11 of their norm, at most 8 max |v|; v itself is rounded twice.
+    It rounds a value to half precision, takes a curve v of it that is the power 1 / 2.2 up to 1 and
+    then a logarithm, and rounds the coefficients of the cosine transform of 8 x 8 values v, whose
+    basis is orthonormal: at each pixel the squares of its functions add up to 1. So errors e_k of
+    the coefficients change v by at most the square root of the sum of e_k^2. Coefficients are
+    rounded to half precision, which changes v by 2^-11 of their norm, at most 8 max |v|; v itself
+    is rounded twice.
     """
     magnitude = np.where(np.isfinite(values), np.abs(values), 0.0)
-    curve = np.where(magnitude <= 1, magnitude ** (1 / 2.2), np.log(np.maximum(magnitude, 1)) / 2.2 + 1)
+    curve = np.where(
+        magnitude <= 1, magnitude ** (1 / 2.2), np.log(np.maximum(magnitude, 1)) / 2.2 + 1
+    )
     error = level / 100_000 * DWA_TABLE_NORM + (8 + 2) * HALF_ROUNDING * curve.max(initial=0.0)
 
     def value(curve: Floats) -> Floats:

@@ -13,7 +13,7 @@ from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.channels import OBJECT, TRIANGLE
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 
 
 class Encoding(StrEnum):
@@ -52,12 +52,15 @@ class Transfer(StrEnum):
     def step(self, stored: Singles) -> Singles:
         """Return by how much linear radiance changes, at most, where stored values change by a level."""
         here, level = self.linear(stored), np.float32(1 / 255)
-        up, down = self.linear(np.minimum(stored + level, 1)), self.linear(np.maximum(stored - level, 0))
+        up, down = (
+            self.linear(np.minimum(stored + level, 1)),
+            self.linear(np.maximum(stored - level, 0)),
+        )
         return np.asarray(np.maximum(up - here, here - down))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class StoredPixels(Brief):
+class StoredPixels(ShortRepr):
     """A picture's pixels as its file stores them."""
 
     rgb: Bytes  #: (H, W, 3)
@@ -76,7 +79,8 @@ class Reading:
     """A way to read stored pixels."""
 
     encoding: Encoding
-    #: The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a number.
+    #: The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a
+    #: number.
     channels: tuple[int, int, int] = (0, 1, 2)
     offset: int = 1  #: number that was added to triangle or object numbers before they were stored
     background: int = 0  #: integer that is stored where there is no surface
@@ -85,12 +89,16 @@ class Reading:
     @property
     def first_is_lost(self) -> bool:
         """Whether number 0 and no surface are stored as the same integer."""
-        return self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID) and self.offset == self.background
+        return (
+            self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+            and self.offset == self.background
+        )
 
     def packed(self, rgb: Bytes) -> Numbers:
         """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
         return np.asarray(
-            rgb[..., list(self.channels)].astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32)
+            rgb[..., list(self.channels)].astype(np.int32)
+            @ np.array([65536, 256, 1], dtype=np.int32)
         )
 
     def numbers(self, packed: Numbers) -> Numbers:
@@ -139,7 +147,8 @@ def is_picture(image: HogelImage) -> bool:
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """Return an image as it is when its stored pixels are read in another way.
 
-    Of images without stored pixels only the offset is read anew, and whether they count triangles or objects.
+    Of images without stored pixels only the offset is read anew, and whether they count triangles
+    or objects.
     """
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
@@ -171,7 +180,9 @@ def stored_rgb(image: HogelImage) -> Bytes:
 
 def bytes_of(integers: Numbers | Indices) -> Bytes:
     """Return integers (..) below 2^24 as pixels (.., 3): 65536 red + 256 green + blue."""
-    return np.stack((integers >> 16 & 255, integers >> 8 & 255, integers & 255), axis=-1).astype(np.uint8)
+    return np.stack((integers >> 16 & 255, integers >> 8 & 255, integers & 255), axis=-1).astype(
+        np.uint8
+    )
 
 
 def radiance(rgb: Bytes, encoding: Encoding) -> Singles:

@@ -1,7 +1,8 @@
 """Layouts: the ways in which people store the pictures of a plate, as a table of names and a function each.
 
-A layout names, for each file, a view of the plate's pixels (row j, column i, pixel row r, pixel column c,
-channel): reading assigns the file's pixels to it, writing stores it, and no pixel is computed.
+A layout names, for each file, a view of the plate's pixels (row j, column i, pixel row r, pixel
+column c, channel): reading assigns the file's pixels to it, writing stores it, and no pixel is
+computed.
 """
 
 import math
@@ -17,7 +18,9 @@ from xfrustum.scenes.arguments import settle, wholes
 from xfrustum.scenes.disk.input_files import check_hogels
 from xfrustum.scenes.errors import InputError
 
-Pixels = NDArray[Any]  # samples of pictures in the type of their files: uint8, uint16, float16 or float32
+Pixels = NDArray[
+    Any
+]  # samples of pictures in the type of their files: uint8, uint16, float16 or float32
 Index = tuple[int, ...]  # the numbers that count the files of a layout, as their names state them
 #: Suffixes of files that are taken for pictures, in lower case.
 PICTURE_SUFFIXES = (".png", ".ppm", ".exr", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -33,7 +36,8 @@ MAX_DIGITS = 18  # largest number of digits of a number in a file's name: longer
 class PlateShape:
     """Columns and rows of hogels of a plate, and width and height of each hogel in pixels.
 
-    Raises InputError where a number is below one, or there are more hogels than `--max-hogels` allows.
+    Raises InputError where a number is below one, or there are more hogels than `--max-hogels`
+    allows.
     """
 
     hogels: tuple[int, int]
@@ -64,29 +68,41 @@ class Naming:
 
     suffix: str = ".png"
     stem: str = ""  #: beginning of the names of single pictures; the layout's name where empty
-    aspect: float | None = None  #: width of the plate over its height, for quilts; None: that of the hogels
-    tiles: tuple[int, int] | None = None  #: of a quilt; None for those of a display, or nearly a square
+    aspect: float | None = (
+        None  #: width of the plate over its height, for quilts; None: that of the hogels
+    )
+    tiles: tuple[int, int] | None = (
+        None  #: of a quilt; None for those of a display, or nearly a square
+    )
 
 
 @dataclass(frozen=True)
 class Layout:
     """One way to store the pictures of a plate.
 
-    `view` returns, of a plate's pixels, a file's numbers and what all names state, the view (.., 3) of the
-    file's pixels: (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video. `states`
-    returns what names state of a plate; InputError where the layout has no place for it.
+    `view` returns, of a plate's pixels, a file's numbers and what all names state, the view (.., 3)
+    of the file's pixels: (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a
+    video. `states` returns what names state of a plate; InputError where the layout has no place
+    for it.
     """
 
     name: str  #: on the command line
     words: str  #: meaning of its files, one clause
-    pattern: str  #: regular expression of a file's name without its suffix; its groups are numbers and stated
+    #: regular expression of a file's name without its suffix; its groups are numbers and stated
+    pattern: str
     stem_format: str  #: the same name as it is written, as a format of the numbers
     numbers: str  #: letters of the groups that count the files: hogels i, j, pixels r, c, cameras k
     view: Callable[[Pixels, Index, Index], Pixels] = field(repr=False)
     stated: tuple[str, ...] = ()  # names of the groups that all names state alike
-    states: Callable[[PlateShape, Naming], Index] = field(default=lambda shape, naming: (), repr=False)
-    suffixes: tuple[str, ...] = PICTURE_SUFFIXES  #: first that of files for which nobody asks for another
-    horizontal: bool = False  #: whether it keeps horizontal parallax alone: one row of pixels of each hogel
+    states: Callable[[PlateShape, Naming], Index] = field(
+        default=lambda shape, naming: (), repr=False
+    )
+    suffixes: tuple[str, ...] = (
+        PICTURE_SUFFIXES  #: first that of files for which nobody asks for another
+    )
+    horizontal: bool = (
+        False  #: whether it keeps horizontal parallax alone: one row of pixels of each hogel
+    )
     upward: bool = False  #: whether the number j is counted from the bottom
     turned: bool = False  #: whether pictures are turned by 180 degrees
 
@@ -121,7 +137,8 @@ class Layout:
             **values,
             columns=columns,
             rows=rows,
-            # Film coordinates of a pixel, those of its camera in any unit: v upward, u to the right.
+            # Film coordinates of a pixel, those of its camera in any unit: v upward, u to the
+            # right.
             v=1 - (2 * values.get("r", 0) + 1) / height,
             u=(2 * values.get("c", 0) + 1) / width - 1,
             stem=naming.stem or self.name,
@@ -149,12 +166,17 @@ class Layout:
             yield from ((*others, j) for others in product(*map(range, across)))
 
     def shape(
-        self, counted: Collection[Index], stated: Index, size: tuple[int, int], told: PlateShape | None
+        self,
+        counted: Collection[Index],
+        stated: Index,
+        size: tuple[int, int],
+        told: PlateShape | None,
     ) -> PlateShape:
         """Return the shape of the plate that some files form.
 
-        They have names that count and state these numbers, and pictures or frames of a width and a height;
-        the scene or a file beside the pictures may have told a shape. Raises InputError where they form none.
+        They have names that count and state these numbers, and pictures or frames of a width and a
+        height; the scene or a file beside the pictures may have told a shape. Raises InputError
+        where they form none.
         """
         counts = []
         for axis in range(len(self.numbers)):
@@ -178,7 +200,9 @@ class Layout:
                 resolution = counts[1], counts[0]
             case "k":
                 resolution = _cameras(counts[0], told)
-            case _ if self.horizontal:  # a tile has a pixel for each hogel, rounded down as the format says
+            case _ if (
+                self.horizontal
+            ):  # a tile has a pixel for each hogel, rounded down as the format says
                 columns, rows = stated or CUBEVI_TILES
                 if min(columns, rows) < 1:
                     raise InputError(f"{columns} x {rows} tiles are none")
@@ -199,9 +223,13 @@ def _cameras(number: int, told: PlateShape | None) -> tuple[int, int]:
     return side, side
 
 
-def _mosaic(size: tuple[int, int], told: PlateShape | None) -> tuple[tuple[int, int], tuple[int, int]]:
+def _mosaic(
+    size: tuple[int, int], told: PlateShape | None
+) -> tuple[tuple[int, int], tuple[int, int]]:
     if told is None:
-        raise InputError("a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS")
+        raise InputError(
+            "a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS"
+        )
     (width, height), (columns, rows) = size, told.hogels
     if width % columns or height % rows:
         raise InputError(
@@ -219,8 +247,8 @@ def _pixel_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
 
 
 def _camera_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
-    # Lines of a film's right and lower pixels leave the plate to the viewer's left and upward. So the camera
-    # at the top left takes the last column and the last row of pixels.
+    # Lines of a film's right and lower pixels leave the plate to the viewer's left and upward. So
+    # the camera at the top left takes the last column and the last row of pixels.
     height, width = pixels.shape[2:4]
     row, column = divmod(index[0], width)
     return pixels[:, :, height - 1 - row, width - 1 - column]
@@ -261,7 +289,8 @@ def _cubevi_states(shape: PlateShape, _: Naming) -> Index:
     return ()
 
 
-#: All layouts. Where names of files fit several and nobody says which is meant, the first one is taken.
+#: All layouts. Where names of files fit several and nobody says which is meant, the first one is
+#: taken.
 LAYOUTS = (
     Layout("hocking", "one picture for each hogel, rows counted upward, names state how many there are",
            r"hogel_(?P<i>\d{4})_(?P<columns>\d{4})_(?P<j>\d{4})_(?P<rows>\d{4})",
@@ -305,7 +334,17 @@ LAYOUTS = (
 )  # fmt: skip
 #: Names of layouts, as the command line takes them.
 NAMES = (
-    *("hogels", "burnett", "hocking", "hocking-columns", "mosaic", "views", "stanford", "pleno", "hci"),
+    *(
+        "hogels",
+        "burnett",
+        "hocking",
+        "hocking-columns",
+        "mosaic",
+        "views",
+        "stanford",
+        "pleno",
+        "hci",
+    ),
     *("quilt", "cubevi"),
 )
 

@@ -21,15 +21,19 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
 
-PLENO_LEVELS = 1023  # largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for
+PLENO_LEVELS = (
+    1023  # largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for
+)
 BYTE_LEVELS = 255  # largest level of 8-bit pictures
 #: Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object.
 TEXT_KEY = "xfrustum:layout"
-#: Content of the chunk gAMA of a PNG file whose pixels are linear: an exponent of 1, in 1 / 100,000.
+#: Content of the chunk gAMA of a PNG file whose pixels are linear: an exponent of 1, in 1 /
+#: 100,000.
 LINEAR_GAMMA = (100_000).to_bytes(4, "big")
 #: Pillow's names of formats that change pixels; WebP and others may, but need not.
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
-#: Pillow's names of kinds of pixels that are red, green and blue of 8 bits, or become these unchanged.
+#: Pillow's names of kinds of pixels that are red, green and blue of 8 bits, or become these
+#: unchanged.
 RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
 #: Header of a binary PPM file: width, height, largest level.
 _P6_HEADER = re.compile(rb"P6\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+(\d+)\s")
@@ -42,7 +46,9 @@ class Picture:
     """A picture as its file stores it, row 0 at the top."""
 
     pixels: Pixels  #: (H, W, 3); (frames, H, W, 3) of a video
-    levels: int | None = BYTE_LEVELS  #: the largest level of integers; None of floating-point numbers
+    levels: int | None = (
+        BYTE_LEVELS  #: the largest level of integers; None of floating-point numbers
+    )
     lossy: str = ""  #: name of the file's format where it changes pixels, such as "JPEG"
     linear: bool = False  #: whether a PNG file states that its pixels are linear radiance
 
@@ -101,8 +107,8 @@ def read_picture(path: Path) -> Picture:
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
     """Write a picture in the format of the suffix: .png (8 bits), .ppm (8 to 16) or .exr (floating point).
 
-    PNG files state the text, the division of the picture. Raises InputError where the format cannot hold it,
-    OSError where the file cannot be written.
+    PNG files state the text, the division of the picture. Raises InputError where the format cannot
+    hold it, OSError where the file cannot be written.
     """
     suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
@@ -128,7 +134,8 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, str]:
     """Return the pixels (H, W, 3) of a picture, and the name of its format if that changes pixels, else "".
 
-    Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's resolution.
+    Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's
+    resolution.
     """
     try:
         with (
@@ -141,7 +148,9 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
                 raise InputError(f"{path}: is {found}, but the scene says {said}")
             input_files.check_picture_size(path, *picture.size)
             if picture.mode not in RGB_MODES:
-                raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
+                raise InputError(
+                    f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue"
+                )
             kind = picture.format if picture.format in LOSSY_FORMATS else None
             # A file of several JPEG pictures.
             return np.asarray(picture.convert("RGB")), "JPEG" if kind == "MPO" else kind or ""
@@ -155,9 +164,11 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
 
 #: FFmpeg's names of codecs that keep every bit of RGB pictures.
 LOSSLESS_CODECS = ("ffv1", "huffyuv", "ffvhuff", "rawvideo", "png", "utvideo", "magicyuv", "qtrle")
-#: FFmpeg's names of pixel formats that hold 8 bits each of red, green and blue, without subsampling.
+#: FFmpeg's names of pixel formats that hold 8 bits each of red, green and blue, without
+#: subsampling.
 RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
-#: Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel.
+#: Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a
+#: pixel.
 DECODER_BYTES_PER_PIXEL = 64
 PADDING_PX = 512  # pixels by which decoders may enlarge a frame's sides for themselves
 
@@ -205,7 +216,8 @@ def video_size(path: Path) -> tuple[int, tuple[int, int]]:
 def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
     """Read the frames of a video as (frames, H, W, 3) uint8; decoding stops at the first that is too many.
 
-    Raises InputError where the file is missing, damaged or of another shape, or PyAV is not installed.
+    Raises InputError where the file is missing, damaged or of another shape, or PyAV is not
+    installed.
     """
     width, height = size
     input_files.check_declared(
@@ -216,7 +228,9 @@ def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
         for frame in video.decode(stream):
             found = frame.width, frame.height
             if found != size:
-                raise InputError(f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}")
+                raise InputError(
+                    f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}"
+                )
             if count == frames:
                 raise InputError(f"{path}: has more than {frames} frames, the columns of the plate")
             pixels[count] = frame.to_ndarray(format="rgb24")
@@ -253,8 +267,8 @@ _RUN_WIDTHS = range(8, 1 << 15)
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     """Read a latitude-longitude map as it is stored, in linear RGB; OpenEXR or Radiance HDR.
 
-    Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative or not
-    finite.
+    Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative
+    or not finite.
     """
     with input_files.bounded_memory(path):
         if input_files.head_of(path, "environment map", len(MAGIC)) == MAGIC:
@@ -297,7 +311,9 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
     if width not in _RUN_WIDTHS or not np.array_equal(stored[at : at + 4], mark):
         flat = stored[at : at + 4 * width]
         if flat.size < 4 * width or (flat.reshape(-1, 4)[:, :3] == 1).all(axis=1).any():
-            raise InputError(f"{path}: the environment map is damaged, or of before 1991; write it again")
+            raise InputError(
+                f"{path}: the environment map is damaged, or of before 1991; write it again"
+            )
         row[:] = flat.reshape(width, 4)
         return at + 4 * width
     at += 4
@@ -309,7 +325,9 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
             count = code - 128 if code > 128 else code
             values = stored[at + 1 : at + 2] if code > 128 else stored[at + 1 : at + 1 + count]
             if not 0 < count <= width - done or values.size != (1 if code > 128 else count):
-                raise InputError(f"{path}: the environment map is damaged (a run of a row); write it again")
+                raise InputError(
+                    f"{path}: the environment map is damaged (a run of a row); write it again"
+                )
             component[done : done + count] = values
             done, at = done + count, at + 1 + values.size
     return at

@@ -41,7 +41,9 @@ from xfrustum.scenes.files.pictures import (
 )
 
 PARAMETERS_FILE = "parameters.cfg"  # in which the 4D light-field benchmark describes its cameras
-PLATE_FILE = "plate.json"  # in which the script for Blender states the plate whose hogels it renders
+PLATE_FILE = (
+    "plate.json"  # in which the script for Blender states the plate whose hogels it renders
+)
 #: Largest size of such a file that is read: room for a hundred thousand objects with their colors.
 MAX_FACTS_BYTES = 1 << 24
 #: Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file.
@@ -57,9 +59,12 @@ class PlateRows:
     shape: PlateShape
     levels: int | None  #: the largest level of integers; None of floating-point numbers
     dtype: np.dtype[Any]
-    #: Function that returns the pixels (columns, H, W, 3) of a row of hogels; InputError where it cannot.
+    #: Function that returns the pixels (columns, H, W, 3) of a row of hogels; InputError where it
+    #: cannot.
     row: Callable[[int], Pixels]
-    linear: bool = False  #: whether pixels are known to be linear radiance; else as their files have them
+    linear: bool = (
+        False  #: whether pixels are known to be linear radiance; else as their files have them
+    )
 
 
 class Plates(PlateRows):
@@ -68,7 +73,9 @@ class Plates(PlateRows):
     def __init__(self, pixels: Pixels, levels: int | None) -> None:
         rows, columns, height, width, _ = pixels.shape
         shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
-        super().__init__(shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__)
+        super().__init__(
+            shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__
+        )
         self.pixels, self.lossy = pixels, ""
 
     @classmethod
@@ -176,7 +183,9 @@ class FileSet:
             whole = self.plate
             return Picture(pixels=whole.pixels[row, column], levels=whole.levels, lossy=whole.lossy)
         picture = self._read(self._index(column, row))
-        return replace(picture, pixels=picture.pixels[::-1, ::-1]) if self.layout.turned else picture
+        return (
+            replace(picture, pixels=picture.pixels[::-1, ::-1]) if self.layout.turned else picture
+        )
 
     def _index(self, column: int, row: int) -> Index:
         return column, self.shape.hogels[1] - 1 - row if self.layout.upward else row
@@ -237,34 +246,48 @@ class FileSet:
         picture = read_picture(path)
         high, wide = picture.pixels.shape[:2]
         if self.layout.name == "quilt" and wide >= width and high >= height:
-            # Tiles are rounded down to whole pixels; what is left over lies at the right and at the top.
+            # Tiles are rounded down to whole pixels; what is left over lies at the right and at the
+            # top.
             return replace(picture, pixels=picture.pixels[high - height :, :width])
         if (wide, high) != (width, height):
             raise InputError(f"{path}: is {wide} x {high}, and should be {width} x {height}")
         return picture
 
 
-def _stored_shape(layout: Layout, shape: PlateShape, index: Index, stated: Index) -> tuple[int, ...]:
+def _stored_shape(
+    layout: Layout, shape: PlateShape, index: Index, stated: Index
+) -> tuple[int, ...]:
     """Return (H, W) of the picture in which a file is stored, or (frames, H, W) of its video."""
     held = layout.view(np.broadcast_to(np.uint8(0), shape.array), index, stated).shape[:-1]
     return (held[0] * held[1], held[2] * held[3]) if len(held) == 4 else held  # four axes of tiles
 
 
-def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS) -> FileSet:
+def find_files(
+    place: Path, told: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS
+) -> FileSet:
     """Return the files of a place in the layout, out of some, that their names fit.
 
-    It is the one that most names fit, then the one that forms the plate that somebody tells, then the first.
-    Whether pictures are what a layout claims, no name says: `xfrustum verify` finds it. Raises InputError,
-    with the reason, where there are no such files.
+    It is the one that most names fit, then the one that forms the plate that somebody tells, then
+    the first. Whether pictures are what a layout claims, no name says: `xfrustum verify` finds it.
+    Raises InputError, with the reason, where there are no such files.
     """
     paths = pictures_at(place)
     found: list[FileSet] = []
     problems: list[str] = []
     for layout in layouts:
-        named = [(numbers, path) for path in paths if (numbers := layout.read_name(path.name)) is not None]
+        named = [
+            (numbers, path)
+            for path in paths
+            if (numbers := layout.read_name(path.name)) is not None
+        ]
         alone = not layout.numbers
-        # A layout of one picture fits a folder of one; a name that states numbers is not that of any picture.
-        if not named or (alone and len(paths) > 1) or (alone and not layout.stated and (found or problems)):
+        # A layout of one picture fits a folder of one; a name that states numbers is not that of
+        # any picture.
+        if (
+            not named
+            or (alone and len(paths) > 1)
+            or (alone and not layout.stated and (found or problems))
+        ):
             continue
         try:
             found.append(_file_set(place, layout, named, told, len(paths)))
@@ -273,7 +296,9 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
     if found:
         return max(found, key=lambda one: (-one.strangers, told is not None and one.shape == told))
     stated = layouts[0].name if len({layout.name for layout in layouts}) == 1 else None
-    likely = next((one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None)
+    likely = next(
+        (one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None
+    )
     why = "have names of no layout"
     if stated and likely is not None:
         why = f"are not named as those of {stated}; they look like {likely.name}"
@@ -285,7 +310,9 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
 def pictures_at(place: Path) -> list[Path]:
     """Return the files that layouts are made of, neither ground truths nor hidden ones; else InputError."""
     if not place.exists():
-        raise InputError(f"{place}: no such file or folder; name a folder of pictures, or one picture")
+        raise InputError(
+            f"{place}: no such file or folder; name a folder of pictures, or one picture"
+        )
     if not place.is_dir():
         return [place]
     try:
@@ -293,7 +320,9 @@ def pictures_at(place: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from error
     known = (*PICTURE_SUFFIXES, VIDEO_SUFFIX)
-    pictures = [p for p in paths if p.suffix.lower() in known and not p.name.startswith((".", "gt_"))]
+    pictures = [
+        p for p in paths if p.suffix.lower() in known and not p.name.startswith((".", "gt_"))
+    ]
     if not pictures:
         raise InputError(f"{place}: has no pictures; name a folder of pictures, or one picture")
     return pictures
@@ -323,7 +352,9 @@ def _file_set(
         size = picture_size(first)
         told = _told_beside(layout, first) or told
     shape, strangers = layout.shape(files.keys(), said, size, told), pictures - len(files)
-    return FileSet(place=place, layout=layout, files=files, stated=said, shape=shape, strangers=strangers)
+    return FileSet(
+        place=place, layout=layout, files=files, stated=said, shape=shape, strangers=strangers
+    )
 
 
 def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
@@ -341,7 +372,9 @@ def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
             stated = {"hogels": (1, 1), "resolution": counts}
         else:
             return None
-        (columns, rows), (width, height) = (map(int, stated[key]) for key in ("hogels", "resolution"))
+        (columns, rows), (width, height) = (
+            map(int, stated[key]) for key in ("hogels", "resolution")
+        )
     except (configparser.Error, KeyError, TypeError, ValueError, OverflowError, RecursionError):
         return None
     if min(columns, rows, width, height) < 1:
@@ -396,16 +429,24 @@ class Target:
         if self.layout.name not in FOR_DISPLAYS:
             return ()
         if not plate.linear:
-            return ("pixels are encoded as in the files that were read; displays take them for sRGB",)
-        linear = "pixels are linear radiance, as the plate stores them, and displays take them for sRGB"
+            return (
+                "pixels are encoded as in the files that were read; displays take them for sRGB",
+            )
+        linear = (
+            "pixels are linear radiance, as the plate stores them, and displays take them for sRGB"
+        )
         told = " (a PNG file says so: gAMA)" if self.naming.suffix == ".png" else ""
         return (f"{linear}{told}; `view --quilt` writes sRGB",)
 
     def _layout_notes(self, shape: PlateShape) -> tuple[str, ...]:
         if self.layout.name == "burnett":
-            return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
+            return (
+                "its own renderer samples pixels at their corners; re-arranging moves no sample",
+            )
         if self.layout.name == "quilt":
-            return ("views are evenly spaced on the film (in tangents), a display's eyes evenly in angle",)
+            return (
+                "views are evenly spaced on the film (in tangents), a display's eyes evenly in angle",
+            )
         if self.layout.name == "cubevi" and shape.hogels != CUBEVI_TILE_PX:
             size = f"{CUBEVI_TILE_PX[0]} x {CUBEVI_TILE_PX[1]}"
             return (f"the display has tiles of {size} pixels, and this plate {shape.words}",)
@@ -417,8 +458,9 @@ def write_files(
 ) -> None:
     """Write a plate into a folder; `done` is called after each file.
 
-    Where each file has pixels of one row of hogels alone, no more than a row is held in memory. Raises
-    InputError where the layout or the files cannot hold such a plate, OSError where a file cannot be written.
+    Where each file has pixels of one row of hogels alone, no more than a row is held in memory.
+    Raises InputError where the layout or the files cannot hold such a plate, OSError where a file
+    cannot be written.
     """
     shape, layout = plate.shape, target.layout
     levels, stated = target.levels(plate.levels), layout.states(shape, target.naming)

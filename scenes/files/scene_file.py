@@ -1,6 +1,7 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-What can be checked without the files that it names is checked before NumPy and what reads meshes is loaded.
+What can be checked without the files that it names is checked before NumPy and what reads meshes is
+loaded.
 """
 
 from __future__ import annotations
@@ -104,7 +105,9 @@ class _ObjectTable(_Table):
         wrong = None
         if (self.mesh is None) == (self.shape is None):
             shapes = ", ".join(SHAPE_NAMES)
-            wrong = f"needs either mesh or shape, and not both: a mesh file, or a shape out of {shapes}"
+            wrong = (
+                f"needs either mesh or shape, and not both: a mesh file, or a shape out of {shapes}"
+            )
         elif self.transform is not None and parts:
             wrong = f"has both transform and {parts[0]}; give transform, or any of "
             wrong += "scale, rotate_deg and translate"
@@ -185,7 +188,9 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
     try:
         content = input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE)
-        text = content.decode("utf-8-sig")  # editors of some systems begin a file with a byte-order mark
+        text = content.decode(
+            "utf-8-sig"
+        )  # editors of some systems begin a file with a byte-order mark
         if long := _LONG_KEY.search(_COMMENT.sub(r"\1", text)):
             line = 1 + long.string.count("\n", 0, long.start())
             raise InputError(
@@ -194,10 +199,16 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
             )
         tables = tomllib.loads(text)
     except ValueError as error:  # the file is no UTF-8 or no TOML
-        hint = "" if path.suffix == ".toml" else "; for a mesh, write a scene file first: xfrustum new MESH"
+        hint = (
+            ""
+            if path.suffix == ".toml"
+            else "; for a mesh, write a scene file first: xfrustum new MESH"
+        )
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}{hint}") from error
     except RecursionError as error:
-        raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
+        raise InputError(
+            f"{path}: not valid TOML: arrays or tables are nested too deeply"
+        ) from error
     try:
         file = _SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
@@ -249,7 +260,8 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
         *table, unknown = location
         for part in (*table, None):
             fields = {field.alias or name: field for name, field in tables.model_fields.items()}
-            # Numbers count tables of a list, and other parts that are no keys name one table out of many.
+            # Numbers count tables of a list, and other parts that are no keys name one table out of
+            # many.
             if part in fields:
                 tables = next(_models_in(fields[str(part)].annotation), tables)
         nearest = difflib.get_close_matches(str(unknown), list(fields), n=1, cutoff=0.0)
@@ -292,7 +304,8 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
     if entry.transform is not None:
         matrix = np.array(entry.transform, dtype=np.float64)
         linear, fault = matrix[:3, :3], ""
-        # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor overflows.
+        # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor
+        # overflows.
         largest = np.abs(linear).max()
         if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
             fault = f"its last row is {matrix[3].tolist()}"
@@ -305,17 +318,22 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             )
     else:
         origin = (0.0, 0.0, 0.0)
-        matrix = shapes.placement(entry.scale or 1.0, entry.rotate_deg or origin, entry.translate or origin)
+        matrix = shapes.placement(
+            entry.scale or 1.0, entry.rotate_deg or origin, entry.translate or origin
+        )
     with named(path, f"object[{index}].{'shape' if entry.mesh is None else 'mesh'}"):
         if entry.mesh is None:
             part = shapes.build_shape(str(entry.shape), material=entry.material)
         elif entry.is_patches:
             from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415 - loads SciPy's graphs
 
-            # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
+            # The tolerance is a length of the scene: the mesh's own is smaller by the largest
+            # stretching.
             tolerance = entry.chord_tolerance
             own = None if tolerance is None else tolerance / shapes.magnification(matrix)
-            part = load_patches(path.parent / entry.mesh, chord_tolerance=own, material=entry.material)
+            part = load_patches(
+                path.parent / entry.mesh, chord_tolerance=own, material=entry.material
+            )
         else:
             from xfrustum.scenes.meshes.mesh_file import load_mesh  # noqa: PLC0415 - loads trimesh
 
@@ -334,7 +352,9 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
 
 def _appearance(path: Path, file: _SceneTables) -> appearance.Appearance:
     """Return materials and lights; a file that names neither a light nor an environment gets one light."""
-    materials = {name: appearance.Material(**table.model_dump()) for name, table in file.material.items()}
+    materials = {
+        name: appearance.Material(**table.model_dump()) for name, table in file.material.items()
+    }
     lights, environment = [], None
     for index, table in enumerate(file.lights or ()):
         try:

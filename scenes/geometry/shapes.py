@@ -49,8 +49,8 @@ def ball(radius: float, bands: int, sectors: int) -> Mesh:
 def wrapped_grid(rings: Floats) -> Mesh:
     """Join rings of points (N, M, 3) into a tube; rings that shrink to a point close it.
 
-    Coordinates are rounded to 1e-6, so that sine tables that differ from machine to machine in the last bit
-    give the same content hash.
+    Coordinates are rounded to 1e-6, so that sine tables that differ from machine to machine in the
+    last bit give the same content hash.
     """
     count, around = rings.shape[:2]
     vertices = np.round(rings.reshape(-1, 3), 6) + 0.0
@@ -91,7 +91,9 @@ def has_area(triangles: Floats) -> Mask:
     size = np.abs(edges).max(axis=(1, 2), keepdims=True)
     edges = edges / np.where(size > 0, size, 1.0)
     doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return np.asarray(doubled > 4 * np.finfo(np.float64).eps)  # three roundings of products of at most one
+    return np.asarray(
+        doubled > 4 * np.finfo(np.float64).eps
+    )  # three roundings of products of at most one
 
 
 def join(*meshes: Mesh) -> Mesh:
@@ -103,8 +105,8 @@ def join(*meshes: Mesh) -> Mesh:
 
 _TURN = np.linspace(0, 2 * np.pi, 25)
 
-#: Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on top; the
-#: tube of the torus has a diameter of 0.3.
+#: Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on
+#: top; the tube of the torus has a diameter of 0.3.
 SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
     "box": box,
     "square": square,
@@ -140,7 +142,8 @@ def placement(
 ) -> Floats:
     """Return the (4, 4) scene-from-mesh matrix: scale, then rotate, then translate.
 
-    Angles turn about the fixed x, then y, then z axis, counterclockwise when looking against the axis.
+    Angles turn about the fixed x, then y, then z axis, counterclockwise when looking against the
+    axis.
     """
     # Computed row by row and not as matrix products, for the reason in `place`.
     matrix = np.diag([scale, scale, scale, 1.0])
@@ -162,18 +165,20 @@ def magnification(scene_from_mesh: Floats) -> float:
 def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
-    Where the matrix mirrors, the winding keeps its order, so that normals change to the other side with it.
+    Where the matrix mirrors, the winding keeps its order, so that normals change to the other side
+    with it.
     """
     x, y, z = part.vertices.T
-    # Written out instead of a matrix product, because BLAS sums in other orders on other machines, and
-    # the scene's content hash must be the same everywhere.
+    # Written out instead of a matrix product, because BLAS sums in other orders on other machines,
+    # and the scene's content hash must be the same everywhere.
     with np.errstate(over="ignore", invalid="ignore"):
         moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in scene_from_mesh[:3]]
     normals = part.vertex_normals
     if normals is not None:
-        # Cofactors take the cross product of two edges to that of the moved edges: they are the inverse
-        # transpose times the determinant, whose sign turns normals over where the matrix mirrors. Normals
-        # are not made unit vectors, so that their interpolation stays linear in the original ones.
+        # Cofactors take the cross product of two edges to that of the moved edges: they are the
+        # inverse transpose times the determinant, whose sign turns normals over where the matrix
+        # mirrors. Normals are not made unit vectors, so that their interpolation stays linear in
+        # the original ones.
         linear = scene_from_mesh[:3, :3]
         a, b, c = (linear / np.abs(linear).max()).T
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
@@ -184,8 +189,9 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 def refine(scene: Scene, levels: int) -> Scene:
     """Return the scene with every triangle split in four at the middles of its edges, `levels` times over.
 
-    Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and texture
-    coordinates, not made a unit vector: interpolation over a triangle is then the same over its parts.
+    Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and
+    texture coordinates, not made a unit vector: interpolation over a triangle is then the same over
+    its parts.
     """
     for _ in range(levels):
         scene = replace(scene, objects=tuple(map(_in_four, scene.objects)))
@@ -198,7 +204,9 @@ def _in_four(part: SceneObject) -> SceneObject:
         return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])
 
     sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1)
-    edges, edge_of_side = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edges, edge_of_side = np.unique(
+        np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True
+    )
     middle = edge_of_side.reshape(-1, 3) + len(part.vertices)
     (a, b, c), (ab, bc, ca) = part.faces.T, middle.T
     textured = part.texture_of_triangle
@@ -217,9 +225,9 @@ def _in_four(part: SceneObject) -> SceneObject:
 def smoothed(part: SceneObject) -> SceneObject:
     """Return the object with normals at the vertices that have none of their own.
 
-    Faces count by their angles at a point, so that how a flat surface is cut does not matter (Thürmer and
-    Wüthrich, "Computing vertex normals from polygonal facets", 1998). Vertices in the same place count as
-    one. Where the mean is zero there still is none.
+    Faces count by their angles at a point, so that how a flat surface is cut does not matter
+    (Thürmer and Wüthrich, "Computing vertex normals from polygonal facets", 1998). Vertices in the
+    same place count as one. Where the mean is zero there still is none.
     """
     mean, own = _mean_normals(part.vertices, part.faces), part.vertex_normals
     if own is None or not np.isfinite(own).any():
@@ -242,7 +250,8 @@ def flipped(part: SceneObject) -> SceneObject:
 
 def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     """Return (V, 3) unit normals, weighted by angles; NaN where there are none."""
-    # Scale sides to size one: products of the sides of tiny or huge triangles would under- or overflow.
+    # Scale sides to size one: products of the sides of tiny or huge triangles would under- or
+    # overflow.
     triangles = vertices[faces]
     sides = np.roll(triangles, -1, axis=1) - triangles
     scale = np.abs(sides).max(axis=(1, 2), keepdims=True)
@@ -255,7 +264,9 @@ def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     weighted = np.divide(cross, twice_area, out=np.zeros(cross.shape), where=twice_area > 0) * angle
     points, point_of_vertex = np.unique(vertices, axis=0, return_inverse=True)
     corners = point_of_vertex.reshape(-1)[faces].reshape(-1)
-    total = np.stack([np.bincount(corners, axis, len(points)) for axis in weighted.reshape(-1, 3).T], axis=1)
+    total = np.stack(
+        [np.bincount(corners, axis, len(points)) for axis in weighted.reshape(-1, 3).T], axis=1
+    )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     unit = np.divide(total, length, out=np.full(total.shape, np.nan), where=length > 0)
     return np.asarray(unit[point_of_vertex.reshape(-1)])

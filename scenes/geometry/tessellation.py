@@ -17,9 +17,11 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file, read_input
 from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 
-#: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding.
+#: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one
+#: rounding.
 EPSILON = float(np.finfo(np.float64).eps)
-#: Largest number of steps that is counted along a patch: the quotient that gives it may be infinite.
+#: Largest number of steps that is counted along a patch: the quotient that gives it may be
+#: infinite.
 MAX_STEPS = 1e18
 #: Largest number of triangles: a tolerance that asks for more is a mistake in its unit.
 MAX_TRIANGLES = 20_000_000
@@ -59,35 +61,43 @@ def second_derivatives(net: Floats) -> tuple[Floats, Floats, Floats]:
 
 def second_derivative_bounds(net: Floats) -> list[float]:
     """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch."""
-    # A Bezier surface, hence also a derivative of one, lies in the convex hull of its control points.
+    # A Bezier surface, hence also a derivative of one, lies in the convex hull of its control
+    # points.
     return [float(np.linalg.norm(part, axis=-1).max()) for part in second_derivatives(net)]
 
 
 def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
 
-    Where f_u x f_v is zero on a border, as all along a border that is collapsed to a point, the normal is
-    the limit from inside along the other parameter, in which f_u x f_v grows by its derivative.
+    Where f_u x f_v is zero on a border, as all along a border that is collapsed to a point, the
+    normal is the limit from inside along the other parameter, in which f_u x f_v grows by its
+    derivative.
     """
-    # Step 1: f_u x f_v everywhere, and where it is zero within rounding. De Casteljau's interpolation of
-    # degree n rounds by at most 2 n epsilon of the largest control point, a difference of control points by
-    # epsilon of itself, and a cross product by 4 epsilon of the product of the lengths.
+    # Step 1: f_u x f_v everywhere, and where it is zero within rounding. De Casteljau's
+    # interpolation of degree n rounds by at most 2 n epsilon of the largest control point, a
+    # difference of control points by epsilon of itself, and a cross product by 4 epsilon of the
+    # product of the lengths.
     nets = derivative(net, 0), derivative(net, 1)
     f_u, f_v = (surface(part, u, v) for part in nets)
     cross = np.cross(f_u, f_v)
     length_u, length_v = np.linalg.norm(f_u, axis=-1), np.linalg.norm(f_v, axis=-1)
-    off_u, off_v = (2 * sum(net.shape) * EPSILON * np.linalg.norm(part, axis=-1).max() for part in nets)
+    off_u, off_v = (
+        2 * sum(net.shape) * EPSILON * np.linalg.norm(part, axis=-1).max() for part in nets
+    )
     rounding = length_u * off_v + length_v * off_u + 4 * EPSILON * length_u * length_v
     zero = np.linalg.norm(cross, axis=-1) <= rounding
     if zero.any():
-        # Step 2: the derivatives of f_u x f_v along v and along u, by the product rule. Toward the inside, a
-        # parameter grows from 0 and falls from 1.
+        # Step 2: the derivatives of f_u x f_v along v and along u, by the product rule. Toward the
+        # inside, a parameter grows from 0 and falls from 1.
         f_uu, f_uv, f_vv = (surface(part, u, v) for part in second_derivatives(net))
         from_v = np.sign(0.5 - v)[:, None] * (np.cross(f_uv, f_v) + np.cross(f_u, f_vv))
         from_u = np.sign(0.5 - u)[:, None, None] * (np.cross(f_uu, f_v) + np.cross(f_u, f_uv))
-        # Step 3: on a border the derivative toward the inside is the direction of the limit; along v first.
+        # Step 3: on a border the derivative toward the inside is the direction of the limit; along
+        # v first.
         at_v, at_u = np.isin(v, (0, 1))[None, :, None], np.isin(u, (0, 1))[:, None, None]
-        limit = np.where(at_v & from_v.any(axis=-1, keepdims=True), from_v, np.where(at_u, from_u, 0.0))
+        limit = np.where(
+            at_v & from_v.any(axis=-1, keepdims=True), from_v, np.where(at_u, from_u, 0.0)
+        )
         cross = np.where(zero[..., None], limit, cross)
     # Step 4: unit length, and NaN where even the limit is zero.
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
@@ -97,11 +107,11 @@ def normals(net: Floats, u: Floats, v: Floats) -> Floats:
 def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
     """Return the numbers of steps along u and v into which a patch must be cut to keep a chord tolerance.
 
-    Flat right triangles with legs 1/a and 1/b in the parameters lie within
-    (M_uu/a^2 + 2 M_uv/(a b) + M_vv/b^2) / 8 of the surface, point by point, M being the largest second
-    derivatives (Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3,
-    1986). With 2/(a b) <= 1/a^2 + 1/b^2 this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8;
-    the fewest triangles give each half of the tolerance.
+    Flat right triangles with legs 1/a and 1/b in the parameters lie within (M_uu/a^2 + 2 M_uv/(a b)
+    + M_vv/b^2) / 8 of the surface, point by point, M being the largest second derivatives (Filip,
+    Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3, 1986). With 2/(a
+    b) <= 1/a^2 + 1/b^2 this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8; the fewest
+    triangles give each half of the tolerance.
     """
     m_uu, m_uv, m_vv = second_derivative_bounds(net)
     along_u, along_v = m_uu + m_uv, m_uv + m_vv
@@ -118,15 +128,17 @@ def tessellate(
 ) -> SceneObject:
     """Return patches as triangles; no point of either is farther from the other than the tolerance.
 
-    Patches that share an edge, by the same control points, cut it in the same points, to the last bit. Raises
-    InputError where that takes more than `MAX_TRIANGLES`, or all patches are without area.
+    Patches that share an edge, by the same control points, cut it in the same points, to the last
+    bit. Raises InputError where that takes more than `MAX_TRIANGLES`, or all patches are without
+    area.
     """
 
     def triangles(steps: Steps) -> int:
         return sum(2 * along_u * along_v for along_u, along_v in steps)
 
     steps = [steps_for(net, chord_tolerance) for net in nets]
-    # Matching only adds steps. It counts them in 64 bits, which a senseless tolerance would overflow.
+    # Matching only adds steps. It counts them in 64 bits, which a senseless tolerance would
+    # overflow.
     if triangles(steps) <= MAX_TRIANGLES:
         steps = matched_steps(nets, steps)
     if (count := triangles(steps)) > MAX_TRIANGLES:
@@ -138,7 +150,9 @@ def tessellate(
     return cut(nets, steps, name=name, material=material)
 
 
-def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:
+def cut(
+    nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None
+) -> SceneObject:
     """Return patches cut into given steps, with the surface's exact normals; the winding faces f_u x f_v."""
     vertices, directions, faces = [], [], []
     start = 0
@@ -153,13 +167,15 @@ def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None
         start += len(vertices[-1])
     kept, with_area = drop_flat(np.concatenate(vertices), np.concatenate(faces))
     directed = np.concatenate(directions)
-    return SceneObject(name=name, vertices=kept, faces=with_area, material=material, vertex_normals=directed)
+    return SceneObject(
+        name=name, vertices=kept, faces=with_area, material=material, vertex_normals=directed
+    )
 
 
 def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
     """Return the least steps with which patches that share an edge agree on it, strip by strip."""
-    # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node 2 p + 1
-    # along v. The first patch with an edge owns it.
+    # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node
+    # 2 p + 1 along v. The first patch with an edge owns it.
     owners: dict[bytes, int] = {}
     links = []
     for patch, net in enumerate(nets):
@@ -168,10 +184,13 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
                 continue
             node = 2 * patch + axis
             links.append((node, owners.setdefault(_oriented(side)[0].tobytes(), node)))
-    # All directions of a strip, a connected part of the graph, take the largest number of steps among them.
+    # All directions of a strip, a connected part of the graph, take the largest number of steps
+    # among them.
     wanted = np.array(least, dtype=np.int64).reshape(-1)
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(wanted), len(wanted)))
+    graph = coo_array(
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(wanted), len(wanted))
+    )
     strips, strip = connected_components(graph, directed=False)
     of_strip = np.zeros(strips, dtype=np.int64)
     np.maximum.at(of_strip, strip, wanted)
@@ -189,7 +208,9 @@ def _edge(controls: Floats, steps: int) -> Floats:
 
 def _oriented(controls: Floats) -> tuple[Floats, bool]:
     """Return control points in the lesser of their two orders, and whether that is the reverse of theirs."""
-    controls = controls + 0.0  # turns negative zeros positive, so that equal points have equal bytes
+    controls = (
+        controls + 0.0
+    )  # turns negative zeros positive, so that equal points have equal bytes
     turned = controls[::-1].tolist() < controls.tolist()
     return np.ascontiguousarray(controls[::-1] if turned else controls), turned
 
@@ -198,10 +219,11 @@ def _is_point(controls: Floats) -> bool:
     return bool((controls == controls[0]).all())
 
 
-#: Default chord tolerance as a share of the diagonal of the box about the control points: half a pixel where
-#: the patches fill an image of 512.
+#: Default chord tolerance as a share of the diagonal of the box about the control points: half a
+#: pixel where the patches fill an image of 512.
 RELATIVE_CHORD = 1e-3
-#: Largest coordinate of a control point: squares and products with degrees stay far from overflow, 1e308.
+#: Largest coordinate of a control point: squares and products with degrees stay far from overflow,
+#: 1e308.
 LARGEST_COORDINATE = 1e100
 #: Largest number of words in a file: more would not fit into memory as Python's own objects.
 _MAX_WORDS = 1 << 27
@@ -212,9 +234,10 @@ def load_patches(
 ) -> SceneObject:
     """Read a patch file as one object, in its own coordinates.
 
-    The file is a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points x y z,
-    those along m one after the other. The tolerance is the largest distance between surface and triangles, in
-    the file's unit. Raises InputError where the file is missing or damaged, or there are too many triangles.
+    The file is a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1)
+    points x y z, those along m one after the other. The tolerance is the largest distance between
+    surface and triangles, in the file's unit. Raises InputError where the file is missing or
+    damaged, or there are too many triangles.
     """
     nets = read_patches(path)
     if chord_tolerance is None:
@@ -235,7 +258,9 @@ def read_patches(path: Path) -> list[Floats]:
         try:
             words = read_input(path, "patch file").decode("ascii").split(maxsplit=_MAX_WORDS)
         except ValueError as error:
-            raise InputError(f"{path}: is not a text of Bezier patches; write the file again") from error
+            raise InputError(
+                f"{path}: is not a text of Bezier patches; write the file again"
+            ) from error
         count, at = _count(path, words, 0, "the number of patches"), 1
         nets = []
         for number in range(count):
@@ -257,7 +282,9 @@ def read_patches(path: Path) -> list[Floats]:
             nets.append(net)
             at = end
     if at < len(words):
-        raise InputError(f"{path}: goes on after {count} patches; correct their number in the first line")
+        raise InputError(
+            f"{path}: goes on after {count} patches; correct their number in the first line"
+        )
     return nets
 
 
@@ -266,8 +293,11 @@ def _count(path: Path, words: list[str], at: int, what: str) -> int:
         raise InputError(f"{path}: ends before {what}; write the file again")
     digits = words[at].lstrip("0")
     if not (digits.isascii() and digits.isdigit()):
-        raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[at][:40]!r}")
-    # A file has no more words than this, and Python refuses to read a number of thousands of digits.
+        raise InputError(
+            f"{path}: {what} must be a whole number of at least 1, not {words[at][:40]!r}"
+        )
+    # A file has no more words than this, and Python refuses to read a number of thousands of
+    # digits.
     if len(digits) > len(str(_MAX_WORDS)):
         raise InputError(f"{path}: {what} must be at most {_MAX_WORDS:,}, not {words[at][:40]}..")
     return int(digits)

@@ -21,16 +21,22 @@ _PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
 _REACH = (150.0, 150.0)
 _CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
 _SMALL = replace(_CENTERED, resolution=(256, 256))
-# This screen is wider than high and off center on both axes: every swap of axes and every wrong sign shows.
+# This screen is wider than high and off center on both axes: every swap of axes and every wrong
+# sign shows.
 _RECENTERED = Frustum(
-    resolution=(512, 384), reach=_REACH, screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0))
+    resolution=(512, 384),
+    reach=_REACH,
+    screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),
 )
 # A screen behind the plate, around the car, and a plate so small that its corners see the car too.
 _CAR_PLATE = Plate(size=(40.0, 30.0), hogels=(81, 61))
-_CAR_RECENTERED = replace(_RECENTERED, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0)))
+_CAR_RECENTERED = replace(
+    _RECENTERED, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0))
+)
 
-# A two-step hologram (paper, section 2): the plate is the master in the view zone, and its content lies about
-# the plane in which the transfer will be placed. All apertures project the rectangle of the transfer.
+# A two-step hologram (paper, section 2): the plate is the master in the view zone, and its content
+# lies about the plane in which the transfer will be placed. All apertures project the rectangle of
+# the transfer.
 _TRANSFER_HEIGHT, _CAR_MIDDLE = -150.0, -17.0
 _TRANSFER = Frustum(
     resolution=(512, 384),
@@ -41,7 +47,9 @@ _TRANSFER = Frustum(
 
 def _made_by(module: str, function: str, *arguments: object, **named: object) -> Callable[[], Any]:
     """Return a function of no arguments that calls a function of a module of `scenes`, loaded only then."""
-    return lambda: getattr(import_module(f"xfrustum.scenes.{module}"), function)(*arguments, **named)
+    return lambda: getattr(import_module(f"xfrustum.scenes.{module}"), function)(
+        *arguments, **named
+    )
 
 
 _GRAY = _made_by("appearance.appearance", "Appearance")

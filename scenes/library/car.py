@@ -1,7 +1,7 @@
 """A car of about 42,000 triangles: as it is, and in a studio.
 
-In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0, and it is
-100 long, 42 wide and 32 high. Drawn for this project.
+In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0,
+and it is 100 long, 42 wide and 32 high. Drawn for this project.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,12 @@ from types import MappingProxyType
 import numpy as np
 
 from xfrustum.scenes import SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.appearance import (
+    Appearance,
+    DirectionalLight,
+    Environment,
+    Material,
+)
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry import shapes
 
@@ -30,7 +35,15 @@ _SHOULDER: Knots = (
     (-50, 17.5), (-44, 20), (-33, 21), (-12, 20.5), (8, 20.3), (20, 20.2), (32, 19), (42, 17), (50, 14),
 )  # fmt: skip
 _SILL: Knots = ((-50, 8.5), (-44, 6), (-36, 4.6), (38, 4.4), (46, 5), (50, 6.2))
-_HALF_WIDTH: Knots = ((-50, 17.5), (-42, 19.8), (-20, 20.8), (10, 20.9), (34, 20.4), (44, 18.9), (50, 16.4))
+_HALF_WIDTH: Knots = (
+    (-50, 17.5),
+    (-42, 19.8),
+    (-20, 20.8),
+    (10, 20.9),
+    (34, 20.4),
+    (44, 18.9),
+    (50, 16.4),
+)
 
 # Lines of the cabin over its height.
 _GLASS_BASE, _GLASS_TOP = 20.8, 29.4
@@ -39,7 +52,8 @@ _REAR_WINDOW: Knots = ((17, -41), (20.5, -37), (30, -22))
 _CABIN_HALF_WIDTH: Knots = ((17, 19.2), (20.5, 18.6), (30, 14.6))
 _ROOF_EDGE, _ROOF_RISE = 30.0, 2.2
 
-# Half a wheel's section: radius, and position along the axle, outward. The rim begins inside the bead.
+# Half a wheel's section: radius, and position along the axle, outward. The rim begins inside the
+# bead.
 _WHEEL: Knots = (
     (0, -2), (4.5, -2.2), (5.6, -2.6), (6.5, -2.5), (7.0, -2.0), (7.2, -1.2), (7.2, 0), (7.2, 1.2),
     (7.0, 2.0), (6.5, 2.5), (5.6, 2.6), (5.2, 2.4), (5.0, 1.9), (4.5, 1.7), (3.6, 1.8), (2.6, 1.9),
@@ -59,7 +73,8 @@ def car() -> tuple[SceneObject, ...]:
     }
     scene_from_car = shapes.placement(1.0, (0.0, 35.0, 0.0), (-14.0, -27.0, -17.0))
     return tuple(
-        shapes.place(shapes.as_object(f"car {name}", mesh), scene_from_car) for name, mesh in parts.items()
+        shapes.place(shapes.as_object(f"car {name}", mesh), scene_from_car)
+        for name, mesh in parts.items()
     )
 
 
@@ -143,7 +158,9 @@ def _cabin() -> tuple[shapes.Mesh, shapes.Mesh]:
     # Windows: front, rear, two on each side.
     screens = (np.abs(along) > 0.9) & (np.abs(across) < 0.84)
     panes = (np.abs(across) > 0.9) & (np.abs(along) < 0.82) & (np.abs(along + 0.08) > 0.035)
-    pane = (screens | panes) & ((level > _GLASS_BASE) & (level < _GLASS_TOP) & (scale == 1))[:, None]
+    pane = (screens | panes) & ((level > _GLASS_BASE) & (level < _GLASS_TOP) & (scale == 1))[
+        :, None
+    ]
     set_in = np.where(pane, 0.35, 0.0)
     x = (half_width * scale)[:, None] * across - set_in * np.sign(across) * (np.abs(across) > 0.9)
     z = middle[:, None] + (half_length * scale)[:, None] * along
@@ -167,7 +184,9 @@ def _wheel(side: int, axle: float) -> shapes.Mesh:
     vertices, faces = shapes.lathe(radii, heights, sectors=sectors)
     turn = 2 * np.pi * np.arange(sectors) / sectors
     gap = 1.4 * np.clip(1.5 * np.cos(5 * turn), 0, 1)
-    spoked = [row for row, (radius, height) in enumerate(_WHEEL) if 1.6 < radius < 4.6 and height > 0]
+    spoked = [
+        row for row, (radius, height) in enumerate(_WHEEL) if 1.6 < radius < 4.6 and height > 0
+    ]
     for row in spoked:
         vertices[row * sectors : (row + 1) * sectors, 1] -= gap
     # The lathe's axis y becomes the axle, pointing outward; one side is a half turn of the other.
@@ -185,7 +204,9 @@ def _trim() -> shapes.Mesh:
         ((19.4, 21.5, 11.0), (2.4, 1.6, 1.3), 2.6),
         ((20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
     )
-    paired = [((side * x, y, z), half, exponent) for side in (-1, 1) for (x, y, z), half, exponent in both]
+    paired = [
+        ((side * x, y, z), half, exponent) for side in (-1, 1) for (x, y, z), half, exponent in both
+    ]
     return shapes.join(*(_pebble(*one) for one in (*bumpers, *paired)))
 
 
@@ -200,7 +221,9 @@ def _pebble(
     spread = np.abs(np.cos(rise)) ** power
     spread[[0, -1]] = 0
     level = np.broadcast_to(height[:, None], (11, 24))
-    unit = np.stack([spread[:, None] * section[:, 1], level, spread[:, None] * section[:, 0]], axis=-1)
+    unit = np.stack(
+        [spread[:, None] * section[:, 1], level, spread[:, None] * section[:, 0]], axis=-1
+    )
     return shapes.wrapped_grid(unit * half + center)
 
 
@@ -248,7 +271,8 @@ def surroundings(height: int = 256) -> Environment:
     latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180
     rise = np.clip(latitude / 90, 0, 1)[..., None]
     sky = (1 - rise) * [0.62, 0.66, 0.7] + rise * [0.12, 0.2, 0.42]
-    # The ground is brighter toward the right, but has one brightness at the pole, where longitudes meet.
+    # The ground is brighter toward the right, but has one brightness at the pole, where longitudes
+    # meet.
     aside = np.sin(np.radians(longitude)) * np.cos(np.radians(latitude))
     ground = (0.16 + 0.05 * aside)[..., None] * [1.0, 0.85, 0.7]
     horizon = _smooth_step(latitude, 0.0, width=6.0)[..., None]
@@ -258,7 +282,9 @@ def surroundings(height: int = 256) -> Environment:
         ((105.0, 165.0), (12.0, 18.0), (2.4, 2.0, 1.5)),
         ((-60.0, 20.0), (60.0, 72.0), (2.0, 2.3, 2.8)),
     ):
-        across = _smooth_step(longitude, left, width=4.0) * (1 - _smooth_step(longitude, right, width=4.0))
+        across = _smooth_step(longitude, left, width=4.0) * (
+            1 - _smooth_step(longitude, right, width=4.0)
+        )
         up = _smooth_step(latitude, low, width=4.0) * (1 - _smooth_step(latitude, high, width=4.0))
         radiance = radiance + (across * up)[..., None] * color
     return Environment(radiance=radiance.astype(np.float32), name="studio")

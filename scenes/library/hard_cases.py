@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.geometry.shapes import as_object, build_shape, grid_faces, place, placement, triangulate
+from xfrustum.scenes.geometry.shapes import (
+    as_object,
+    build_shape,
+    grid_faces,
+    place,
+    placement,
+    triangulate,
+)
 from xfrustum.scenes.library.builtin import BuiltinScene
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.targets import asymmetric
@@ -21,8 +28,9 @@ REACH = 128.0  #: reach on both sides, in millimeters
 #: Plate whose apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one lies at the origin.
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
 
-#: Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128 to 63/128.
-#: It has a screen and not an angle, because no angle in radians has the tangent 1/2 exactly.
+#: Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128
+#: to 63/128. It has a screen and not an angle, because no angle in radians has the tangent 1/2
+#: exactly.
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),
@@ -46,11 +54,15 @@ CASES = MappingProxyType(_CASES)  #: the cases by name, `hard/...`, in the order
 Maker = Callable[[], Objects]
 
 
-def _case(name: str, triangles: int, why: str, expected: str, **how: Any) -> Callable[[Maker], Maker]:
+def _case(
+    name: str, triangles: int, why: str, expected: str, **how: Any
+) -> Callable[[Maker], Maker]:
     """Enter the function that follows, which makes a case's objects, into the suite."""
 
     def entered(objects: Maker) -> Maker:
-        _CASES[f"hard/{name}"] = HardCase(f"hard/{name}", triangles, why, objects, expected=expected, **how)
+        _CASES[f"hard/{name}"] = HardCase(
+            f"hard/{name}", triangles, why, objects, expected=expected, **how
+        )
         return objects
 
     return entered
@@ -74,9 +86,13 @@ def build(name: str) -> Scene:
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
     """Return points (..., 3) at s on lines of `FRUSTUM`: exact for half pixels and s of at most 45 bits."""
     columns, rows, along = np.broadcast_arrays(
-        np.asarray(column, dtype=np.float64), np.asarray(row, dtype=np.float64), np.asarray(s, np.float64)
+        np.asarray(column, dtype=np.float64),
+        np.asarray(row, dtype=np.float64),
+        np.asarray(s, np.float64),
     )
-    return np.stack(((2 * columns - 63) / 128 * along, (63 - 2 * rows) / 128 * along, -along), axis=-1)
+    return np.stack(
+        ((2 * columns - 63) / 128 * along, (63 - 2 * rows) / 128 * along, -along), axis=-1
+    )
 
 
 def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
@@ -103,7 +119,9 @@ def wall(z: float = -100.0) -> SceneObject:
 GRID_STEP = 4  #: pixels between neighboring vertices of the bumpy sheets
 
 
-def _bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], side: int) -> SceneObject:
+def _bumpy_sheet(
+    name: str, columns: tuple[int, int], rows: tuple[int, int], side: int
+) -> SceneObject:
     """Return a sheet whose every vertex lies exactly on a pixel's line, at depths of 32 to 60."""
     column, row = np.meshgrid(
         np.arange(columns[0], columns[1] + 1, GRID_STEP), np.arange(rows[0], rows[1] + 1, GRID_STEP)
@@ -116,7 +134,9 @@ def _bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], sid
        "lines run exactly through vertices and edges of a mesh: cracks or double hits",
        "no crack; ties between all triangles around the vertex or beside the edge")  # fmt: skip
 def _vertices_and_edges() -> Objects:
-    return _bumpy_sheet("behind", (2, 30), (2, 58), 1), _bumpy_sheet("in front", (34, 62), (2, 58), -1)
+    return _bumpy_sheet("behind", (2, 30), (2, 58), 1), _bumpy_sheet(
+        "in front", (34, 62), (2, 58), -1
+    )
 
 
 @_case("closed-edges", 2,
@@ -160,7 +180,9 @@ def _vertex_on_aperture() -> Objects:
 def _edge_through_aperture() -> Objects:
     ends = on_line(THROUGH_COLUMN, THROUGH_ROW, [-32.0, 64.0])
     # One triangle lies in the plane of the row's lines, the other in that of the column's.
-    aside = on_line(THROUGH_COLUMN, THROUGH_ROW, 16.0) + np.array([(20.0, 0.0, 0.0), (0.0, 20.0, 0.0)])
+    aside = on_line(THROUGH_COLUMN, THROUGH_ROW, 16.0) + np.array(
+        [(20.0, 0.0, 0.0), (0.0, 20.0, 0.0)]
+    )
     return loose("tent", [[*ends, corner] for corner in aside]), wall()
 
 
@@ -174,11 +196,14 @@ def _triangle_in_plate() -> Objects:
 
 # Depth order: coincident and nearly coincident sheets, and the ends of the reach
 
-#: Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`. In one
-#: more column each corner is a single step of a double apart.
+#: Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`.
+#: In one more column each corner is a single step of a double apart.
 SEPARATIONS = (1e-3, 1e-6, 1e-9, 1e-12)
 SHEET_DISTANCE = 64.0  #: distance of the sheets from the plate, at their top left corners
-SHEET_ROWS = ((3.5, 29.5), (33.5, 59.5))  #: edges of the sheets behind and before the plate, between pixels
+SHEET_ROWS = (
+    (3.5, 29.5),
+    (33.5, 59.5),
+)  #: edges of the sheets behind and before the plate, between pixels
 
 
 def sheet_columns(index: int) -> tuple[float, float]:
@@ -188,7 +213,9 @@ def sheet_columns(index: int) -> tuple[float, float]:
 
 def _ball(z: float) -> SceneObject:
     """Return a ball of diameter 24 at a height above the plate, in one half of the film for each side."""
-    return place(build_shape("sphere"), placement(24.0, (10.0, 20.0, 0.0), (0.25 * abs(z), -0.0625 * z, z)))
+    return place(
+        build_shape("sphere"), placement(24.0, (10.0, 20.0, 0.0), (0.25 * abs(z), -0.0625 * z, z))
+    )
 
 
 @_case("coincident-copies", 8_832,
@@ -229,12 +256,15 @@ def _nearly_coincident() -> Objects:
                 raised[..., 2] = np.nextafter(sheet[..., 2], np.inf)
             lower.append(sheet)
             upper.append(raised)
-    # The hidden sheets come first, so that a renderer that breaks ties by the smaller number is wrong.
-    return loose("lower sheets", np.concatenate(lower)), loose("upper sheets", np.concatenate(upper))
+    # The hidden sheets come first, so that a renderer that breaks ties by the smaller number is
+    # wrong.
+    return loose("lower sheets", np.concatenate(lower)), loose(
+        "upper sheets", np.concatenate(upper)
+    )
 
 
-#: First and last column of the sheets exactly at the reach, and of those one step of a double beyond it. The
-#: rows of the sheets behind and before the plate are the same numbers.
+#: First and last column of the sheets exactly at the reach, and of those one step of a double
+#: beyond it. The rows of the sheets behind and before the plate are the same numbers.
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 
 
@@ -244,7 +274,9 @@ AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 def _at_the_reach() -> Objects:
     at, beyond = REACH, float(np.nextafter(REACH, np.inf))
     return tuple(
-        loose(name, np.concatenate([film_rectangle(columns, AT_REACH[k], (s, -s)[k]) for k in (0, 1)]))
+        loose(
+            name, np.concatenate([film_rectangle(columns, AT_REACH[k], (s, -s)[k]) for k in (0, 1)])
+        )
         for name, columns, s in (("at the reach", AT_REACH[0], at), ("beyond", AT_REACH[1], beyond))
     )
 
@@ -265,9 +297,11 @@ _case("only-out-of-reach", 4_416,
 
 # Triangles that are hardly there: edge-on, needles, without area, twice, tiny
 
-#: Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either end.
+#: Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either
+#: end.
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44
-#: Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end lies.
+#: Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end
+#: lies.
 TURN = 2.0**-49
 #: Half the turned triangle's height where it crosses its column's lines, and the depth there.
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
@@ -288,7 +322,8 @@ def _edge_on() -> Objects:
     return loose("edge-on", [still]), loose("turned", [turned]), wall()
 
 
-#: Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their width.
+#: Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their
+#: width.
 NEEDLE = 28e-6
 
 
@@ -298,7 +333,9 @@ NEEDLE = 28e-6
 def _needles() -> Objects:
     down = on_line([20 - NEEDLE, 20 + NEEDLE, 20], [4, 4, 60], [64.0, 64.0, 48.0])
     between = on_line([24.5 - NEEDLE, 24.5 + NEEDLE, 24.5], [4, 4, 60], [64.0, 64.0, 48.0])
-    diagonal = on_line([30 + NEEDLE / 2, 30 - NEEDLE / 2, 58], [4 - NEEDLE / 2, 4 + NEEDLE / 2, 32], 64.0)
+    diagonal = on_line(
+        [30 + NEEDLE / 2, 30 - NEEDLE / 2, 58], [4 - NEEDLE / 2, 4 + NEEDLE / 2, 32], 64.0
+    )
     across = on_line([4, 4, 60], [44 - NEEDLE, 44 + NEEDLE, 44], [-64.0, -64.0, -48.0])
     return (loose("needles", [down, between, diagonal, across]),)
 
@@ -322,9 +359,12 @@ def _zero_area() -> Objects:
        "every covered pixel is a tie of all three and shows the first")  # fmt: skip
 def _duplicates() -> Objects:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
-    # All faces come twice on shared vertices, the second time wound the other way, and once more loose.
+    # All faces come twice on shared vertices, the second time wound the other way, and once more
+    # loose.
     faces = np.concatenate([box.faces, box.faces[:, ::-1]])
-    return as_object("faces twice", (box.vertices, faces)), loose("vertices twice", box.vertices[box.faces])
+    return as_object("faces twice", (box.vertices, faces)), loose(
+        "vertices twice", box.vertices[box.faces]
+    )
 
 
 #: Depth of the nearer of two sheets, whose smallest coordinates, 1/128 of it, are about 4e-75.
@@ -342,18 +382,25 @@ def _smallest() -> Objects:
 
 # Size, place and view: far, tiny, huge, steep, sheared, one pixel, giants
 
-FAR_AWAY = 1e6  #: distance of the far scene's meshes from the origin of their files, along each axis
-#: Factors of the tiny and the huge scene: powers of two that make a reach of 150 about 1e-6 and 1e6.
+FAR_AWAY = (
+    1e6  #: distance of the far scene's meshes from the origin of their files, along each axis
+)
+#: Factors of the tiny and the huge scene: powers of two that make a reach of 150 about 1e-6 and
+#: 1e6.
 SCALES = {"tiny": 2.0**-27, "huge": 2.0**13}
 _GRAIN = 2.0**-20  #: grid to which coordinates are rounded
 ASYMMETRIC_PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
-ASYMMETRIC_FRUSTUM = Frustum(resolution=(64, 64), reach=(150.0, 150.0), fov=(radians(60), radians(60)))
+ASYMMETRIC_FRUSTUM = Frustum(
+    resolution=(64, 64), reach=(150.0, 150.0), fov=(radians(60), radians(60))
+)
 _ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
 
 def asymmetric_on_a_grid() -> Objects:
     """Return the asymmetric objects rounded to multiples of 2^-20, which survive a detour exactly."""
-    return tuple(replace(part, vertices=np.rint(part.vertices / _GRAIN) * _GRAIN) for part in asymmetric())
+    return tuple(
+        replace(part, vertices=np.rint(part.vertices / _GRAIN) * _GRAIN) for part in asymmetric()
+    )
 
 
 @_case("far-from-origin", 4_896,
@@ -366,7 +413,9 @@ def _far_from_origin() -> Objects:
     # Far-away vertices, as a mesh file would have them, and the `translate` of the scene file.
     back = placement(translate=(-FAR_AWAY, FAR_AWAY, -FAR_AWAY))
     away = np.array([FAR_AWAY, -FAR_AWAY, FAR_AWAY])
-    return tuple(place(replace(part, vertices=part.vertices + away), back) for part in asymmetric_on_a_grid())
+    return tuple(
+        place(replace(part, vertices=part.vertices + away), back) for part in asymmetric_on_a_grid()
+    )
 
 
 def _scaled(kind: str) -> None:
@@ -419,7 +468,9 @@ def _picture_on_the_screen() -> Objects:
 def _quads_to_viewer(rows: int, columns: int) -> Indices:
     """Return the quads (N, 4) of a grid of vertices whose rows run upward."""
     index = np.arange(rows * columns).reshape(rows, columns)
-    return np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+    return np.stack(
+        [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1
+    ).reshape(-1, 4)
 
 
 def _screen_at(height: float) -> Frustum:

@@ -20,7 +20,8 @@ Vector = tuple[float, float, float]
 def asymmetric() -> tuple[SceneObject, ...]:
     """Return unlike parts on both sides of the plate, none symmetric with another.
 
-    The torus in front hides the box behind from the middle aperture; the bar crosses the plate beside it.
+    The torus in front hides the box behind from the middle aperture; the bar crosses the plate
+    beside it.
     """
     corners, faces = shapes.box()
     along = corners[:, 2:] + 0.5
@@ -51,7 +52,9 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
     ]  # middle and extent of each
     corners, faces = shapes.box()
     letter = shapes.join(*((corners * extent + middle, faces) for middle, extent in strokes))
-    return shapes.place(shapes.as_object("letter", letter), shapes.placement(size, rotate_deg, center))
+    return shapes.place(
+        shapes.as_object("letter", letter), shapes.placement(size, rotate_deg, center)
+    )
 
 
 #: Height of each row of pairs above or below the plate, as a fraction of the reach.
@@ -63,10 +66,10 @@ SHEET_SEPARATIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 def sheets(*, reach: float) -> tuple[SceneObject, ...]:
     """Return pairs of parallel sheets: object 0 the upper sheets, toward the viewer, object 1 the lower.
 
-    Seen from the middle aperture, the pairs behind the plate fill the left half of the film and those
-    in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns `SHEET_SEPARATIONS` from
-    the left. In every cell the upper sheet covers the left 7/10 and the lower one the right 7/10, so both
-    show, and where they overlap a wrong order shows too.
+    Seen from the middle aperture, the pairs behind the plate fill the left half of the film and
+    those in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
+    `SHEET_SEPARATIONS` from the left. In every cell the upper sheet covers the left 7/10 and the
+    lower one the right 7/10, so both show, and where they overlap a wrong order shows too.
     """
     upper, lower = [], []
     for side, first_column in ((-1, 0), (1, len(SHEET_SEPARATIONS))):
@@ -91,8 +94,8 @@ _CELL_FILLED = 0.9
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes.Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
-    It leans about the cell's middle, for a sheet of one depth would be all right or all wrong; pairs are
-    parallel.
+    It leans about the cell's middle, for a sheet of one depth would be all right or all wrong;
+    pairs are parallel.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
@@ -109,12 +112,15 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes
 def crossing() -> tuple[SceneObject, ...]:
     """Return a steep wavy surface that contains the origin exactly, a ball before it and a box behind.
 
-    About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle aperture meet
-    it in the plate itself. Cells shrink toward it by powers of two: near planes meet the plate in a window as
-    small as n, and float32 places a corner relative to its distance from the origin.
+    About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle
+    aperture meet it in the plate itself. Cells shrink toward it by powers of two: near planes meet
+    the plate in a window as small as n, and float32 places a corner relative to its distance from
+    the origin.
     """
     shrinking = 2.0 ** -np.arange(1, 6)
-    x = np.concatenate([np.linspace(-31, -1, 31), -shrinking, 2 * shrinking[::-1], np.linspace(2, 32, 31)])
+    x = np.concatenate(
+        [np.linspace(-31, -1, 31), -shrinking, 2 * shrinking[::-1], np.linspace(2, 32, 31)]
+    )
     y = np.concatenate(
         [np.linspace(-31.5, -1.5, 25), -1.5 * shrinking, shrinking[::-1], np.linspace(1, 31, 25)]
     )
@@ -134,13 +140,17 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each crosses the plate beside the middle aperture, which sees a hundredth of it or less: the rest is to be
-    clipped.
+    Each crosses the plate beside the middle aperture, which sees a hundredth of it or less: the
+    rest is to be clipped.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
         "floor": ((-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
-        "slope": ((-7000.0, -9000.0, 3253.0), (6000.0, -7000.0, -25231.0), (500.0, 9000.0, 12344.0)),
+        "slope": (
+            (-7000.0, -9000.0, 3253.0),
+            (6000.0, -7000.0, -25231.0),
+            (500.0, 9000.0, 12344.0),
+        ),
     }
     faces = np.array([[0, 1, 2]])
     return (
@@ -152,19 +162,25 @@ def large_triangles() -> tuple[SceneObject, ...]:
 
 
 #: Center and radius of each sphere: one behind the plate, one before it, neither hiding the other.
-MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (((-11.0, 7.0, -72.0), 24.0), ((-20.0, 17.0, 60.0), 10.0))
+MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (
+    ((-11.0, 7.0, -72.0), 24.0),
+    ((-20.0, 17.0, 60.0), 10.0),
+)
 _BLACK = (0.0, 0.0, 0.0)
 
 
 def mirror_spheres() -> tuple[SceneObject, ...]:
     """Return the mirror spheres, in facets of about two degrees.
 
-    Normals are as long as the radius: interpolated, they point from the center to the facet's point exactly.
+    Normals are as long as the radius: interpolated, they point from the center to the facet's point
+    exactly.
     """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
         outward, faces = shapes.ball(radius, 96, 192)
-        sphere = shapes.as_object(f"mirror sphere {number}", (outward + center, faces), material="mirror")
+        sphere = shapes.as_object(
+            f"mirror sphere {number}", (outward + center, faces), material="mirror"
+        )
         spheres.append(replace(sphere, vertex_normals=outward))
     return tuple(spheres)
 
@@ -172,29 +188,39 @@ def mirror_spheres() -> tuple[SceneObject, ...]:
 def mirror() -> Appearance:
     """Return a mirror and nothing else, in the surroundings of the studio."""
     pure = Material(ambient=_BLACK, diffuse=_BLACK, reflectivity=(1.0, 1.0, 1.0))
-    return Appearance(materials=MappingProxyType({"mirror": pure}), lights=(), environment=surroundings())
+    return Appearance(
+        materials=MappingProxyType({"mirror": pure}), lights=(), environment=surroundings()
+    )
 
 
 #: Slope of the bars against the rows and columns of pixels: no column lies on an edge all along.
 GRATING_LEAN = 0.07
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
-#: Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every height.
-#: The mean of a grating whose period divides the pitch is constant; one with four times the pitch keeps 0.9
-#: of its contrast (the sinc function of 1/4).
+#: Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every
+#: height. The mean of a grating whose period divides the pitch is constant; one with four times the
+#: pitch keeps 0.9 of its contrast (the sinc function of 1/4).
 FINE, COARSE = 0.5, 4.0
 
 
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     """Return a sheet of almost upright bars before the plate, and one of almost level bars behind it.
 
-    Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the plate)
-    with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is that of hogels along x
-    and y.
+    Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the
+    plate) with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is that
+    of hogels along x and y.
     """
     return (
-        _bars("upright bars", -_periods(pitch[0], 21.0)[::-1], GRATING_HEIGHT, (-12.0, 7.0), upright=True),
-        _bars("level bars", _periods(pitch[1], 30.0), BACKDROP_HEIGHT, (-38.0, 31.0), upright=False),
+        _bars(
+            "upright bars",
+            -_periods(pitch[0], 21.0)[::-1],
+            GRATING_HEIGHT,
+            (-12.0, 7.0),
+            upright=True,
+        ),
+        _bars(
+            "level bars", _periods(pitch[1], 30.0), BACKDROP_HEIGHT, (-38.0, 31.0), upright=False
+        ),
     )
 
 
@@ -205,7 +231,9 @@ def _periods(pitch: float, extent: float) -> Floats:
     return np.concatenate([coarse, fine]) * pitch
 
 
-def _bars(name: str, turns: Floats, z: float, span: tuple[float, float], *, upright: bool) -> SceneObject:
+def _bars(
+    name: str, turns: Floats, z: float, span: tuple[float, float], *, upright: bool
+) -> SceneObject:
     """Return a sheet parallel to the plate, black where `turns` has 0 and white at the next."""
     straight, across = np.meshgrid(turns, np.array(span), indexing="ij")
     along = straight + GRATING_LEAN * across

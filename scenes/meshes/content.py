@@ -20,7 +20,9 @@ class MeshPart:
     faces: Indices  #: (F, 3) int64 indices into `vertices`
     uv: Floats | None = None  #: (V, 2), v up
     color: Floats | None = None  #: (V, 3) or (3,) linear RGB
-    normals: Floats | None = None  #: (V, 3) unit normals on the winding's side, NaN where there is none
+    normals: Floats | None = (
+        None  #: (V, 3) unit normals on the winding's side, NaN where there is none
+    )
     picture: Any = None  #: Pillow image of the texture, opened and not yet decoded
     texture: str | None = None  #: name of the texture in the file
 

@@ -1,7 +1,8 @@
 """glTF files: nodes, instances, morph targets and skins at rest, in double precision.
 
-Parts are placed node by node: a node before its children, siblings last to first, as trimesh numbers them
-(CONVENTIONS.md). The number of triangles is computed from the document before any is placed.
+Parts are placed node by node: a node before its children, siblings last to first, as trimesh
+numbers them (CONVENTIONS.md). The number of triangles is computed from the document before any is
+placed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
-from xfrustum.scenes.meshes.gltf_materials import Look, look_of, picture_of, unread_extension
+from xfrustum.scenes.meshes.gltf_materials import CoarseView, look_of, picture_of, unread_extension
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _TRIANGLES, _STRIP = 4, 5
@@ -42,8 +43,8 @@ _LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|
 _COPIES = 3
 #: Bytes of memory of one primitive of a node besides its arrays, and of one instance.
 _MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
-#: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the sum and
-#: one that does not differ by more than a part per thousand of a vertex's position.
+#: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the
+#: sum and one that does not differ by more than a part per thousand of a vertex's position.
 _WEIGHT_TOLERANCE = 1e-3
 _NO_TRIANGLES = UnreadFeature(feature="points and lines", consequence="are not shown")
 
@@ -57,7 +58,7 @@ class _Local:
     normals: Floats | None
     uv: Floats | None
     color: Floats | None
-    look: Look
+    look: CoarseView
     joints: tuple[tuple[Indices, Floats], ...]  #: numbers of joints and their weights, (V, 4) each
 
 
@@ -98,7 +99,11 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
     inside = [name for entry in extended for name in entry.extensions]
     names = dict.fromkeys([*tree.extensions_required, *tree.extensions_used, *inside])
     for name in names:
-        unknown = name in tree.extensions_required and name not in _HONOURED and not _LOOKS.fullmatch(name)
+        unknown = (
+            name in tree.extensions_required
+            and name not in _HONOURED
+            and not _LOOKS.fullmatch(name)
+        )
         if unknown or name in _CHANGING_GEOMETRY:
             raise InputError(
                 f"{gltf.path}: the extension {name} is not read, and may change the geometry; "
@@ -106,7 +111,9 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
             )
     unread = [unread_extension(name) for name in names if name not in _HONOURED]
     if tree.animations:
-        unread.append(UnreadFeature(feature="animations", consequence="are not played: all is at rest"))
+        unread.append(
+            UnreadFeature(feature="animations", consequence="are not played: all is at rest")
+        )
     return unread
 
 
@@ -236,7 +243,7 @@ def _local(
     gltf: Gltf,
     primitive: Primitive,
     weights: Sequence[float],
-    look_of: Callable[[int], Look],
+    look_of: Callable[[int], CoarseView],
     skinned: bool,
 ) -> _Local | None:
     """Return the triangles of a primitive and the vertices they use; None where its topology has none."""
@@ -269,7 +276,7 @@ def _local(
         used[:] = False
         used[faces] = True
         faces = (np.cumsum(used) - 1)[faces]
-    look = Look() if primitive.material is None else look_of(primitive.material)
+    look = CoarseView() if primitive.material is None else look_of(primitive.material)
     uv = None if primitive.material is None else attribute(look.coordinates, 2)
     joints: list[tuple[Indices, Floats]] = []
     while skinned and (name := f"JOINTS_{len(joints)}") in names:
@@ -314,14 +321,18 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
     gltf.decoded.update({**arrays, primitive.indices: faces})
 
 
-def _placing(gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int) -> Callable[[_Local], MeshPart]:
+def _placing(
+    gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int
+) -> Callable[[_Local], MeshPart]:
     """Return the function that places the primitives of a node's mesh."""
     instancing = node.instancing
     if node.skin is not None:
         if instancing is not None:
             raise gltf.error("instances of a mesh with a skin have no defined place")
         skin = gltf.entry(gltf.tree.skins, node.skin, "skin")
-        joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(-1, 4, 4)
+        joints = np.array([gltf.entry(worlds, joint, "node") for joint in skin.joints]).reshape(
+            -1, 4, 4
+        )
         if skin.inverse_bind_matrices is not None:
             there = gltf.accessor(skin.inverse_bind_matrices).count
             if there < len(joints):
@@ -387,7 +398,9 @@ def _cofactors(matrices: Floats) -> Floats:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
 
 
-def _part(local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int) -> MeshPart:
+def _part(
+    local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int
+) -> MeshPart:
     if normals is not None:
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         usable = np.isfinite(length) & (length > 0)

@@ -1,7 +1,7 @@
 """Document, buffers and accessors of a glTF file (glTF 2.0, sections 3.4 to 3.6, 3.7.2 and 4.4).
 
-The models hold the part of the schema that is read. pydantic refuses wrong types, negative numbers, NaN and
-deep nesting; bounds between tables, views and buffers are checked where data are read.
+The models hold the part of the schema that is read. pydantic refuses wrong types, negative numbers,
+NaN and deep nesting; bounds between tables, views and buffers are checked where data are read.
 """
 
 from __future__ import annotations
@@ -245,7 +245,8 @@ class Tree(_Model):
     extensions_required: tuple[str, ...] = ()
 
 
-#: Relative rounding of numbers printed with six significant digits, the fewest that exporters write.
+#: Relative rounding of numbers printed with six significant digits, the fewest that exporters
+#: write.
 _PRINTED = 5e-6
 
 _Item = TypeVar("_Item")
@@ -298,7 +299,9 @@ class Gltf:
         if index in self.decoded:
             values = self.decoded[index]
             if values.shape != (accessor.count, width):
-                raise self.error(f"accessor {index} has {accessor.count} elements, its data {len(values)}")
+                raise self.error(
+                    f"accessor {index} has {accessor.count} elements, its data {len(values)}"
+                )
             return values[:, : widths[0]]
         kind = np.dtype(_TYPES[accessor.component_type])
         shape, sparse = (accessor.count, width), accessor.sparse
@@ -316,9 +319,13 @@ class Gltf:
     def _replaced(self, index: int, values: NDArray[Any], sparse: Sparse) -> NDArray[Any]:
         at, new, count = sparse.indices, sparse.values, sparse.count
         whole = np.dtype(_TYPES[at.component_type])
-        rows = self._elements(at.buffer_view, at.byte_offset, whole, (count, 1))[:, 0].astype(np.int64)
+        rows = self._elements(at.buffer_view, at.byte_offset, whole, (count, 1))[:, 0].astype(
+            np.int64
+        )
         if (np.diff(rows) <= 0).any() or (rows >= len(values)).any():
-            raise self.error(f"sparse indices of accessor {index} do not increase, or are out of range")
+            raise self.error(
+                f"sparse indices of accessor {index} do not increase, or are out of range"
+            )
         replaced = values.copy()
         shape = (count, values.shape[1])
         replaced[rows] = self._elements(new.buffer_view, new.byte_offset, values.dtype, shape)
@@ -341,9 +348,15 @@ class Gltf:
                 continue
             measured = (stored.min if name == "min" else stored.max)(axis=0).astype(np.float64)
             rounding = _PRINTED * float(np.abs(measured).max())
-            if np.shape(declared) != (3,) or not np.allclose(declared, measured, rtol=0, atol=rounding):
-                given, real = ([float(f"{value:.6g}") for value in row] for row in (declared, measured))
-                raise self.error(f"{name} of accessor {index} is declared {given}, its data have {real}")
+            if np.shape(declared) != (3,) or not np.allclose(
+                declared, measured, rtol=0, atol=rounding
+            ):
+                given, real = (
+                    [float(f"{value:.6g}") for value in row] for row in (declared, measured)
+                )
+                raise self.error(
+                    f"{name} of accessor {index} is declared {given}, its data have {real}"
+                )
 
     def view(self, index: int) -> memoryview:
         """Return the bytes of a buffer view."""
@@ -353,13 +366,17 @@ class Gltf:
             raise self.error(f"buffer view {index} ends after its buffer of {len(data)} bytes")
         return data[view.byte_offset : view.byte_offset + view.byte_length]
 
-    def _elements(self, view: int, offset: int, kind: np.dtype[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    def _elements(
+        self, view: int, offset: int, kind: np.dtype[Any], shape: tuple[int, int]
+    ) -> NDArray[Any]:
         count, width = shape
         data = self.view(view)
         stride = self.tree.buffer_views[view].byte_stride or kind.itemsize * width
         end = offset + stride * (count - 1) + kind.itemsize * width if count else 0
         if end > len(data) or stride < kind.itemsize * width:
-            raise self.error(f"{count} elements take {end} bytes, buffer view {view} has {len(data)}")
+            raise self.error(
+                f"{count} elements take {end} bytes, buffer view {view} has {len(data)}"
+            )
         return np.ndarray(shape, kind, data, offset if count else 0, (stride, kind.itemsize))
 
     def _buffer(self, index: int) -> memoryview:
@@ -370,7 +387,9 @@ class Gltf:
                 data = memoryview(self.resource(buffer.uri, buffer.byte_length))
             if data is None or len(data) < buffer.byte_length:
                 there = 0 if data is None else len(data)
-                raise self.error(f"buffer {index} declares {buffer.byte_length} bytes, there are {there}")
+                raise self.error(
+                    f"buffer {index} declares {buffer.byte_length} bytes, there are {there}"
+                )
             self._buffers[index] = data[: buffer.byte_length]
         return self._buffers[index]
 
@@ -405,7 +424,9 @@ def open_gltf(path: Path) -> Gltf:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
         where = ".".join(map(str, first["loc"]))
         reason = f"{where}: {first['msg']}" if where else first["msg"]
-        raise InputError(f"{path}: cannot be read as glTF ({reason}); export the mesh again") from error
+        raise InputError(
+            f"{path}: cannot be read as glTF ({reason}); export the mesh again"
+        ) from error
     asset = gltf.tree.asset
     if not asset.version.startswith("2.") or asset.min_version != "2.0":
         needed = asset.min_version if asset.version.startswith("2.") else asset.version
@@ -417,17 +438,25 @@ def _chunks(path: Path, data: memoryview) -> tuple[memoryview, memoryview | None
     """Return the JSON chunk and the binary chunk of a .glb file."""
     _, version, length = struct.unpack_from("<III", data)
     if version != 2:
-        raise InputError(f"{path}: is binary glTF of version {version}; export the mesh as glTF 2.0")
+        raise InputError(
+            f"{path}: is binary glTF of version {version}; export the mesh as glTF 2.0"
+        )
     if length > len(data):
-        raise InputError(f"{path}: is cut off: declares {length} bytes, has {len(data)}; copy it again")
+        raise InputError(
+            f"{path}: is cut off: declares {length} bytes, has {len(data)}; copy it again"
+        )
     chunks: list[tuple[int, memoryview]] = []
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         if at + 8 + size > length:
-            raise InputError(f"{path}: a chunk of {size} bytes ends after the file; export the mesh again")
+            raise InputError(
+                f"{path}: a chunk of {size} bytes ends after the file; export the mesh again"
+            )
         chunks.append((kind, data[at + 8 : at + 8 + size]))
         at += 8 + size
     if not chunks or chunks[0][0] != _JSON:
-        raise InputError(f"{path}: cannot be read as glTF (no chunk of JSON); export the mesh again")
+        raise InputError(
+            f"{path}: cannot be read as glTF (no chunk of JSON); export the mesh again"
+        )
     return chunks[0][1], next((chunk for kind, chunk in chunks[1:] if kind == _BINARY), None)

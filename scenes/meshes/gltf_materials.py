@@ -18,7 +18,7 @@ _REPEAT = 10497  # wrap mode of samplers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class CoarseView:
     """Color of the surfaces of one material."""
 
     base_color: Floats | None = None  #: (3,) linear RGB, None where white
@@ -55,7 +55,7 @@ def unread_extension(name: str) -> UnreadFeature:
     return UnreadFeature(feature=name, consequence=consequence)
 
 
-def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> Look:
+def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> CoarseView:
     """Return the look of a material of a file, its textures as of `picture_of`."""
     material = gltf.entry(gltf.tree.materials, index, "material")
     rough = material.pbr_metallic_roughness
@@ -64,14 +64,16 @@ def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int
     unread = [unread_extension(name) for name in material.extensions]
     if material.alpha_mode != "OPAQUE":
         feature = f"alphaMode {material.alpha_mode}"
-        unread.append(UnreadFeature(feature=feature, consequence="is not applied: surfaces are opaque"))
+        unread.append(
+            UnreadFeature(feature=feature, consequence="is not applied: surfaces are opaque")
+        )
     unread += [
         UnreadFeature(feature=f"{name}Texture", consequence="is not shown")
         for name in ("normal", "occlusion", "emissive")
         if getattr(material, f"{name}_texture") is not None
     ]
     if info is None:
-        return Look(base_color=base, unread=tuple(unread))
+        return CoarseView(base_color=base, unread=tuple(unread))
     transform = info.transform
     chosen = None if transform is None else transform.tex_coord
     texture = gltf.entry(gltf.tree.textures, info.index, "texture")
@@ -82,7 +84,7 @@ def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int
         repeated = "is not applied: textures repeat"
         unread.append(UnreadFeature(feature="wrap mode of a sampler", consequence=repeated))
     name, picture = picture_of(info.index)
-    return Look(
+    return CoarseView(
         base_color=base,
         texture=name,
         picture=picture,

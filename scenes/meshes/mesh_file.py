@@ -44,10 +44,15 @@ _EXPORT = "export the mesh as glTF, OBJ, PLY or STL"
 _REFUSED = {
     **dict.fromkeys((".dae", ".zae"), f"COLLADA, which is not read; {_EXPORT}"),
     **dict.fromkeys(
-        (".xaml", ".x3d", ".wrl", ".amf", ".ctm", ".drc"), f"of a format that is not read; {_EXPORT}"
+        (".xaml", ".x3d", ".wrl", ".amf", ".ctm", ".drc"),
+        f"of a format that is not read; {_EXPORT}",
     ),
-    **dict.fromkeys((".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc"), f"a scene; {_EXPORT}"),
-    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".dxf", ".dwg"), f"a CAD drawing; {_EXPORT}"),
+    **dict.fromkeys(
+        (".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc"), f"a scene; {_EXPORT}"
+    ),
+    **dict.fromkeys(
+        (".step", ".stp", ".iges", ".igs", ".brep", ".dxf", ".dwg"), f"a CAD drawing; {_EXPORT}"
+    ),
     **dict.fromkeys(
         (".xyz", ".pts", ".pcd", ".las", ".laz", ".e57"), "a point cloud; give it a mesh with faces"
     ),
@@ -58,10 +63,10 @@ _REFUSED = {
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     """Read a mesh file as one object, in the mesh's own coordinates.
 
-    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice counted
-    twice. Parts are joined here, for trimesh would pack their textures into an atlas that cannot repeat.
-    Raises InputError where the file is missing, of another type, damaged, without triangles, or where it
-    holds geometry that the reader does not honour.
+    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice
+    counted twice. Parts are joined here, for trimesh would pack their textures into an atlas that
+    cannot repeat. Raises InputError where the file is missing, of another type, damaged, without
+    triangles, or where it holds geometry that the reader does not honour.
     """
     input_files.check_mesh_file(path)
     with input_files.bounded_memory(path):
@@ -87,14 +92,18 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
             texture_of_triangle=texture_of_triangle,
             vertex_normals=_joined(parts, (part.normals for part in parts), (np.nan,) * 3),
             vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
-            unread=tuple(dict.fromkeys([*content.unread, *not_shown, *_without_area(vertices[faces])])),
+            unread=tuple(
+                dict.fromkeys([*content.unread, *not_shown, *_without_area(vertices[faces])])
+            ),
         )
 
 
 def _without_area(triangles: Floats) -> list[UnreadFeature]:
     flat = np.count_nonzero(~has_area(triangles))
     share = f"{flat:,} of {counted(len(triangles), 'triangle')}"
-    return [UnreadFeature(feature=share, consequence="have no area and are not seen")] if flat else []
+    return (
+        [UnreadFeature(feature=share, consequence="have no area and are not seen")] if flat else []
+    )
 
 
 def _reader(path: Path) -> Callable[[Path], MeshContent]:
@@ -117,7 +126,9 @@ def _joined(
         return None
     found = [np.array(otherwise) if value is None else value for value in given]
     shapes = [(len(part.vertices), len(otherwise)) for part in parts]
-    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)])
+    return np.concatenate(
+        [np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)]
+    )
 
 
 def _check_geometry(path: Path, parts: Sequence[MeshPart]) -> None:

@@ -18,9 +18,15 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
-from xfrustum.scenes.meshes.obj_materials import Look, read_libraries
+from xfrustum.scenes.meshes.obj_materials import CoarseView, read_libraries
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
-from xfrustum.scenes.meshes.text_lines import TextLines, join_continued, parse, plain_text, word_starts
+from xfrustum.scenes.meshes.text_lines import (
+    TextLines,
+    join_continued,
+    parse,
+    plain_text,
+    word_starts,
+)
 from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.notebook import counted
@@ -36,12 +42,38 @@ _NO_OBJ: Final = {
     b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, not its web page",
 }
 _CURVES: Final = (
-    *("curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end"),
+    *(
+        "curv",
+        "curv2",
+        "vp",
+        "cstype",
+        "deg",
+        "bmat",
+        "step",
+        "parm",
+        "trim",
+        "hole",
+        "scrv",
+        "sp",
+        "end",
+    ),
     *("con", "ctech", "stech", "res", "cdc"),
 )
 #: Names, groups and hints for other renderers, which place nothing.
 _NAMES: Final = (
-    *("o", "g", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "maplib", "usemap"),
+    *(
+        "o",
+        "g",
+        "mg",
+        "lod",
+        "bevel",
+        "c_interp",
+        "d_interp",
+        "shadow_obj",
+        "trace_obj",
+        "maplib",
+        "usemap",
+    ),
     *("mtllib", "usemtl", "s"),
 )
 _DRAWN: Final = ("v", "vt", "vn", "f")
@@ -52,7 +84,9 @@ _INDEXED: Final = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Polygons:
-    corners: Indices  #: (K, 3) indices from 0 of vertex, texture coordinates and normal; -1 for none
+    corners: (
+        Indices  #: (K, 3) indices from 0 of vertex, texture coordinates and normal; -1 for none
+    )
     counts: Indices  #: (P,) corners of each polygon
     lines: Indices  #: (P,) line of each polygon
 
@@ -131,9 +165,15 @@ def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[Unr
             reason = f"{word[:20]!r} is no statement of OBJ; delete the line, or begin it with #"
             raise lines.error(first, reason)
     found = []
-    for words, feature in ((("l",), "lines (l)"), (("p",), "points (p)"), (_CURVES, "free-form curves")):
+    for words, feature in (
+        (("l",), "lines (l)"),
+        (("p",), "points (p)"),
+        (_CURVES, "free-form curves"),
+    ):
         if any(word in named for word in words):
-            found.append(UnreadFeature(feature=feature, consequence="are not drawn: they have no surface"))
+            found.append(
+                UnreadFeature(feature=feature, consequence="are not drawn: they have no surface")
+            )
     return found
 
 
@@ -175,7 +215,9 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
     coordinates[:-1, 1] = np.where(texture_counts > 1, texture[second], 0.0)
     normals, normal_counts = lines.numbers(kinds["vn"], skip=2)
     for place in np.flatnonzero(normal_counts != 3)[:1].tolist():
-        raise lines.error(int(np.flatnonzero(kinds["vn"])[place]), "a normal (vn) has three numbers")
+        raise lines.error(
+            int(np.flatnonzero(kinds["vn"])[place]), "a normal (vn) has three numbers"
+        )
     return _Tables(
         vertices=values[first[:, None] + np.arange(3)],
         colors=colors,
@@ -208,7 +250,9 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
             continue
         some = np.add.reduceat(given, firsts, dtype=np.int64)
         for place in np.flatnonzero((some > 0) & (some < counts))[:1].tolist():
-            raise lines.error(int(statements[place]), f"some corners of a face have {things}, some have none")
+            raise lines.error(
+                int(statements[place]), f"some corners of a face have {things}, some have none"
+            )
         stated = table[:, column].copy()
         back = np.flatnonzero(table[:, column] < 0)
         if len(back):  # counted from the face's own line
@@ -259,11 +303,13 @@ def _corner_indices(
     return table
 
 
-def _part(name: str, corners: Indices, tables: _Tables, look: Look | None) -> MeshPart:
+def _part(name: str, corners: Indices, tables: _Tables, look: CoarseView | None) -> MeshPart:
     """Return one material's triangles by their corners (T, 3, 3): vertex, texture coordinates, normal."""
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
     if used:
-        faces, points, *rest = unmerge_faces(corners[..., _POINT], *(corners[..., column] for column in used))
+        faces, points, *rest = unmerge_faces(
+            corners[..., _POINT], *(corners[..., column] for column in used)
+        )
         chosen = dict(zip(used, rest, strict=True))
     else:
         points, places = np.unique(corners[..., _POINT], return_inverse=True)

@@ -14,13 +14,14 @@ from xfrustum.scenes.meshes.text_lines import join_continued, plain_text
 from xfrustum.scenes.meshes.textures import file_beside, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
 
-#: Statements that show a surface in another color, or not at all, and the value that changes nothing.
+#: Statements that show a surface in another color, or not at all, and the value that changes
+#: nothing.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
 _MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
 
 
 @dataclass(kw_only=True)
-class Look:
+class CoarseView:
     """Base color texture of one material."""
 
     texture: str | None = None  #: name of the texture
@@ -30,7 +31,7 @@ class Look:
 
 def read_libraries(
     path: Path, statements: Sequence[str], used: set[str]
-) -> tuple[dict[str, Look], list[UnreadFeature]]:
+) -> tuple[dict[str, CoarseView], list[UnreadFeature]]:
     """Return the looks of materials by their names, the first of a name; and what is not honoured.
 
     Parameters
@@ -39,7 +40,7 @@ def read_libraries(
     statements : names of libraries, as each `mtllib` statement lists them
     used : names of materials of which something is not honoured
     """
-    looks: dict[str, Look] = {}
+    looks: dict[str, CoarseView] = {}
     unread: list[UnreadFeature] = []
     for statement in dict.fromkeys(statements):
         whole = _content(path, statement)
@@ -58,7 +59,9 @@ def read_libraries(
         elif looks:
             lost = "is in no library; its surfaces are drawn without it"
             unread.append(UnreadFeature(feature=f"material {name}", consequence=lost))
-    others = dict.fromkeys(word for name in used if name in looks for word in looks[name].not_honoured)
+    others = dict.fromkeys(
+        word for name in used if name in looks for word in looks[name].not_honoured
+    )
     if others:
         told = "are not applied: colors and lights are those of the scene file"
         listed = ", ".join(sorted(others))
@@ -74,15 +77,15 @@ def _content(path: Path, name: str) -> bytes | None:
     return None
 
 
-def _library(path: Path, library: bytes) -> dict[str, Look]:
-    looks: dict[str, Look] = {}
-    look = Look()
+def _library(path: Path, library: bytes) -> dict[str, CoarseView]:
+    looks: dict[str, CoarseView] = {}
+    look = CoarseView()
     text = join_continued(plain_text(library)).decode("utf-8", "replace")
     for line in text.split("\n"):
         words = line.split()
         key, values = (words[0].lower(), words[1:]) if words else ("", [])
         if key == "newmtl":
-            look = looks.setdefault(" ".join(values), Look())
+            look = looks.setdefault(" ".join(values), CoarseView())
         elif key == "map_kd" and values:
             options, skipped = _options(values)
             look.texture = line.split(None, 1 + skipped)[-1].strip()
@@ -100,7 +103,9 @@ def _library(path: Path, library: bytes) -> dict[str, Look]:
 def _options(values: Sequence[str]) -> tuple[list[str], int]:
     """Return the options before a texture's name, and how many words they take."""
     found, place = [], 0
-    while place < len(values) - 1 and values[place].startswith("-") and values[place][1:2].isalpha():
+    while (
+        place < len(values) - 1 and values[place].startswith("-") and values[place][1:2].isalpha()
+    ):
         option, place = values[place].lower(), place + 1
         found.append(option)
         most = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}.get(option, 1)

@@ -39,17 +39,25 @@ def read_off(path: Path) -> MeshContent:
     header = _HEADER.match(data)
     if header is not None and (header[5] or header[6]):
         kind = "binary OFF" if header[6] else "nOFF, of any number of dimensions,"
-        raise InputError(f"{path}: {kind} is not read; export OFF in text with three coordinates, or PLY")
+        raise InputError(
+            f"{path}: {kind} is not read; export OFF in text with three coordinates, or PLY"
+        )
     texture, colors, normals, weighted = (bool(header and header[place]) for place in (1, 2, 3, 4))
     layout = _Layout(texture=texture, colored=colors, normals=normals, weighted=weighted)
     lines = TextLines(path, data, 0 if header is None else header.end())
     numbers, per_line = lines.numbers(slice(None))
-    counted = 3 if len(per_line) == 0 or per_line[0] != 2 else 2  # the number of edges is often left out
+    counted = (
+        3 if len(per_line) == 0 or per_line[0] != 2 else 2
+    )  # the number of edges is often left out
     counts = _whole(path, numbers[:counted], "its counts")
     if len(counts) < counted or counts.min() < 0:
-        raise InputError(f"{path}: has no counts of vertices, faces and edges; export the mesh again")
+        raise InputError(
+            f"{path}: has no counts of vertices, faces and edges; export the mesh again"
+        )
     vertices, size = _vertices(lines, numbers[counted:], per_line, layout, int(counts[0]))
-    corners, sizes, colored = _faces(lines, counted + len(vertices) * size, numbers, per_line, int(counts[1]))
+    corners, sizes, colored = _faces(
+        lines, counted + len(vertices) * size, numbers, per_line, int(counts[1])
+    )
     return _content(path, vertices, layout, (corners, sizes), colored)
 
 
@@ -85,14 +93,20 @@ def _faces(
         starts, limits = line_starts[first_line:], after[first_line:]
     else:  # numbers in lines of any length: colors could not be told from faces
         places = [start]
-        while len(places) <= count and places[-1] < len(numbers) and 0 <= numbers[places[-1]] < len(numbers):
+        while (
+            len(places) <= count
+            and places[-1] < len(numbers)
+            and 0 <= numbers[places[-1]] < len(numbers)
+        ):
             places.append(places[-1] + 1 + int(numbers[places[-1]]))
         if len(places) <= count or places[-1] > len(numbers):
             told = f"face {min(len(places), count) - 1} of {count:,} is cut off or damaged"
             raise error(min(places[-1], len(numbers)) - 1, told)
         starts, limits = np.array(places[:-1], np.int64), np.array(places[1:], np.int64)
     if (limits[-1] if len(limits) else start) != len(numbers):
-        raise error(int(limits[-1]) if len(limits) else start, f"the file goes on after {count:,} faces")
+        raise error(
+            int(limits[-1]) if len(limits) else start, f"the file goes on after {count:,} faces"
+        )
     counts = _whole(lines.path, numbers[starts], "numbers of corners")
     spare = limits - starts - 1 - counts
     for face in np.flatnonzero((counts < 1) | (spare < 0) | (spare > 4))[
@@ -117,19 +131,30 @@ def _content(
         nothing = "place nothing: OFF has no textures"
         unread.append(UnreadFeature(feature="texture coordinates", consequence=nothing))
     if not drawn.all():
-        unread.append(UnreadFeature(feature="faces of one or two corners", consequence="are not drawn"))
+        unread.append(
+            UnreadFeature(feature="faces of one or two corners", consequence="are not drawn")
+        )
     if not drawn.any():
         what = f"{len(vertices):,} vertices, and no faces of three corners"
         raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
-    corners, sizes, numbers = corners[np.repeat(drawn, counts)], counts[drawn], np.flatnonzero(drawn)
+    corners, sizes, numbers = (
+        corners[np.repeat(drawn, counts)],
+        counts[drawn],
+        np.flatnonzero(drawn),
+    )
     points = vertices[:, :3]
     if layout.weighted:
         with np.errstate(divide="ignore", invalid="ignore"):
             points = points / vertices[:, 3:4]
     if corners.min() < 0 or corners.max() >= len(points):
-        raise InputError(f"{path}: faces point past the vertices, of which there are {len(points):,}")
+        raise InputError(
+            f"{path}: faces point past the vertices, of which there are {len(points):,}"
+        )
     cut = cut_polygons(
-        points, corners, sizes, lambda face, reason: InputError(f"{path}: face {numbers[face]} {reason}")
+        points,
+        corners,
+        sizes,
+        lambda face, reason: InputError(f"{path}: face {numbers[face]} {reason}"),
     )
     after = 3 + layout.weighted
     color = vertices[:, after + 3 * layout.normals :][:, :3]

@@ -18,9 +18,11 @@ from xfrustum.scenes.disk.input_files import damage_refused, read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshPart, unit_normals
 
-#: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays, copies.
+#: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays,
+#: copies.
 _MEMORY_PER_UNPACKED_BYTE = 16
-#: Bytes of memory that one placed triangle takes: corners and indices in double precision, and copies.
+#: Bytes of memory that one placed triangle takes: corners and indices in double precision, and
+#: copies.
 _MEMORY_PER_TRIANGLE = 512
 _DEEPEST = 100  # levels of instances within instances
 
@@ -30,7 +32,9 @@ class Node:
     """Object of a package, which may be placed many times."""
 
     parts: list[MeshPart] = field(default_factory=list)
-    children: list[tuple[Node, Floats]] = field(default_factory=list)  #: with (4, 4) transforms to this node
+    children: list[tuple[Node, Floats]] = field(
+        default_factory=list
+    )  #: with (4, 4) transforms to this node
 
 
 class Package:
@@ -84,7 +88,9 @@ class Package:
         """Return the parts of all nodes from a root on, placed; InputError where they are too many."""
         sizes: dict[int, int] = {}
         self._count(root, sizes, 0)
-        input_files.check_declared(self.path, sizes[id(root)] * _MEMORY_PER_TRIANGLE, "placing its objects")
+        input_files.check_declared(
+            self.path, sizes[id(root)] * _MEMORY_PER_TRIANGLE, "placing its objects"
+        )
         return tuple(_placed(root, np.eye(4)))
 
     def _count(self, node: Node, sizes: dict[int, int], depth: int) -> int:
@@ -95,7 +101,9 @@ class Package:
             )
         if id(node) not in sizes:
             own = 1 + sum(len(part.faces) for part in node.parts)
-            sizes[id(node)] = own + sum(self._count(child, sizes, depth + 1) for child, _ in node.children)
+            sizes[id(node)] = own + sum(
+                self._count(child, sizes, depth + 1) for child, _ in node.children
+            )
         return sizes[id(node)]
 
 
@@ -111,13 +119,17 @@ def place_part(part: MeshPart, matrix: Floats) -> MeshPart:
     linear = matrix[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = (
-            part.vertices if np.array_equal(matrix, np.eye(4)) else part.vertices @ linear.T + matrix[:3, 3]
+            part.vertices
+            if np.array_equal(matrix, np.eye(4))
+            else part.vertices @ linear.T + matrix[:3, 3]
         )
         mirrored = np.linalg.det(linear) < 0
     normals = part.normals
     if normals is not None:
         # Cofactors carry normals, also where the matrix is singular.
-        cofactors = np.stack([np.cross(linear[(row + 1) % 3], linear[(row + 2) % 3]) for row in range(3)])
+        cofactors = np.stack(
+            [np.cross(linear[(row + 1) % 3], linear[(row + 2) % 3]) for row in range(3)]
+        )
         normals = unit_normals(normals @ cofactors.T * (-1.0 if mirrored else 1.0))
     faces = part.faces[:, ::-1] if mirrored else part.faces
     return MeshPart(name=part.name, vertices=vertices, faces=faces, normals=normals)

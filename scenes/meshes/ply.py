@@ -42,7 +42,9 @@ _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "di
 class _Element:
     name: str
     count: int
-    types: dict[str, tuple[str | None, str]] = field(default_factory=dict)  #: of a list's length, of values
+    types: dict[str, tuple[str | None, str]] = field(
+        default_factory=dict
+    )  #: of a list's length, of values
     values: dict[str, NDArray[Any]] = field(default_factory=dict)  #: lists of an element in a row
     lengths: dict[str, Indices] = field(default_factory=dict)  #: of lists
 
@@ -70,12 +72,18 @@ def read_ply(path: Path) -> MeshContent:
 
 def _header(path: Path, data: bytes) -> _Header:
     first = re.match(rb"(?i:ply)[ \t]*(\r\n|\n|\r)", data)
-    line_end = b"\n" if first is None else first[1]  # also of the last line, before bytes of any value
+    line_end = (
+        b"\n" if first is None else first[1]
+    )  # also of the last line, before bytes of any value
     end = re.search(line_end + rb"end_header[ \t]*" + line_end, data)
     if first is None or end is None:
-        raise InputError(f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'")
+        raise InputError(
+            f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'"
+        )
     order, elements, textures = None, list[_Element](), list[str]()
-    for number, line in enumerate(plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")):
+    for number, line in enumerate(
+        plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")
+    ):
         words = line.split()
         if words[:1] == ["property"] and elements and words[-1] in elements[-1].types:
             raise InputError(f"{path}, line {number + 1}: property {words[-1]} is declared twice")
@@ -84,7 +92,9 @@ def _header(path: Path, data: bytes) -> _Header:
                 order = _ORDERS[name]
             case ["element", name, count] if count.isdecimal():
                 elements.append(_Element(name=name, count=int(count)))
-            case ["property", "list", length, kind, name] if elements and {length, kind} <= _TYPES.keys():
+            case ["property", "list", length, kind, name] if (
+                elements and {length, kind} <= _TYPES.keys()
+            ):
                 elements[-1].types[name] = (_TYPES[length], _TYPES[kind])
             case ["property", kind, name] if elements and kind in _TYPES:
                 elements[-1].types[name] = (None, _TYPES[kind])
@@ -97,7 +107,9 @@ def _header(path: Path, data: bytes) -> _Header:
                     f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or no line of PLY"
                 )
     if order is None:
-        raise InputError(f"{path}: is damaged: its header names no format, such as 'format ascii 1.0'")
+        raise InputError(
+            f"{path}: is damaged: its header names no format, such as 'format ascii 1.0'"
+        )
     return _Header(order=order, elements=tuple(elements), textures=tuple(textures), size=end.end())
 
 
@@ -105,7 +117,9 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
     lines = TextLines(path, plain_text(data), len(plain_text(data[: header.size])))
     declared, line = sum(element.count for element in header.elements), 0
     if len(lines) != declared:
-        told = f"the header declares {declared:,} lines of elements, and the file has {len(lines):,}"
+        told = (
+            f"the header declares {declared:,} lines of elements, and the file has {len(lines):,}"
+        )
         raise InputError(f"{path}: {told}; export the mesh again")
     for element in header.elements:
         numbers, counts = lines.numbers(slice(line, line + element.count))
@@ -116,7 +130,11 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
             if length_type is not None:
                 _check_row(lines, line, place + 1 <= after)
                 given, place = numbers[place], place + 1
-                _check_row(lines, line, (given >= 0) & (given <= after - place) & (given == np.floor(given)))
+                _check_row(
+                    lines,
+                    line,
+                    (given >= 0) & (given <= after - place) & (given == np.floor(given)),
+                )
                 element.lengths[name] = lengths = given.astype(np.int64)
             _check_row(lines, line, place + lengths <= after)
             element.values[name] = _cast(path, numbers[_ranges(place, lengths)], kind, name)
@@ -140,7 +158,9 @@ def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
     with np.errstate(invalid="ignore", over="ignore"):
         cast = numbers.astype(kind)
     if cast.dtype.kind != "f" and (cast != numbers).any():
-        raise InputError(f"{path}: a value of '{name}' does not fit its type; export the mesh again")
+        raise InputError(
+            f"{path}: a value of '{name}' does not fit its type; export the mesh again"
+        )
     return cast
 
 
@@ -153,14 +173,21 @@ def _read_binary(path: Path, data: bytes, header: _Header) -> None:
             if length_type is None:
                 row.append((name, header.order + kind))
             else:
-                length = _number(path, data, fixed, header.order + length_type) if element.count else 0
-                row += [(f"{name} ", header.order + length_type), (name, header.order + kind, length)]
+                length = (
+                    _number(path, data, fixed, header.order + length_type) if element.count else 0
+                )
+                row += [
+                    (f"{name} ", header.order + length_type),
+                    (name, header.order + kind, length),
+                ]
             fixed = place + np.dtype(row).itemsize
         whole = np.dtype(row)
         if place + whole.itemsize * element.count <= len(data):
             table = np.frombuffer(data, whole, element.count, place)
             if all(
-                (table[name] == table[name][:1]).all() for name in table.dtype.names or () if name[-1] == " "
+                (table[name] == table[name][:1]).all()
+                for name in table.dtype.names or ()
+                if name[-1] == " "
             ):
                 for name in element.types:
                     element.values[name] = table[name].ravel()
@@ -190,7 +217,9 @@ def _read_rows(path: Path, data: bytes, element: _Element, order: str, place: in
                 place += length_kind.itemsize
             end = place + length * kind.itemsize
             if end > len(data) or length < 0:
-                told = f"ends within {element.name} {row:,} of {element.count:,}: the file is cut off"
+                told = (
+                    f"ends within {element.name} {row:,} of {element.count:,}: the file is cut off"
+                )
                 raise InputError(f"{path}: {told}; export the mesh again")
             found[name].append(np.frombuffer(data, kind, length, place))
             place = end
@@ -208,7 +237,9 @@ def _number(path: Path, data: bytes, place: int, kind: str | np.dtype[Any]) -> i
         )
     value = float(np.frombuffer(data, kind, 1, place)[0])
     if not 0 <= value <= len(data) or value != int(value):
-        raise InputError(f"{path}: a list has {value:g} values: the file is damaged; export the mesh again")
+        raise InputError(
+            f"{path}: a list has {value:g} values: the file is damaged; export the mesh again"
+        )
     return int(value)
 
 
@@ -219,11 +250,19 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
         raise InputError(
             f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
         )
-    for name in (*_POINT, *_NORMAL, *(name for names in (*_COORDINATES, *_COLORS) for name in names)):
+    for name in (
+        *_POINT,
+        *_NORMAL,
+        *(name for names in (*_COORDINATES, *_COLORS) for name in names),
+    ):
         if vertex.types.get(name, (None,))[0] is not None:
-            raise InputError(f"{path}: {name} of vertices is a list, and must be one number; export it again")
+            raise InputError(
+                f"{path}: {name} of vertices is a list, and must be one number; export it again"
+            )
     if (strips := elements.get("tristrips")) is not None and strips.count:
-        raise InputError(f"{path}: triangle strips (element tristrips) are not read; export triangles")
+        raise InputError(
+            f"{path}: triangle strips (element tristrips) are not read; export triangles"
+        )
     if face is None or not face.count:
         what = "a point cloud"
         if {"f_dc_0", "opacity", "rot_0", "scale_0"} <= vertex.types.keys():
@@ -236,7 +275,9 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
         raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
 
 
-def _content(path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]) -> MeshContent:
+def _content(
+    path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]
+) -> MeshContent:
     vertex, face = elements["vertex"], elements["face"]
     points = _columns(vertex, _POINT).astype(np.float64)
     name = next(name for name in _CORNERS if name in face.lengths)
@@ -275,7 +316,9 @@ def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -
         raise InputError(f"{path}: face {face} has {few}, and needs three; repair the mesh")
     corners = values.astype(np.int64)
     if (corners != values).any():
-        raise InputError(f"{path}: faces have corners that are no whole numbers; export the mesh again")
+        raise InputError(
+            f"{path}: faces have corners that are no whole numbers; export the mesh again"
+        )
     if corners.min() < 0 or corners.max() >= vertices:
         worst = corners.min() if corners.min() < 0 else corners.max()
         told = f"faces point past the vertices (index {worst}, {vertices} vertices)"
@@ -294,7 +337,9 @@ def _textured(
             unique, inverse = unique_rows(uv)
         faces, chosen, places = unmerge_faces(faces, inverse.reshape(faces.shape))
         return faces, chosen, uv[unique][places]
-    names = next((names for names in _COORDINATES if all(one in vertex.values for one in names)), None)
+    names = next(
+        (names for names in _COORDINATES if all(one in vertex.values for one in names)), None
+    )
     if names is None:
         return faces, slice(None), None
     chosen, numbered = np.unique(faces, return_inverse=True)
@@ -313,7 +358,9 @@ def _unread(
         found.append(UnreadFeature(feature="colors of faces", consequence="are not shown"))
     if "texcoord" in face.lengths and (face.lengths["texcoord"] != 2 * counts).any():
         some = "are not read: not all faces have them"
-        found.append(UnreadFeature(feature="texture coordinates of faces (texcoord)", consequence=some))
+        found.append(
+            UnreadFeature(feature="texture coordinates of faces (texcoord)", consequence=some)
+        )
     found += [
         UnreadFeature(feature=f"element {name}", consequence="is not drawn: it has no faces")
         for name, element in elements.items()

@@ -1,12 +1,13 @@
 """Polygons cut into triangles, in their own plane.
 
-Libraries for it (mapbox_earcut) drop corners on straight edges, and neighbors would meet in cracks: here a
-polygon of n corners always gives n - 2 triangles.
+Libraries for it (mapbox_earcut) drop corners on straight edges, and neighbors would meet in cracks:
+here a polygon of n corners always gives n - 2 triangles.
 
-However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a cut of
-an outline that does not cross itself is right where no triangle faces against Newell's normal: nothing is
-covered twice or left out. A fan is right, too, where the outline turns by 360 degrees alone. Ears cut off an
-outline that crosses itself are not always found out: its ends may overlap, as those of a ring cut open.
+However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a
+cut of an outline that does not cross itself is right where no triangle faces against Newell's
+normal: nothing is covered twice or left out. A fan is right, too, where the outline turns by 360
+degrees alone. Ears cut off an outline that crosses itself are not always found out: its ends may
+overlap, as those of a ring cut open.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from xfrustum.scenes.errors import InputError
 
 #: Largest number of corners of a polygon that the fan does not cut; the time grows as their square.
 MAX_CONCAVE_CORNERS = 4_000
-#: Rounding errors of a cross product of coordinates of at most one, in units of the coordinates' own.
+#: Rounding errors of a cross product of coordinates of at most one, in units of the coordinates'
+#: own.
 _ROUNDINGS = 16
 _SPIKE = 1e-6  # radians: an outline that goes back on itself may turn either way, by rounding
 
@@ -30,9 +32,9 @@ def cut_polygons(
 ) -> Indices:
     """Return (T, 3) places in `corners` of the triangles of polygons, polygon by polygon.
 
-    A polygon's fan from its first corner stays wherever it is right; the second triangle of a quadrilateral
-    then begins at its third corner, as in trimesh. Polygons that are not flat are cut as seen along Newell's
-    normal; their fan, too, stays where all of it faces that way.
+    A polygon's fan from its first corner stays wherever it is right; the second triangle of a
+    quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are cut
+    as seen along Newell's normal; their fan, too, stays where all of it faces that way.
 
     Parameters
     ----------
@@ -133,7 +135,9 @@ def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
     edges -= np.einsum("ptx,px->pt", edges, normals)[..., None] * normals[:, None]
     edges = np.concatenate([edges, edges], axis=1)
     long = np.linalg.norm(edges, axis=2) > doubt[:, None]
-    last = np.maximum.accumulate(np.where(long, np.arange(2 * count), 0), axis=1)  # corners that coincide
+    last = np.maximum.accumulate(
+        np.where(long, np.arange(2 * count), 0), axis=1
+    )  # corners that coincide
     edges = np.take_along_axis(edges, last[..., None], axis=1)[:, count - 1 :]
     sines = np.einsum("ptx,px->pt", np.cross(edges[:, :-1], edges[:, 1:]), normals)
     turns = np.arctan2(sines, np.einsum("ptx,ptx->pt", edges[:, :-1], edges[:, 1:]))
@@ -162,7 +166,8 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
             return False
         inside = _turn(a, b, left_over) >= -doubt
         inside &= (_turn(b, c, left_over) >= -doubt) & (_turn(c, a, left_over) >= -doubt)
-        # Bridges to holes pass through a corner twice: other corners in the same place are no obstacle.
+        # Bridges to holes pass through a corner twice: other corners in the same place are no
+        # obstacle.
         return bool((corners[inside, None] == three).all(axis=2).any(axis=1).all())
 
     ears = np.array([is_ear(tip) for tip in range(count)])
@@ -171,7 +176,11 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
         tips = np.flatnonzero(ears).tolist()
         if not tips:
             alone = np.flatnonzero(~np.isnan(left_over[:, 0])).tolist()
-            tips = [tip for tip in alone if is_ear(tip) or abs(_turn(*corners[list(triangle(tip))])) <= doubt]
+            tips = [
+                tip
+                for tip in alone
+                if is_ear(tip) or abs(_turn(*corners[list(triangle(tip))])) <= doubt
+            ]
             if not tips:
                 return None
         tip = tips[0]

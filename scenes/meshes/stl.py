@@ -16,8 +16,12 @@ from xfrustum.scenes.notebook import counted
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 84  # 80 of any content, and the number of triangles
-_FACET_LINES = np.array([b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet"])
-_COSINE = 0.5  # of stored normals and those of the winding: rounded ones differ by less than 60 degrees
+_FACET_LINES = np.array(
+    [b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet"]
+)
+_COSINE = (
+    0.5  # of stored normals and those of the winding: rounded ones differ by less than 60 degrees
+)
 
 
 def read_stl(path: Path) -> MeshContent:
@@ -35,7 +39,9 @@ def read_stl(path: Path) -> MeshContent:
         return _read_text(path, data)
     told = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
     if len(data) < _HEADER_BYTES:
-        told = f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
+        told = (
+            f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
+        )
     raise InputError(f"{path}: {told}; export the mesh again")
 
 
@@ -47,7 +53,9 @@ def _read_text(path: Path, data: bytes) -> MeshContent:
     for place in np.flatnonzero(words[inside] != pattern)[:1].tolist():
         line = int(inside[place])
         wanted = pattern[place].decode()
-        raise lines.error(line, f"'{lines.text(line)[:40]}' where '{wanted}' must be; export the mesh again")
+        raise lines.error(
+            line, f"'{lines.text(line)[:40]}' where '{wanted}' must be; export the mesh again"
+        )
     ends, begins = np.flatnonzero(words == b"endsolid"), np.flatnonzero(words == b"solid")
     if len(inside) % len(_FACET_LINES) or len(ends) != len(begins) or words[-1] != b"endsolid":
         facet = len(inside) // len(_FACET_LINES)
@@ -56,13 +64,17 @@ def _read_text(path: Path, data: bytes) -> MeshContent:
         )
     corners, per_line = lines.numbers(words == b"vertex", skip=len("vertex"))
     for place in np.flatnonzero(per_line != 3)[:1].tolist():
-        raise lines.error(int(np.flatnonzero(words == b"vertex")[place]), "a vertex needs three coordinates")
+        raise lines.error(
+            int(np.flatnonzero(words == b"vertex")[place]), "a vertex needs three coordinates"
+        )
     return _content(path, corners.reshape(-1, 3, 3), None, False)
 
 
 def _content(path: Path, corners: Floats, normals: Floats | None, colored: bool) -> MeshContent:
     if not len(corners):
-        raise InputError(f"{path}: the mesh has no triangles: it says so itself; export the mesh again")
+        raise InputError(
+            f"{path}: the mesh has no triangles: it says so itself; export the mesh again"
+        )
     unread = []
     if colored:
         told = "are not shown: some programs store colors there"

@@ -19,7 +19,9 @@ _SPACE = ord(" ")  #: bytes up to this one are white space
 #: Tab, vertical tab and form feed are blanks; other control bytes become DEL, which no number has.
 _BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, ord("\n"): ord("\n")}
 _CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
-_CONTINUED = b" \v"  #: written over a backslash and the line end that it continues, so that lines count
+_CONTINUED = (
+    b" \v"  #: written over a backslash and the line end that it continues, so that lines count
+)
 
 
 def plain_text(data: bytes) -> bytes:
@@ -46,7 +48,9 @@ class TextLines:
 
     def __init__(self, path: Path, data: bytes, start: int = 0) -> None:
         if b"\0" in data:
-            raise InputError(f"{path}: has zero bytes, as no text has; save it as UTF-8, or repair it")
+            raise InputError(
+                f"{path}: has zero bytes, as no text has; save it as UTF-8, or repair it"
+            )
         self.path = path
         self._data = data if data.endswith(b"\n") else data + b"\n"
         self._bytes = np.frombuffer(self._data, np.uint8)
@@ -91,14 +95,17 @@ class TextLines:
     ) -> tuple[NDArray[Any], Indices]:
         """Return the numbers of some lines in a row, and how many each has.
 
-        The first `skip` bytes of a line, its keyword, are left out. Raises InputError at what is no number.
+        The first `skip` bytes of a line, its keyword, are left out. Raises InputError at what is no
+        number.
         """
         text, line_ends = self.bytes_of(lines, skip=skip)
         starts = word_starts(text)
 
         def refused(word: int) -> InputError:
             line = int(np.arange(len(self))[lines][np.searchsorted(line_ends, starts[word])])
-            return self.error(line, f"'{self.text(line)[:60]}' has a word that is no number; mend the line")
+            return self.error(
+                line, f"'{self.text(line)[:60]}' has a word that is no number; mend the line"
+            )
 
         counts = np.diff(np.searchsorted(starts, line_ends), prepend=0)
         return parse(text, kind, len(starts), refused), counts
@@ -121,7 +128,10 @@ class TextLines:
 
 
 def parse(
-    text: NDArray[np.uint8], kind: type[np.generic], count: int, refused: Callable[[int], InputError]
+    text: NDArray[np.uint8],
+    kind: type[np.generic],
+    count: int,
+    refused: Callable[[int], InputError],
 ) -> NDArray[Any]:
     """Return the numbers of a text of some words; raise the error of the first word that is no number."""
     data = text.tobytes()

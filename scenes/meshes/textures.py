@@ -20,7 +20,8 @@ from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.meshes.content import MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
-#: What Pillow raises at damage and at variants that it does not implement; the plugins of formats differ.
+#: What Pillow raises at damage and at variants that it does not implement; the plugins of formats
+#: differ.
 _DAMAGED = (
     ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
     struct.error,
@@ -32,9 +33,9 @@ def decode_textures(
 ) -> tuple[tuple[Bytes, ...], Numbers | None, list[UnreadFeature]]:
     """Return decoded textures of a mesh file's parts, texture numbers of triangles, and unread textures.
 
-    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are -1 where a
-    triangle has none, and None where there are no pictures. Unread are textures that the file names and that
-    are not shown, such as a damaged one.
+    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are
+    -1 where a triangle has none, and None where there are no pictures. Unread are textures that the
+    file names and that are not shown, such as a damaged one.
     """
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
@@ -45,10 +46,16 @@ def decode_textures(
             continue
         pixels, name = None, part.texture
         if part.picture is not None and part.uv is not None:
-            input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
+            input_files.check_picture_size(
+                path, *part.picture.size
+            )  # pictures within glTF files too
             with suppress(*_DAMAGED):  # Pillow decodes, and finds damage, only here
-                if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
-                    gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(np.uint8)
+                if (
+                    part.picture.mode == "I;16"
+                ):  # gray of 16 bits, which Pillow would clip, not scale
+                    gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(
+                        np.uint8
+                    )
                     pixels = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
                 elif part.picture.mode not in ("I", "F"):  # 32 bits a pixel, of any scale
                     pixels = np.array(part.picture.convert("RGBA"), dtype=np.uint8)
@@ -62,7 +69,8 @@ def decode_textures(
                 lost = "is not shown: there are no coordinates"
             unread.append(UnreadFeature(feature=f"texture {name}", consequence=lost))
     indices = [
-        np.full(len(part.faces), numbers[key], np.int32) for part, key in zip(parts, keys, strict=True)
+        np.full(len(part.faces), numbers[key], np.int32)
+        for part, key in zip(parts, keys, strict=True)
     ]
     return tuple(pictures), np.concatenate(indices) if pictures else None, unread
 
@@ -96,8 +104,8 @@ def opened(data: bytes) -> Any:
 def linear_colors(stored: NDArray[Any]) -> Floats:
     """Return (V, 3) linear RGB of stored sRGB, alpha ignored.
 
-    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1, as some
-    exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
+    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1,
+    as some exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
     """
     color = stored[:, :3].astype(np.float64)
     if stored.dtype in (np.uint8, np.uint16):

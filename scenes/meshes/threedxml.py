@@ -27,10 +27,16 @@ def read_3dxml(path: Path) -> MeshContent:
     structure = tree.find("{*}ProductStructure")
     if structure is None:
         raise package.error("has no ProductStructure; export the mesh again")
-    if any(one.get("visible") in ("false", "0") for one in tree.iterfind(".//{*}GeneralAttributes")):
-        raise package.error("hides some of its objects, which is not read; export what is to be seen")
+    if any(
+        one.get("visible") in ("false", "0") for one in tree.iterfind(".//{*}GeneralAttributes")
+    ):
+        raise package.error(
+            "hides some of its objects, which is not read; export what is to be seen"
+        )
     if tree.find(".//{*}DefaultViewProperty/{*}RelativePosition") is not None:
-        raise package.error("moves objects in a view (RelativePosition), which is not read; export without")
+        raise package.error(
+            "moves objects in a view (RelativePosition), which is not read; export without"
+        )
     nodes: dict[str, Node] = {}
     for one in tree.iterfind(".//{*}Reference3D"):
         nodes[one.get("id", "")] = Node()
@@ -39,7 +45,9 @@ def read_3dxml(path: Path) -> MeshContent:
     # Instances of geometry first, as trimesh numbers triangles.
     for kind in ("InstanceRep", "Instance3D"):
         for one in tree.iterfind(f".//{{*}}{kind}"):
-            parent, child = (_node(package, nodes, one, name) for name in ("IsAggregatedBy", "IsInstanceOf"))
+            parent, child = (
+                _node(package, nodes, one, name) for name in ("IsAggregatedBy", "IsInstanceOf")
+            )
             matrix = np.eye(4)
             if (text := one.findtext("{*}RelativeMatrix")) is not None:
                 numbers = package.numbers(text, 3)
@@ -62,7 +70,9 @@ def _node(package: Package, nodes: dict[str, Node], instance: Element, name: str
     text = (instance.findtext(f"{{*}}{name}") or "").strip()
     found = nodes.get(text.rpartition(":")[2])
     if found is None:
-        raise package.error(f"'{text[:80]}' ({name}) is not in the file; export the mesh with all its parts")
+        raise package.error(
+            f"'{text[:80]}' ({name}) is not in the file; export the mesh with all its parts"
+        )
     return found
 
 
@@ -70,7 +80,9 @@ def _representation(package: Package, reference: Element) -> list[MeshPart]:
     """Return the one part of a tessellated representation, or none where it has no faces."""
     form, name = reference.get("format", ""), reference.get("associatedFile", "").rpartition(":")[2]
     if form != "TESSELLATED":
-        raise package.error(f"{name} has the format {form}, which is not read; export tessellated geometry")
+        raise package.error(
+            f"{name} has the format {form}, which is not read; export tessellated geometry"
+        )
     vertices, normals, faces, before = [], [], [], 0
     root, _ = package.read(name)
     for one in root.iterfind(".//{*}Rep"):
@@ -85,7 +97,9 @@ def _representation(package: Package, reference: Element) -> list[MeshPart]:
         vertices.append(points)
         own = _finest(package, one)
         if len(own) and (own.min() < 0 or own.max() >= len(points)):
-            raise package.error(f"{name}: faces point past the vertices, of which there are {len(points):,}")
+            raise package.error(
+                f"{name}: faces point past the vertices, of which there are {len(points):,}"
+            )
         faces.append(before + own)
         before += len(points)
     if not sum(len(one) for one in faces):
@@ -107,12 +121,20 @@ def _finest(package: Package, rep: Element) -> Indices:
     if not own and levels:
         accuracies = package.numbers(" ".join(level.get("accuracy", "inf") for level in levels), 1)
         if len(accuracies) != len(levels):
-            raise package.error("has a PolygonalLOD whose accuracy is no number; export the mesh again")
+            raise package.error(
+                "has a PolygonalLOD whose accuracy is no number; export the mesh again"
+            )
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
     found = [np.zeros((0, 3), np.int64)]
     for face in (face for faces in own for face in faces.iterfind(".//{*}Face")):
-        for kind, to_faces in (("strips", triangle_strips_to_faces), ("fans", triangle_fans_to_faces)):
-            rows = [package.numbers(row, 1)[:, 0].astype(np.int64) for row in face.get(kind, "").split(",")]
+        for kind, to_faces in (
+            ("strips", triangle_strips_to_faces),
+            ("fans", triangle_fans_to_faces),
+        ):
+            rows = [
+                package.numbers(row, 1)[:, 0].astype(np.int64)
+                for row in face.get(kind, "").split(",")
+            ]
             found += [to_faces([row]) for row in rows if len(row) > 2]
             if kind == "strips":
                 found.append(package.numbers(face.get("triangles"), 3).astype(np.int64))

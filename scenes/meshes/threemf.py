@@ -1,7 +1,7 @@
 """3MF: objects, components and build items (core specification 1.3, and production extension 1.1).
 
-Triangles are numbered as by trimesh: those of an object's first component, then of the others from the last
-one on; components that place the same object come together.
+Triangles are numbered as by trimesh: those of an object's first component, then of the others from
+the last one on; components that place the same object come together.
 """
 
 from __future__ import annotations
@@ -42,12 +42,16 @@ def read_3mf(path: Path) -> MeshContent:
     root_part = targets[0].lstrip("/")
     root = model.part(root_part)
     items = [
-        item for build in root.findall(f"{{{_CORE}}}build") for item in build.findall(f"{{{_CORE}}}item")
+        item
+        for build in root.findall(f"{{{_CORE}}}build")
+        for item in build.findall(f"{{{_CORE}}}item")
     ]
     try:
         placed = package.placed(model.group(root_part, items))
     except RecursionError as error:
-        raise package.error("objects lie within each other too deeply; export the mesh again") from error
+        raise package.error(
+            "objects lie within each other too deeply; export the mesh again"
+        ) from error
     unread = []
     unit = root.get("unit", "millimeter")
     if unit != "millimeter":
@@ -87,11 +91,14 @@ class _Model:
         children: dict[tuple[str, str], list[tuple[Node, Floats]]] = {}
         for one in references:
             path = next(
-                (value for name, value in one.attrib.items() if name.rpartition("}")[2] == "path"), part
+                (value for name, value in one.attrib.items() if name.rpartition("}")[2] == "path"),
+                part,
             )
             key = path.lstrip("/"), one.get("objectid", "")
             children.setdefault(key, []).append((self._object(*key), self._transform(one.attrib)))
-        first, *others = [child for group in children.values() for child in group] or [(Node(), np.eye(4))]
+        first, *others = [child for group in children.values() for child in group] or [
+            (Node(), np.eye(4))
+        ]
         return Node(children=[first, *reversed(others)])
 
     def _object(self, part: str, number: str) -> Node:
@@ -100,16 +107,25 @@ class _Model:
         if key not in self._nodes:
             element = self._elements.get(key)
             if element is None:
-                raise self.package.error(f"object {number} of {part} is not there; export the mesh again")
-            self._nodes[key] = node = Node()  # first, so that a circle ends here; placing refuses it
+                raise self.package.error(
+                    f"object {number} of {part} is not there; export the mesh again"
+                )
+            self._nodes[key] = node = (
+                Node()
+            )  # first, so that a circle ends here; placing refuses it
             self._read(part, element, node)
         return self._nodes[key]
 
     def _read(self, part: str, element: Element, node: Node) -> None:
-        for one in (*element, *(two for mesh in element.findall(f"{{{_CORE}}}mesh") for two in mesh)):
+        for one in (
+            *element,
+            *(two for mesh in element.findall(f"{{{_CORE}}}mesh") for two in mesh),
+        ):
             name = one.tag.rpartition("}")[2]
             if name not in _HARMLESS:
-                told = f"object {element.get('id')} of {part} is made of '{name}', which is not read"
+                told = (
+                    f"object {element.get('id')} of {part} is made of '{name}', which is not read"
+                )
                 raise self.package.error(f"{told}; export triangles alone")
         self.colored |= element.get("pid") is not None
         for mesh in element.findall(f"{{{_CORE}}}mesh"):
@@ -118,15 +134,15 @@ class _Model:
             self.colored |= any("pid" in one.attrib for one in triangles)
             corners = self._table(triangles, ("v1", "v2", "v3"))
             if (corners != np.floor(corners)).any():
-                told = (
-                    f"object {element.get('id')} of {part} has corners of triangles that are no whole numbers"
-                )
+                told = f"object {element.get('id')} of {part} has corners of triangles that are no whole numbers"
                 raise self.package.error(f"{told}; export the mesh again")
             if len(corners):
                 points = self._table(vertices, ("x", "y", "z"))
                 node.parts.append(
                     MeshPart(
-                        name=f"{part} {element.get('id')}", vertices=points, faces=corners.astype(np.int64)
+                        name=f"{part} {element.get('id')}",
+                        vertices=points,
+                        faces=corners.astype(np.int64),
                     )
                 )
         components = element.findall(f"{{{_CORE}}}components/{{{_CORE}}}component")

@@ -1,6 +1,7 @@
 """How a device draws: its roundings, known by measurement and not from its maker.
 
-`xfrustum.raster.device.fingerprint` measures them, `xfrustum.compare.rounding` explains pixels by them.
+`xfrustum.raster.device.fingerprint` measures them, `xfrustum.compare.rounding` explains pixels by
+them.
 """
 
 from __future__ import annotations
@@ -40,12 +41,14 @@ class DeviceModel:
     name: str  #: for people, and in what commands print as `device_model`
     #: Binary digits of a pixel to which vertices are snapped (GL_SUBPIXEL_BITS)
     subpixel_bits: Digits
-    #: Whether depth, 1 / w and varyings are interpolated from snapped vertices, so that they move with edges
+    #: Whether depth, 1 / w and varyings are interpolated from snapped vertices, so that they move
+    #: with edges
     snaps_depth: bool
     #: d16, d24: how a depth in float32 is rounded to the steps of a format. D32F keeps it as it is.
     d16: Range = NEAREST
     d24: Range = NEAREST
-    #: Whether a depth is rounded after each of the two steps of its plane, along x and y, not only at the end
+    #: Whether a depth is rounded after each of the two steps of its plane, along x and y, not only
+    #: at the end
     rounds_planes: bool = True
     filter_bits: Digits | None = None  #: of the weights of a bilinear filter; None for float32
 
@@ -66,7 +69,9 @@ class DeviceModel:
 
     def stored(self, depth: DepthFormat) -> Range:
         """Return how a float32 depth is rounded to the steps of a format."""
-        return {DepthFormat.D16: self.d16, DepthFormat.D24: self.d24, DepthFormat.D32F: (0.0, 0.0)}[depth]
+        return {DepthFormat.D16: self.d16, DepthFormat.D24: self.d24, DepthFormat.D32F: (0.0, 0.0)}[
+            depth
+        ]
 
     def stored_steps(self, depth: DepthFormat) -> float:
         """Return within how many steps of a format two equal depths may be stored; 0 for D32F."""
@@ -105,7 +110,8 @@ H100 = DeviceModel(
     name="NVIDIA H100",
     subpixel_bits=8,
     snaps_depth=True,
-    # A depth is cut off to sixteenths of a step, and half goes down: the next step begins at 9 / 16.
+    # A depth is cut off to sixteenths of a step, and half goes down: the next step begins at 9 /
+    # 16.
     d16=(-0.5 - SIXTEENTH, 0.5),
     rounds_planes=False,
     filter_bits=8,
@@ -119,7 +125,8 @@ SOFTPIPE = DeviceModel(
     name="softpipe",
     subpixel_bits=4,
     snaps_depth=False,
-    # Depths are cut off; in D16 the gradient is, too, by less than a step for each block but a span's first.
+    # Depths are cut off; in D16 the gradient is, too, by less than a step for each block but a
+    # span's first.
     d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
     d24=(-1.0, 0.0),
 )

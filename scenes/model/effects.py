@@ -1,7 +1,8 @@
 """The effects that a scene calls for, and why; and a bound of the space that images can show.
 
-A scene that does not call for an effect has the same picture without it. What lies outside of the bound is in
-no image and calls for none, but for light paths: surfaces out of sight cast shadows and send light.
+A scene that does not call for an effect has the same picture without it. What lies outside of the
+bound is in no image and calls for none, but for light paths: surfaces out of sight cast shadows and
+send light.
 """
 
 from __future__ import annotations
@@ -22,17 +23,21 @@ from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-#: Smallest near, as a share of the longest reach, for which images are known to end at `FAR_MARGIN`.
+#: Smallest near, as a share of the longest reach, for which images are known to end at
+#: `FAR_MARGIN`.
 SMALLEST_NEAR_SHARE = 2.0**-16
-#: Roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in w, one in
-#: the difference, and four times as many for vertices and matrices that are rounded to float32 before.
+#: Roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in
+#: w, one in the difference, and four times as many for vertices and matrices that are rounded to
+#: float32 before.
 FAR_ROUNDINGS = 16
-#: Factor by which a drawn image may reach farther than asked for. With `standard` and `gl` depth w - z = n (f
-#: - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a share
-#: 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
+#: Factor by which a drawn image may reach farther than asked for. With `standard` and `gl` depth w
+#: - z = n (f
+#: - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane
+#: by a share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
-#: Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
-#: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much.
+#: Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at
+#: most eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32
+#: times as much.
 ROUNDING_MARGIN = 2.0**-16
 #: Triangles that are tried together: most objects are shown by one among the first.
 TRIANGLES_AT_ONCE = 1 << 12
@@ -49,14 +54,21 @@ class Region:
     unbounded: bool = False  #: whether near is so small that float32 knows no far plane
 
     @classmethod
-    def of(
-        cls, scene: Scene, apertures: Iterable[Aperture] | None = None, settings: Sequence[DoubleFrustum] = ()
+    def from_scene(
+        cls,
+        scene: Scene,
+        apertures: Iterable[Aperture] | None = None,
+        settings: Sequence[DoubleFrustum] = (),
     ) -> Region:
         """Return the region of drawn images of some apertures with their cells; None for all of the plate.
 
-        It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up; only smaller ones need settings.
+        It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up; only smaller ones need
+        settings.
         """
-        unbounded, step = any(loses_far_plane(scene, one) for one in settings), scene.frustum.longest_reach
+        unbounded, step = (
+            any(loses_far_plane(scene, one) for one in settings),
+            scene.frustum.longest_reach,
+        )
         return cls(scene=scene, apertures=_cells(scene, apertures), step=step, unbounded=unbounded)
 
     @classmethod
@@ -67,10 +79,10 @@ class Region:
     def holds(self, low: Floats, high: Floats) -> Mask:
         """Return which axis-parallel boxes may have a part in the region; False is certain.
 
-        `low` and `high` are (N, 3) lowest and highest coordinates of each box, scene units. At a distance d
-        from the plate the lines of an aperture at a span the interval a + (m - a) z/Z -+ t (d + n), where
-        the screen has its middle m at the height Z. It is linear in d and in a each, so that over ranges of
-        both its ends are extreme at the ranges' own ends.
+        `low` and `high` are (N, 3) lowest and highest coordinates of each box, scene units. At a
+        distance d from the plate the lines of an aperture at a span the interval a + (m - a) z/Z -+
+        t (d + n), where the screen has its middle m at the height Z. It is linear in d and in a
+        each, so that over ranges of both its ends are extreme at the ranges' own ends.
         """
         held: Mask = np.zeros(len(low), dtype=np.bool_)
         for side, reach in zip((1.0, -1.0), self.scene.frustum.reach, strict=True):
@@ -80,7 +92,11 @@ class Region:
             inside = (farthest >= 0) & (nearest <= end)
             begin, stop = np.maximum(nearest, 0.0), np.minimum(np.maximum(farthest, 0.0), end)
             for axis in (0, 1):
-                ends = [self._interval(axis, a, d, side) for a in self.apertures[axis] for d in (begin, stop)]
+                ends = [
+                    self._interval(axis, a, d, side)
+                    for a in self.apertures[axis]
+                    for d in (begin, stop)
+                ]
                 lowest = np.minimum.reduce([middle - half for middle, half, _ in ends])
                 highest = np.maximum.reduce([middle + half for middle, half, _ in ends])
                 slack = ROUNDING_MARGIN * np.maximum.reduce([size for _, _, size in ends])
@@ -88,7 +104,9 @@ class Region:
             held |= inside
         return held
 
-    def _interval(self, axis: int, a: float, d: Floats, side: float) -> tuple[Floats, Floats, Floats]:
+    def _interval(
+        self, axis: int, a: float, d: Floats, side: float
+    ) -> tuple[Floats, Floats, Floats]:
         """Return middle and half width of the lines of an aperture at distances d, and their largest term."""
         frustum = self.scene.frustum
         if frustum.screen is None:
@@ -96,7 +114,8 @@ class Region:
             half = math.tan(frustum.fov[axis] / 2) * (d + self.step)
             return np.full_like(d, a), half, abs(a) + half
         slope = (frustum.screen.center[axis] - a) / frustum.screen.height
-        # The shear of pivot `camera` is fixed at the camera, which moves the frustum aside by up to a step.
+        # The shear of pivot `camera` is fixed at the camera, which moves the frustum aside by up to
+        # a step.
         half = frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + self.step)
         half = half + abs(slope) * self.step
         return a + slope * side * d, half, abs(a) + abs(slope) * d + half
@@ -131,7 +150,9 @@ def _cells(scene: Scene, apertures: Iterable[Aperture] | None) -> tuple[tuple[fl
         return tuple((-size / 2, size / 2) for size in plate.size)
     along = zip(*((aperture.x, aperture.y) for aperture in apertures), strict=True)
     halves = (size / count / 2 for size, count in zip(plate.size, plate.hogels, strict=True))
-    return tuple((min(places) - half, max(places) + half) for places, half in zip(along, halves, strict=True))
+    return tuple(
+        (min(places) - half, max(places) + half) for places, half in zip(along, halves, strict=True)
+    )
 
 
 class Effect(StrEnum):
@@ -170,7 +191,9 @@ class Decision:
     used: bool
     reason: str
     objects: tuple[int, ...] = ()  #: numbers of those that call for the effect and may be shown
-    out_of_sight: tuple[int, ...] = ()  #: of those that would, but lie beyond the reach or beside the frusta
+    out_of_sight: tuple[
+        int, ...
+    ] = ()  #: of those that would, but lie beyond the reach or beside the frusta
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,13 +202,15 @@ class Question:
 
     camera: Camera = Camera.BOTH  #: cameras that draw
     apertures: tuple[Aperture, ...] | None = None  #: None for all of the plate
-    settings: tuple[DoubleFrustum, ...] = ()  #: none are needed unless a near is tiny, see `Region.of`
+    settings: tuple[
+        DoubleFrustum, ...
+    ] = ()  #: none are needed unless a near is tiny, see `Region.from_scene`
 
 
 def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ...]:
     """Return the decision about every effect, for some images or all of the whole plate."""
     asked = question or Question()
-    region = Region.of(scene, asked.apertures, asked.settings)
+    region = Region.from_scene(scene, asked.apertures, asked.settings)
     shown = [region.shows(part) for part in scene.objects]
     decisions = []
     for effect in Effect:
@@ -195,7 +220,9 @@ def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ..
         for number, part in enumerate(() if refused else scene.objects):
             faces = _calling_faces(effect, part, scene.materials[number])
             if faces is not None and faces.any():
-                seen = shown[number] and (bool(faces.all()) or region.shows(part, part.faces[faces]))
+                seen = shown[number] and (
+                    bool(faces.all()) or region.shows(part, part.faces[faces])
+                )
                 (inside if seen else outside).append(number)
         reason = refused or _reason(scene, effect, len(inside), len(outside))
         seen_or_not = {"objects": tuple(inside), "out_of_sight": tuple(outside)}
@@ -211,7 +238,11 @@ def _refused(scene: Scene, effect: Effect, camera: Camera) -> str | None:
     if effect is Effect.REFLECTION:
         if environment is None:
             return "there is no environment to reflect"
-        return None if environment.strength and environment.radiance.any() else "the environment is black"
+        return (
+            None
+            if environment.strength and environment.radiance.any()
+            else "the environment is black"
+        )
     if effect in (Effect.DIFFUSE, Effect.SPECULAR):
         wanted = any(max(getattr(one, effect.value)) > 0 for one in scene.materials)
         if wanted and not any(max(one.color) > 0 for one in scene.appearance.lights):
@@ -250,7 +281,9 @@ def _reason(scene: Scene, effect: Effect, inside: int, outside: int) -> str:
         return f"no object has {what.format('its')}"
     subject = "one object has" if count == 1 else f"{count} objects have"
     them = "it" if "a " in what else "them"
-    aside = f", but what has {them} lies beyond the reach or beside the frusta" if not inside else ""
+    aside = (
+        f", but what has {them} lies beyond the reach or beside the frusta" if not inside else ""
+    )
     return f"{subject} {what.format('its' if count == 1 else 'their')}{aside}"
 
 
@@ -267,7 +300,9 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
         return ALL_EFFECTS
     asked = {name.strip() for name in names.split(",")}
     if asked & {"auto", "all"}:
-        raise InputError(f"effects are auto, or all, or names between commas, and no mixture: not {names!r}")
+        raise InputError(
+            f"effects are auto, or all, or names between commas, and no mixture: not {names!r}"
+        )
     for name in sorted(asked - set(Effect)):
         raise InputError(
             f"no effect is called {name!r}; use auto, or all, or names out of {', '.join(Effect)}"
@@ -278,7 +313,9 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
 def checked(effects: object) -> frozenset[Effect]:
     """Return effects that are given as members or names as members; InputError where they are no such."""
     if isinstance(effects, str) or not isinstance(effects, Iterable):
-        raise InputError(f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}")
+        raise InputError(
+            f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}"
+        )
     return frozenset(choice(Effect, effect, "an effect") for effect in effects)
 
 
@@ -294,7 +331,9 @@ class SlabContent:
 def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, ...]:
     """Return the content of every slab that is asked for, from the back: C's inward, C*'s outward."""
     reach_viewer, reach_back = scene.frustum.reach
-    behind = [_slab(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
+    behind = [
+        _slab(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))
+    ]
     before = [_slab(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
     return tuple(one for one in (*behind, *before) if settings.camera in (Camera.BOTH, one.camera))
 

@@ -11,7 +11,7 @@ from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
-from xfrustum.scenes.notebook import Brief, Labelled, digits
+from xfrustum.scenes.notebook import Labelled, ShortRepr, digits
 
 #: Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
@@ -30,14 +30,18 @@ class Beam(StrEnum):
 class Eye:
     """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top, in equal cells.
 
-    Raises InputError where it lies in or behind the plate, a number is not finite, or there are too many
-    pixels.
+    Raises InputError where it lies in or behind the plate, a number is not finite, or there are too
+    many pixels.
     """
 
-    position: tuple[float, float, float]  #: center of the pupil, scene units; z > 0, before the plate
+    position: tuple[
+        float, float, float
+    ]  #: center of the pupil, scene units; z > 0, before the plate
     resolution: tuple[int, int] = RESOLUTION  #: W, H in pixels
     pupil: float = 0.0  #: its diameter, scene units; 0 for a pinhole
-    focus: float = 0.0  #: height z, below the eye, of the plane in focus; without a pupil it has no effect
+    focus: float = (
+        0.0  #: height z, below the eye, of the plane in focus; without a pupil it has no effect
+    )
     beam: Beam = Beam.BOX
 
     def __post_init__(self) -> None:
@@ -74,10 +78,11 @@ class Eye:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class HogelPixels(Brief):
+class HogelPixels(ShortRepr):
     """The hogel and its pixel that each pixel of an eye's film takes, and two factors of the weight.
 
-    Columns depend on the eye's column alone, (W,), rows on its row, (H,). -1 where the ray meets no hogel.
+    Columns depend on the eye's column alone, (W,), rows on its row, (H,). -1 where the ray meets no
+    hogel.
     """
 
     hogel_column: Indices
@@ -99,10 +104,12 @@ class HogelPixels(Brief):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Replay(Brief):
+class Replay(ShortRepr):
     """All pixels of hogels that an eye is shown."""
 
-    shown: HogelPixels  #: those that say which surface: nearest to the rays through the pupil's center
+    shown: (
+        HogelPixels  #: those that say which surface: nearest to the rays through the pupil's center
+    )
     colors: tuple[HogelPixels, ...]  #: those whose weighted sum is what the eye sees
 
     @property
@@ -121,10 +128,14 @@ class EyeImage(SurfaceImage):
     """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     eye: Eye
-    triangle: Numbers  #: surface on the ray through the pupil's center, `NOTHING` where there is none
+    triangle: (
+        Numbers  #: surface on the ray through the pupil's center, `NOTHING` where there is none
+    )
     object: Numbers  #: likewise
     position: Floats  #: surface point, scene units; NaN where there is none or it is not known
-    color: Singles | None = None  #: linear RGB, averaged over the pupil and over beams; None if not known
+    color: Singles | None = (
+        None  #: linear RGB, averaged over the pupil and over beams; None if not known
+    )
     certainty: Bytes | None = None  #: uint8 `Certainty` per pixel; None where nothing was certified
 
     @property

@@ -21,7 +21,7 @@ from xfrustum.scenes.notebook import (
     SCENE_UNITS,
     Figure,
     Labelled,
-    Shown,
+    NotebookRepr,
     as_shown,
     by_height,
     dataset,
@@ -44,9 +44,11 @@ NOTHING = -1  #: triangle and object number of a pixel that shows no surface
 class Certainty(IntEnum):
     """The way in which the truth of a pixel was decided."""
 
-    PROVEN = 0  #: decided in floating point, with an error bound that separates it from every other outcome
+    #: decided in floating point, with an error bound that separates it from every other outcome
+    PROVEN = 0
     EXACT = 1  #: decided in rational arithmetic
-    TIE = 2  #: equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge
+    #: equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge
+    TIE = 2
     UNEXAMINED = 3  #: not decided: a tracer's proposal
 
 
@@ -66,7 +68,9 @@ class HogelCamera:
     scene_hash: str  #: proves that it is the same
     renderer: str  #: with versions or devices, for people
     settings: DoubleFrustum | None = None  #: those that drew the image; None for other renderers
-    light_paths: int | None = None  #: per pixel, over which color was averaged; None where none were traced
+    light_paths: int | None = (
+        None  #: per pixel, over which color was averaged; None where none were traced
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +82,7 @@ class Rendering:
     transport: Transport | None = None
 
     @classmethod
-    def of(
+    def from_effects(
         cls, effects: Iterable[Effect], sampling: Sampling, transport: Transport | None = None
     ) -> Rendering:
         """Return the rendering with its effects in order."""
@@ -86,7 +90,7 @@ class Rendering:
         return cls(effects=ordered, sampling=sampling, transport=transport)
 
 
-class SurfaceImage(Shown):
+class SurfaceImage(NotebookRepr):
     """An image whose pixels show surfaces: a notebook shows its color and heights, and xarray labels it."""
 
     triangle: Numbers
@@ -108,9 +112,10 @@ class SurfaceImage(Shown):
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
         """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
 
-        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from -1
-        to 1), and rgb or xyz; numbers of the camera are attributes. `units` names the scene's unit of length
-        (`scene.units`), which images do not know. Raises InputError where xarray is not installed.
+        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the
+        right, from -1 to 1), and rgb or xyz; numbers of the camera are attributes. `units` names
+        the scene's unit of length (`scene.units`), which images do not know. Raises InputError
+        where xarray is not installed.
         """
         images, places, attributes = self._labels(units)
         surfaces = {
@@ -119,7 +124,9 @@ class SurfaceImage(Shown):
             "height": Labelled(self.position[..., 2], "height above the plate", units),
             "position": Labelled(self.position, "visible surface point", units, last="xyz"),
             "color": Labelled(self.color, "linear radiance", NO_UNIT),
-            "certainty": Labelled(self.certainty, "0 proven, 1 decided exactly, 2 tie, 3 not examined"),
+            "certainty": Labelled(
+                self.certainty, "0 proven, 1 decided exactly, 2 tie, 3 not examined"
+            ),
         }
         return dataset({**surfaces, **images}, places, attributes)
 
@@ -128,7 +135,9 @@ class SurfaceImage(Shown):
         shown = Figure(caption="height, dark to light", content=png(by_height(covered, height)))
         if self.color is None:
             return (shown,)
-        return Figure(caption="color, sRGB", content=png(as_shown(self.color, covered, height))), shown
+        return Figure(
+            caption="color, sRGB", content=png(as_shown(self.color, covered, height))
+        ), shown
 
     def _pixels(self) -> str:
         """Return the size of the image, how many pixels show a surface, and at which heights."""
@@ -147,19 +156,33 @@ class HogelImage(SurfaceImage):
     camera: HogelCamera
     triangle: Numbers  #: int32, `NOTHING` where there is no surface
     object: Numbers  #: likewise
-    #: Visible surface point in scene units, NaN where there is none: float64 from a reference, float32 from a
-    #: rasterizer. Those of our own rasterizers and models are structures of arrays in memory.
+    #: Visible surface point in scene units, NaN where there is none: float64 from a reference,
+    #: float32 from a rasterizer. Those of our own rasterizers and models are structures of arrays
+    #: in memory.
     position: NDArray[np.floating]
-    normal: NDArray[np.floating] | None = None  #: unit, by the mesh's winding, NaN where there is no surface
+    normal: NDArray[np.floating] | None = (
+        None  #: unit, by the mesh's winding, NaN where there is no surface
+    )
     color: Singles | None = None  #: linear RGB
-    variance: Singles | None = None  #: of the color where it is a mean over light paths; None without noise
+    variance: Singles | None = (
+        None  #: of the color where it is a mean over light paths; None without noise
+    )
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
-    companions: Indices | None = None  #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
-    second_opinion: Callable[[], Mask] | None = None  #: asks a float32 tracer for `overruled`; likewise
-    rendering: Rendering | None = None  #: of the color; None where it is unknown or there is no color
-    #: (H, W, 3) how far coordinates may be from those that were written; None as exactly as float32.
+    tied_triangles: Indices | None = (
+        None  #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
+    )
+    second_opinion: Callable[[], Mask] | None = (
+        None  #: asks a float32 tracer for `overruled`; likewise
+    )
+    rendering: Rendering | None = (
+        None  #: of the color; None where it is unknown or there is no color
+    )
+    #: (H, W, 3) how far coordinates may be from those that were written; None as exactly as
+    #: float32.
     uncertainty: Floats | None = None
-    storage: str | None = None  #: name of a file format that changed the pixels, such as "JPEG, lossy"
+    storage: str | None = (
+        None  #: name of a file format that changed the pixels, such as "JPEG, lossy"
+    )
 
     @cached_property
     def overruled(self) -> Mask | None:
@@ -169,7 +192,9 @@ class HogelImage(SurfaceImage):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the second opinion itself, not a function that holds the whole scene."""
         overruled = self.overruled
-        return vars(self) | {"second_opinion": None if overruled is None else partial(np.asarray, overruled)}
+        return vars(self) | {
+            "second_opinion": None if overruled is None else partial(np.asarray, overruled)
+        }
 
     @cached_property
     def covered(self) -> Mask:
@@ -211,8 +236,12 @@ class HogelImage(SurfaceImage):
         if self.camera.settings is not None:
             lines.append(f"settings: {self.camera.settings}")
         if self.certainty is not None:
-            counts = {one.name.lower(): np.count_nonzero(self.certainty == one) for one in Certainty}
-            lines.append("certainty: " + ", ".join(f"{n:,} {name}" for name, n in counts.items() if n))
+            counts = {
+                one.name.lower(): np.count_nonzero(self.certainty == one) for one in Certainty
+            }
+            lines.append(
+                "certainty: " + ", ".join(f"{n:,} {name}" for name, n in counts.items() if n)
+            )
         return "\n".join(lines)
 
     def _labels(self, units: str) -> Labels:
@@ -228,12 +257,17 @@ class HogelImage(SurfaceImage):
         facts = {name: getattr(camera, name) for name in names}
         attributes = {
             "aperture": list(at.index),
-            **{name: list(fact) if isinstance(fact, tuple) else fact for name, fact in facts.items()},
+            **{
+                name: list(fact) if isinstance(fact, tuple) else fact
+                for name, fact in facts.items()
+            },
             "settings": None if camera.settings is None else dumps(asdict(camera.settings)),
         }
         variance = "variance of the color, which is a mean over light paths"
         images = {
-            "normal": Labelled(self.normal, "unit normal by the mesh's winding", NO_UNIT, last="xyz"),
+            "normal": Labelled(
+                self.normal, "unit normal by the mesh's winding", NO_UNIT, last="xyz"
+            ),
             "variance": Labelled(self.variance, variance, NO_UNIT),
         }
         return images, places, attributes
@@ -246,7 +280,9 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
     names = ("camera", "rendering", "storage")
     whole: dict[str, Any] = {name: getattr(bands[0], name) for name in names}
     opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
-    asked = None if len(opinions) < len(bands) else lambda: np.concatenate([one() for one in opinions])
+    asked = (
+        None if len(opinions) < len(bands) else lambda: np.concatenate([one() for one in opinions])
+    )
     whole["second_opinion"] = asked
     for name in (item.name for item in fields(HogelImage) if item.name not in whole):
         parts = [getattr(band, name) for band in bands]

@@ -10,7 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 from xfrustum.scenes.arguments import choice, settle, switch
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -47,14 +47,20 @@ class PlateContent:
     """The images that a stream of hogels carries; InputError for unknown types, channels and effects."""
 
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
-    ids: bool = False  #: whether the stream has triangle numbers; asking for the channel is the same
+    ids: bool = (
+        False  #: whether the stream has triangle numbers; asking for the channel is the same
+    )
     channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
-    effects: frozenset[Effect] | None = None  #: None for those that the scene calls for: the same pictures
+    effects: frozenset[Effect] | None = (
+        None  #: None for those that the scene calls for: the same pictures
+    )
 
     def __post_init__(self) -> None:
         ids = switch(self.ids, "ids")
         asked = {choice(Channel, one, "channels") for one in self.channels or (Channel.COLOR,)}
-        channels = tuple(one for one in Channel if one in asked or (ids and one is Channel.TRIANGLE))
+        channels = tuple(
+            one for one in Channel if one in asked or (ids and one is Channel.TRIANGLE)
+        )
         settle(
             self,
             color=choice(ColorType, self.color, "color"),
@@ -73,7 +79,7 @@ class FilmPart:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PlateHogel(Brief):
+class PlateHogel(ShortRepr):
     """The image of one aperture, row 0 at the top; outside the part asked for pixels mean nothing."""
 
     aperture: Aperture

@@ -20,20 +20,22 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.notebook import Brief, Shown, aligned, counted, digits, sides
+from xfrustum.scenes.notebook import NotebookRepr, ShortRepr, aligned, counted, digits, sides
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 
-#: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
-#: within float32's range in pictures, and products of three far within that of doubles, where bounds on
-#: rounding hold.
+#: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two
+#: stay within float32's range in pictures, and products of three far within that of doubles, where
+#: bounds on rounding hold.
 SHORTEST, LONGEST = 1e-30, 1e30
-#: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least 2^-53
-#: of it, and products of three differences stay within the range of doubles even where all but the last digit
-#: of a sum cancels: the bounds on rounding, which are relative, hold (docs/truth.md).
+#: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at
+#: least 2^-53 of it, and products of three differences stay within the range of doubles even where
+#: all but the last digit of a sum cancels: the bounds on rounding, which are relative, hold
+#: (docs/truth.md).
 SMALLEST_COORDINATE = 1e-75
-STEEPEST = 1e12  #: largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart
-#: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a triangle,
-#: in scenes of many millions.
+#: largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart
+STEEPEST = 1e12
+#: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a
+#: triangle, in scenes of many millions.
 TRIANGLES_AT_ONCE = 1 << 19
 MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; the others are counted
 _Scalar = TypeVar("_Scalar", bound=np.generic)
@@ -68,11 +70,12 @@ class UnreadFeature:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SceneObject(Shown):
+class SceneObject(NotebookRepr):
     """One object of a scene: a triangle mesh in scene coordinates.
 
-    Vertex normals, of any length, lie on the side that the winding faces; they are interpolated linearly and
-    then made unit; triangles without one at a corner are flat. Raises InputError where it is no such mesh.
+    Vertex normals, of any length, lie on the side that the winding faces; they are interpolated
+    linearly and then made unit; triangles without one at a corner are flat. Raises InputError where
+    it is no such mesh.
     """
 
     name: str  #: mesh file or built-in shape that the object came from
@@ -80,7 +83,9 @@ class SceneObject(Shown):
     faces: Indices  #: (F, 3) indices into `vertices`, at least one
     material: str | None = None  #: name of the material table; None for the default
     uv: Floats | None = None  #: (V, 2) texture coordinates, v up; NaN at vertices without
-    textures: tuple[Bytes, ...] = ()  #: (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
+    textures: tuple[
+        Bytes, ...
+    ] = ()  #: (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
     texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, or `UNTEXTURED`
     vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
@@ -97,11 +102,15 @@ class SceneObject(Shown):
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.name}: vertices must be numbers, (V, 3) ({error})") from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise InputError(f"{self.name}: vertices must be one triple each, (V, 3), not {vertices.shape}")
+            raise InputError(
+                f"{self.name}: vertices must be one triple each, (V, 3), not {vertices.shape}"
+            )
         given = np.asarray(self.faces)
         # Fractions are refused, not rounded.
         if given.dtype.kind not in "iu" and given.size:
-            raise InputError(f"{self.name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
+            raise InputError(
+                f"{self.name}: faces must be whole numbers, (F, 3), not of type {given.dtype}"
+            )
         faces = np.ascontiguousarray(given, dtype=np.int64)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
@@ -143,7 +152,7 @@ UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SurfaceAttributes(Brief):
+class SurfaceAttributes(ShortRepr):
     """Attributes of the vertices and triangles of all objects, as in `SceneObject`; None where none has any.
 
     Where an object has none, colors are one, normals and texture coordinates NaN.
@@ -156,14 +165,16 @@ class SurfaceAttributes(Brief):
     texture_of_triangle: Numbers | None
 
     @classmethod
-    def of(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
+    def from_objects(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
         """Return the attributes of all objects, joined."""
 
         def joined(name: str, width: int, missing: float) -> Floats | None:
             found = [(getattr(part, name), (len(part.vertices), width)) for part in objects]
             if all(values is None for values, _ in found):
                 return None
-            return np.concatenate([np.full(s, missing) if values is None else values for values, s in found])
+            return np.concatenate(
+                [np.full(s, missing) if values is None else values for values, s in found]
+            )
 
         textures: list[Bytes] = []
         numbers = []
@@ -174,7 +185,9 @@ class SurfaceAttributes(Brief):
                 continue
             # A triangle with a corner that has no coordinates shows no texture.
             placed = np.isfinite(part.uv[part.faces]).all(axis=(1, 2))
-            numbers.append(np.where((own >= 0) & placed, own + len(textures), UNTEXTURED).astype(np.int32))
+            numbers.append(
+                np.where((own >= 0) & placed, own + len(textures), UNTEXTURED).astype(np.int32)
+            )
             textures += part.textures
         textured = bool(textures) and any((part >= 0).any() for part in numbers)
         return cls(
@@ -187,11 +200,11 @@ class SurfaceAttributes(Brief):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Scene(Shown):
+class Scene(NotebookRepr):
     """Plate, frustum and objects: one question for every renderer; there may be no objects.
 
-    Triangles are numbered through the objects in order, and within one in the order of its faces. Coordinates
-    are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`.
+    Triangles are numbered through the objects in order, and within one in the order of its faces.
+    Coordinates are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`.
     """
 
     name: str
@@ -286,7 +299,8 @@ class Scene(Shown):
     @cached_property
     def height_ranges(self) -> Floats:
         """(2, F) lowest and highest z of each triangle."""
-        # Corner by corner: NumPy is several times slower along rows of three numbers. So it is below.
+        # Corner by corner: NumPy is several times slower along rows of three numbers. So it is
+        # below.
         z = self.vertices[:, 2][self.faces.T]
         return read_only(np.stack((reduce(np.minimum, z), reduce(np.maximum, z))))
 
@@ -309,19 +323,23 @@ class Scene(Shown):
             cross = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
             length = np.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2)
             for axis, along in enumerate(cross):
-                np.divide(along, length, out=normals[start : start + len(corners), axis], where=length > 0)
+                np.divide(
+                    along, length, out=normals[start : start + len(corners), axis], where=length > 0
+                )
         return read_only(normals)
 
     @cached_property
     def twins(self) -> Indices:
         """(F, 3) for each side of a triangle the number, 3 triangle + side, of the other side along it.
 
-        Side k runs from corner k to the next one. -1 where no other triangle of the object has corners at
-        the same two places, and where several have.
+        Side k runs from corner k to the next one. -1 where no other triangle of the object has
+        corners at the same two places, and where several have.
         """
         _, place = np.unique(self.vertices + 0.0, axis=0, return_inverse=True)
         corners = place.reshape(-1)[self.faces]
-        ends = np.sort(np.stack((corners, np.roll(corners, -1, axis=1)), axis=-1), axis=-1).reshape(-1, 2)
+        ends = np.sort(np.stack((corners, np.roll(corners, -1, axis=1)), axis=-1), axis=-1).reshape(
+            -1, 2
+        )
         owner = np.repeat(self.object_of_triangle, 3)
         order = np.lexsort((ends[:, 1], ends[:, 0], owner))
         keys = np.column_stack((owner, ends))[order]
@@ -352,7 +370,7 @@ class Scene(Shown):
     @cached_property
     def surface(self) -> SurfaceAttributes:
         """Normals, colors and textures of all objects."""
-        return SurfaceAttributes.of(self.objects)
+        return SurfaceAttributes.from_objects(self.objects)
 
     def default_apertures(self) -> tuple[Aperture, ...]:
         """Return the apertures of a report: the middle one and, when recentered, two corners."""
@@ -411,7 +429,8 @@ def look_hash(scene: Scene) -> str:
         *surface.textures,
     ]
     for array in arrays:
-        # The shape goes before the content, so that different lists of arrays never give the same bytes.
+        # The shape goes before the content, so that different lists of arrays never give the same
+        # bytes.
         digest.update(json.dumps(None if array is None else array.shape).encode())
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -422,5 +441,7 @@ def is_shaded(scene: Scene) -> bool:
     looks, surface = scene.appearance, scene.surface
     if scene.transport.simulated:
         return True
-    named = bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
+    named = (
+        bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
+    )
     return named or surface.vertex_colors is not None or surface.texture_of_triangle is not None

@@ -9,8 +9,8 @@ from xfrustum.scenes.arguments import choice, real, reals, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Frustum
 
-#: Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller one to
-#: zero.
+#: Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller
+#: one to zero.
 SMALLEST_NEAR = 2.0**-126
 
 
@@ -25,8 +25,9 @@ class DepthFormat(StrEnum):
 class DepthMapping(StrEnum):
     """The function by which distance w from the camera, near n to far f, becomes the stored depth.
 
-    `STANDARD` is hyperbolic, 0 at near to 1 at far; `GL` the same with clip depth -1..1; `REVERSED` goes from
-    1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and `LINEAR` (w - n)/(f - n), both written by the fragment.
+    `STANDARD` is hyperbolic, 0 at near to 1 at far; `GL` the same with clip depth -1..1; `REVERSED`
+    goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and `LINEAR` (w - n)/(f - n), both
+    written by the fragment.
     """
 
     STANDARD = "standard"
@@ -68,7 +69,8 @@ class Camera(StrEnum):
 class Cull(StrEnum):
     """The faces that are left out: none, or those turned away from the viewer, as both cameras see them.
 
-    `BACK` changes no picture of closed bodies that lie off the plate and within the reach (paper, section 3).
+    `BACK` changes no picture of closed bodies that lie off the plate and within the reach (paper,
+    section 3).
     """
 
     NONE = "none"
@@ -82,19 +84,19 @@ class DoubleFrustum:
     Raises InputError for a name that means nothing, or a length that is not positive and finite.
     """
 
-    #: Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
-    #: their near planes lie.
+    #: Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`,
+    #: and where their near planes lie.
     near: float
     depth: DepthFormat = DepthFormat.D24
     mapping: DepthMapping = DepthMapping.STANDARD
     camera: Camera = Camera.BOTH
     pivot: Pivot = Pivot.APERTURE
     offset: Offset = Offset.PLATE
-    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first slab
-    #: where there are slabs, else for the angle.
+    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the
+    #: first slab where there are slabs, else for the angle.
     fit: Fit | float | None = None
-    #: Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near plane of its
-    #: own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
+    #: Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
+    #: plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
     slabs: tuple[float, ...] = ()
     cull: Cull = Cull.NONE
 
@@ -107,14 +109,18 @@ class DoubleFrustum:
                 f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
             )
         if not all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf))):
-            raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
+            raise InputError(
+                f"slabs must be positive heights in ascending order, not {self.slabs!r}"
+            )
         fit: Fit | float | None = None
         if isinstance(self.fit, str) and self.fit in list(Fit):
             fit = Fit(self.fit)
         elif self.fit is not None:
             fit = real(self.fit)
             if not (math.isfinite(fit) and fit > 0):
-                raise InputError(f"fit must be angle, screen, or a positive height, not {self.fit!r}")
+                raise InputError(
+                    f"fit must be angle, screen, or a positive height, not {self.fit!r}"
+                )
         settle(self, near=near, slabs=slabs, fit=fit)
         kinds = {"depth": DepthFormat, "mapping": DepthMapping, "camera": Camera}
         for name, kind in (kinds | {"pivot": Pivot, "offset": Offset, "cull": Cull}).items():

@@ -1,7 +1,8 @@
 """The plate, its apertures and their crossed frustum (paper, section 3; frames in CONVENTIONS.md).
 
-Formulas that make lines and matrices of these parameters are written twice, in `reference.lines.lines` and
-`raster.cameras.cameras`, and never here: a formula shared by both answers would hide its own mistake.
+Formulas that make lines and matrices of these parameters are written twice, in
+`reference.lines.lines` and `raster.cameras.cameras`, and never here: a formula shared by both
+answers would hide its own mistake.
 """
 
 from __future__ import annotations
@@ -66,7 +67,10 @@ class Plate:
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size
-        x, y = (column + 0.5) * width / columns - width / 2, height / 2 - (row + 0.5) * height / rows
+        x, y = (
+            (column + 0.5) * width / columns - width / 2,
+            height / 2 - (row + 0.5) * height / rows,
+        )
         return Aperture(column=column, row=row, x=x, y=y)
 
     def apertures(self) -> ApertureBlocks:
@@ -104,7 +108,8 @@ class ApertureBlocks(Sequence[Aperture]):
                         yield self.plate.aperture(column, row)
 
     def __len__(self) -> int:
-        # Rows between two neighboring ends of blocks lie in the same blocks, and have the same columns.
+        # Rows between two neighboring ends of blocks lie in the same blocks, and have the same
+        # columns.
         ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
         return sum(
             (stop - start) * len(set[int]().union(*(c for c, rows in self.blocks if start in rows)))
@@ -135,8 +140,8 @@ class ApertureBlocks(Sequence[Aperture]):
         )
 
 
-#: Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ by 2e-4 of
-#: it: at 1e-12 that is the rounding of a shear of order one in double precision.
+#: Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ
+#: by 2e-4 of it: at 1e-12 that is the rounding of a shear of order one in double precision.
 SMALLEST_SLOPE = 1e-12
 
 
@@ -156,7 +161,9 @@ class Screen:
                 "a screen in the plate has no direction to shear to"
             )
         if not all(math.isfinite(c) for c in center):
-            raise InputError(f"frustum.screen.center must be two finite coordinates, not {self.center!r}")
+            raise InputError(
+                f"frustum.screen.center must be two finite coordinates, not {self.center!r}"
+            )
         if not all(math.isfinite(s) and s > 0 for s in size):
             raise InputError(f"frustum.screen.size must be two positive lengths, not {self.size!r}")
         least = 2 * abs(height) * SMALLEST_SLOPE
@@ -173,14 +180,18 @@ class Frustum:
     """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`), one of the two."""
 
     resolution: tuple[int, int]  #: width and height of the hogel image in pixels
-    reach: tuple[float, float]  #: up to which surfaces are imaged, toward the viewer and behind the plate
+    reach: tuple[
+        float, float
+    ]  #: up to which surfaces are imaged, toward the viewer and behind the plate
     fov: tuple[float, float] | None = None  #: full angles in x and y, radians
     screen: Screen | None = None
 
     def __post_init__(self) -> None:
         resolution, reach = wholes(self.resolution, 2), reals(self.reach, 2)
         if not all(n >= 1 for n in resolution):
-            raise InputError(f"frustum.resolution must be two counts of at least 1, not {self.resolution!r}")
+            raise InputError(
+                f"frustum.resolution must be two counts of at least 1, not {self.resolution!r}"
+            )
         if not all(math.isfinite(r) and r > 0 for r in reach):
             raise InputError(f"frustum.reach must be two positive lengths, not {self.reach!r}")
         if (self.fov is None) == (self.screen is None):
@@ -191,8 +202,12 @@ class Frustum:
         fov = None if self.fov is None else reals(self.fov, 2)
         if fov is not None and not all(0 < angle < math.pi for angle in fov):
             numbers = not any(map(math.isnan, fov))
-            given = [math.degrees(angle) for angle in fov] if numbers else f"{self.fov!r} (in radians)"
-            raise InputError(f"frustum.fov_deg must be two angles between 0 and 180 degrees, not {given}")
+            given = (
+                [math.degrees(angle) for angle in fov] if numbers else f"{self.fov!r} (in radians)"
+            )
+            raise InputError(
+                f"frustum.fov_deg must be two angles between 0 and 180 degrees, not {given}"
+            )
         if fov is not None and min(fov) < 2 * SMALLEST_SLOPE:
             raise InputError(
                 f"frustum.fov_deg must be at least {math.degrees(2 * SMALLEST_SLOPE):.1e} degrees, "

@@ -9,7 +9,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     DoubleFrustum(near=0.1)                  one way to draw the two cameras
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
-    Judge(scene).stream(apertures, settings) many hogels, drawn and judged         -> JudgedHogel, ..
+    Evaluator(scene).stream(apertures, settings) several drawn, judged hogels     -> JudgedHogel, ..
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     camera_of(plate, column, row)            the camera of a hogel of a stored plate -> HogelCamera
     make_report(scene, folder, ReportOptions(..))  a sweep over settings, as a page  -> ReportFiles

@@ -4,7 +4,7 @@ from .compare.metrics.comparison import Comparison as Comparison
 from .compare.metrics.comparison import compare_images as compare_images
 from .compare.planning.plan import Plan as Plan
 from .compare.planning.views import Requirement as Requirement
-from .compare.run import Judge as Judge
+from .compare.run import Evaluator as Evaluator
 from .compare.run import JudgedDrawing as JudgedDrawing
 from .compare.run import JudgedHogel as JudgedHogel
 from .raster import Rasterizer as Rasterizer

@@ -1,7 +1,8 @@
 """Ctrl-C and SIGTERM: an exception in the main thread, and exit status 130 or 143.
 
-Where a library swallows the exception, as trimesh does while it imports its own dependencies, a timer raises
-it again. Code that makes something and notes it for removal does both within `delayed`.
+Where a library swallows the exception, as trimesh does while it imports its own dependencies, a
+timer raises it again. Code that makes something and notes it for removal does both within
+`delayed`.
 """
 
 import signal
@@ -37,9 +38,9 @@ class Interrupted(KeyboardInterrupt):
 def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
     """Raise `Interrupted` in the main thread where a signal asks this process to end.
 
-    Signals that the parent process ignores, as shells do for jobs in the background, or that the program
-    around this handles itself, are left alone; outside of the main thread all are. A process that is about to
-    end ignores them from the end of the block on.
+    Signals that the parent process ignores, as shells do for jobs in the background, or that the
+    program around this handles itself, are left alone; outside of the main thread all are. A
+    process that is about to end ignores them from the end of the block on.
     """
     global received, _raised
     if threading.current_thread() is not threading.main_thread() or _taken:
@@ -52,7 +53,9 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
             _taken.add(number)
             signal.signal(number, _handle)
     if signal.SIGALRM in _taken:
-        signal.siginterrupt(signal.SIGALRM, False)  # the timer must not make system calls of libraries fail
+        signal.siginterrupt(
+            signal.SIGALRM, False
+        )  # the timer must not make system calls of libraries fail
     try:
         yield
     finally:
@@ -69,7 +72,9 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
 def delayed() -> Iterator[None]:
     """Let a short block run to its end before a signal is obeyed; not for anything that waits."""
     global _delays
-    if threading.current_thread() is not threading.main_thread():  # only there signals are obeyed and counted
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # only there signals are obeyed and counted
         yield
         return
     _delays += 1
@@ -85,7 +90,8 @@ def _handle(number: int, _: object) -> None:
     global received
     if number in WORDS and received is None:
         received = signal.Signals(number)
-        # What fails from here on, in callbacks and in other threads, fails because the command ends.
+        # What fails from here on, in callbacks and in other threads, fails because the command
+        # ends.
         sys.unraisablehook, threading.excepthook = lambda _: None, lambda _: None
     if received is not None:
         if signal.SIGALRM in _taken:

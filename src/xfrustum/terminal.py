@@ -25,7 +25,9 @@ def say(message: str) -> None:
     """Write one line of the program to standard error; errors of that stream are ignored."""
     line = one_line(f"xfrustum: {message}")
     if len(line) > MAX_MESSAGE:
-        line = re.sub(r"\S{101,}", lambda long: f"{long[0][:48]}..{long[0][-48:]}", line)  # names, mostly
+        line = re.sub(
+            r"\S{101,}", lambda long: f"{long[0][:48]}..{long[0][-48:]}", line
+        )  # names, mostly
         half = (MAX_MESSAGE - len(" .. ")) // 2
         line = line if len(line) <= MAX_MESSAGE else f"{line[:half]} .. {line[-half:]}"
     with suppress(OSError, ValueError, AttributeError):  # sys.stderr may be None
@@ -36,8 +38,8 @@ def say(message: str) -> None:
 def printable(text: str) -> str:
     r"""Return text whose control characters are escaped, such as `\x1b`; tabs and line feeds stay.
 
-    Characters that are invisible or that change the direction of writing are escaped as well, and bytes of
-    file names that are no UTF-8, as `\xff`.
+    Characters that are invisible or that change the direction of writing are escaped as well, and
+    bytes of file names that are no UTF-8, as `\xff`.
     """
     return _UNPRINTABLE.sub(_escaped, text)
 
@@ -51,4 +53,10 @@ def _escaped(found: re.Match[str]) -> str:
     code = ord(found[0])
     if code in _ESCAPED_BYTES:
         code -= _ESCAPED_BYTES.start - 0x80
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    return (
+        f"\\x{code:02x}"
+        if code < 0x100
+        else f"\\u{code:04x}"
+        if code < 0x10000
+        else f"\\U{code:08x}"
+    )

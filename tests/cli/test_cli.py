@@ -18,7 +18,9 @@ from xfrustum.scenes.library import builtin
 
 SCENE = (
     named("two boxes", "mm")
-    + film((40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + film(
+        (40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0)
+    )
     + part("box", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
     + part("box", 30.0, (-4.0, 2.0, -35.0))
 )
@@ -34,7 +36,10 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 @pytest.fixture
 def images(scene: str) -> tuple[str, str]:
     assert main(["trace", scene, "--out", "truth.exr"]) == 0
-    assert main(f"raster {scene} --near 0.5 --depth d32f --mapping reversed --out raster.exr".split()) == 0
+    assert (
+        main(f"raster {scene} --near 0.5 --depth d32f --mapping reversed --out raster.exr".split())
+        == 0
+    )
     return "truth.exr", "raster.exr"
 
 
@@ -48,7 +53,9 @@ def one_object(text: str) -> dict[str, object]:
     return value
 
 
-def test_scenes_lists_every_builtin_scene_with_its_purpose(capsys: pytest.CaptureFixture[str]) -> None:
+def test_scenes_lists_every_builtin_scene_with_its_purpose(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["scenes"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == builtin.names()
@@ -66,7 +73,16 @@ def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_
     printed = capsys.readouterr()
     numbers = one_object(printed.out)
     assert printed.err == ""
-    keys = ["pixels", "judged", "covered", "at_plate", "surface", "triangle", "displacement_px", "height"]
+    keys = [
+        "pixels",
+        "judged",
+        "covered",
+        "at_plate",
+        "surface",
+        "triangle",
+        "displacement_px",
+        "height",
+    ]
     assert set(keys) <= set(numbers)
     assert numbers["pixels"] == 48 * 32
     assert isinstance(numbers["radiance"], dict)
@@ -165,7 +181,9 @@ def test_report_says_the_best_setting_and_where_the_page_is(
 
 @pytest.mark.usefixtures("scene")
 def test_names_that_look_like_addresses_are_local_paths() -> None:
-    line = "report boxes.toml --near 0.1 --apertures 3,2 --depth d24 --no-causes --quiet --out run:1"
+    line = (
+        "report boxes.toml --near 0.1 --apertures 3,2 --depth d24 --no-causes --quiet --out run:1"
+    )
     assert main(line.split()) == 0
     assert pq.read_table(Path("run:1", "measurements.parquet").absolute()).num_rows > 0
     for _ in range(2):
@@ -192,7 +210,10 @@ BAD = [
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
     ("trace boxes.toml --out x.png", "such as x.exr"),
-    ("camera boxes.toml --for json --near 1 --out x.json", "give a folder, such as x, in which cameras.json"),
+    (
+        "camera boxes.toml --for json --near 1 --out x.json",
+        "give a folder, such as x, in which cameras.json",
+    ),
     ("trace boxes.toml --aperture 1 --out x.exr", "--aperture"),
     ("raster boxes.toml --out x.exr", "--near"),
     ("compare missing.exr missing.exr", "missing.exr"),
@@ -216,7 +237,10 @@ BAD = [
     ("report car --near 1 --slabs 15,40;x --out x", "is not lists of heights"),
     ("report car --near 1 --slabs 40,15 --out x", "ascending order"),
     ("report car --near 1 --slabs 15;1e4 --out x", "within the reach"),
-    ("report car --offset none --near 3 --slabs none;2 --out x", "without an offset must be smaller than 2"),
+    (
+        "report car --offset none --near 3 --slabs none;2 --out x",
+        "without an offset must be smaller than 2",
+    ),
     ("plan asymmetric --tolerance-px -1", "'--tolerance-px': '-1' is not a"),
     ("plan asymmetric --aperture 1,1 --apertures 3", "--aperture"),
     ("plan boxes.toml --ipd=60", "give --viewer too"),
@@ -275,12 +299,24 @@ BAD = [
     ("verify boxes.toml {i}-{j}.png --accept colors", "colors"),
     ("verify boxes.toml {i}-{j}.png --max-wrong 2pixels", "share"),
     ("verify boxes.toml {i}-{j}.png --approve", "--approve is about --baseline DIR"),
-    ("verify boxes.toml {i}-{j}.png --baseline-device x", "--baseline-device is about --baseline DIR"),
+    (
+        "verify boxes.toml {i}-{j}.png --baseline-device x",
+        "--baseline-device is about --baseline DIR",
+    ),
     ("verify boxes.toml {i}-{j}.png --baseline kept --repeated", "give --approve too"),
-    ("verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3", "'wrong' is not one of"),
+    (
+        "verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3",
+        "'wrong' is not one of",
+    ),
     ("verify boxes.toml {i}-{j}.png --baseline boxes.toml", "--baseline boxes.toml"),
-    ("plate boxes.toml --near 1 --layout views --apertures 0,0 --out x.zarr", "leave out --apertures and"),
-    ("plate boxes.toml --near 1 --layout views --channels height --out x.zarr", "color or triangle"),
+    (
+        "plate boxes.toml --near 1 --layout views --apertures 0,0 --out x.zarr",
+        "leave out --apertures and",
+    ),
+    (
+        "plate boxes.toml --near 1 --layout views --channels height --out x.zarr",
+        "color or triangle",
+    ),
     ("plate boxes.toml --near 1 --layout views --ids --out x", "let the name end in .zarr"),
     ("plate boxes.toml --near 1 --layout cubevi --out x.zarr", "40 pixels wide"),
     ("plate boxes.toml --near 1 --multisample 64 --quiet --out x.zarr", "too fine"),
@@ -319,7 +355,11 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
 )
 @pytest.mark.usefixtures("scene")
 def test_a_folder_that_cannot_be_written_is_said_before_any_work(
-    line: str, work: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str,
+    work: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "a-file").touch()
     monkeypatch.setattr(f"xfrustum.reports.{work}", lambda *args, **how: pytest.fail("was begun"))

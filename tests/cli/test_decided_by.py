@@ -29,7 +29,10 @@ HARD = "hard/nearly-coincident"
 def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
     tracer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["trace", HARD, "--decided-by", tracer, "--json", "--out", str(tmp_path / "a.exr")]) == 0
+    assert (
+        main(["trace", HARD, "--decided-by", tracer, "--json", "--out", str(tmp_path / "a.exr")])
+        == 0
+    )
     told = json.loads(capsys.readouterr().out)
     assert told["decided_by"] == tracer and told["alone"] is None
     assert list(told["certainty"]) == ["unexamined"]
@@ -61,7 +64,10 @@ def test_what_tracers_alone_would_have_got_wrong_is_counted(
 def test_compare_says_that_a_truth_was_not_examined(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for decided, said in (("embree", ["note: truth: Embree alone, not examined"]), ("certified", [])):
+    for decided, said in (
+        ("embree", ["note: truth: Embree alone, not examined"]),
+        ("certified", []),
+    ):
         out = str(tmp_path / f"{decided}.exr")
         assert main(["trace", HARD, "--decided-by", decided, "--quiet", "--out", out]) == 0
         capsys.readouterr()
@@ -99,7 +105,9 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
     assert f"{alone['embree']:,} of {alone['judged']:,}</em>" in page
     assert "Not examined" not in page
-    marks = re.search(r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page)
+    marks = re.search(
+        r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page
+    )
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
     np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
 
@@ -145,7 +153,9 @@ def test_a_plain_tracer_neither_culls_nor_averages() -> None:
     with pytest.raises(InputError, match="several samples a pixel"):
         PlainReference(replace(scene, sampling=Sampling(supersample=2)))
     with pytest.raises(InputError, match="culls no faces"):
-        PlainReference(scene).trace_model(scene.plate.middle, DoubleFrustum(near=1.0, cull=Cull.BACK))
+        PlainReference(scene).trace_model(
+            scene.plate.middle, DoubleFrustum(near=1.0, cull=Cull.BACK)
+        )
     with pytest.raises(InputError, match="must be one of certified, embree, mitsuba"):
         Decision(by="povray")
     assert type(open_reference(scene, Decision(tracer="mitsuba"))) is Reference

@@ -28,7 +28,9 @@ def test_the_device_at_hand_is_measured_and_its_model_is_written(
 ) -> None:
     assert main(["device", "--json", "--quiet", "--out", str(tmp_path / "measured")]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert {"renderer", "version", "software", "subpixel_bits", "snaps_depth", "depth"} <= set(found)
+    assert {"renderer", "version", "software", "subpixel_bits", "snaps_depth", "depth"} <= set(
+        found
+    )
     assert {"filter_bits", "varyings", "tried", "within", "model"} <= set(found)
     assert set(found["depth"]) == {"d16", "d24", "d32f"}
     assert found["varyings"]["flat"] == 0
@@ -65,7 +67,9 @@ def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
     """It has OpenGL 3.3 alone. The bounds of a device that nobody knows do not hold for its D16."""
     asked = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
     environment = os.environ | {"GALLIUM_DRIVER": "softpipe", "LIBGL_ALWAYS_SOFTWARE": "1"}
-    found = json.loads(subprocess.run(asked, env=environment, capture_output=True, check=True).stdout)
+    found = json.loads(
+        subprocess.run(asked, env=environment, capture_output=True, check=True).stdout
+    )
     if found["renderer"] != "softpipe":
         pytest.skip(f"Mesa has no softpipe here: {found['renderer']} drew")
     assert found["model"]["name"] == "softpipe"
@@ -103,10 +107,14 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
         assert (answer["unexplained"] > 0) == (name == "shifted")
 
 
-def test_the_report_of_a_device_counts_tests_and_says_what_there_was_no_time_for(tmp_path: Path) -> None:
+def test_the_report_of_a_device_counts_tests_and_says_what_there_was_no_time_for(
+    tmp_path: Path,
+) -> None:
     log, session = tmp_path / "tests.xml", device_report.Session(limit_s=0.0)
     cases = '<testcase/><testcase><skipped message="no card"/></testcase>'
-    failed = '<testcase classname="tests.a" name="b"><failure message="1 == 2&#10;more"/></testcase>'
+    failed = (
+        '<testcase classname="tests.a" name="b"><failure message="1 == 2&#10;more"/></testcase>'
+    )
     log.write_text(f"<testsuites><testsuite>{cases}{failed}</testsuite></testsuites>")
     assert device_report.counted("all", log) == [
         "- all: 1 passed, 1 failed, 1 skipped",
@@ -116,7 +124,9 @@ def test_the_report_of_a_device_counts_tests_and_says_what_there_was_no_time_for
     assert not device_report.device(session, tmp_path)
     device_report.tests(session, card=False)
     told = session.text()
-    assert all(f"- pytest {words}: there was no time left" in told for _, words in device_report.TESTS)
+    assert all(
+        f"- pytest {words}: there was no time left" in told for _, words in device_report.TESTS
+    )
     assert "tests of the truth on CUDA: the device that draws is no card" in told
 
 
@@ -126,7 +136,9 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     path, scene = tmp_path / "device.json", tmp_path / "scene.toml"
     path.write_text(json.dumps({"model": H100.as_json()}))
     (tmp_path / "none").mkdir()
-    lens = film((40.0, 30.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0))
+    lens = film(
+        (40.0, 30.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0)
+    )
     scene.write_text(lens + part("box", 8.0, (0.0, 0.0, -15.0)))
     Image.new("RGB", (16, 12)).save(tmp_path / "1x1.png")
     for words, status in (
@@ -210,7 +222,9 @@ def test_software_is_said_to_be_software_where_there_is_a_card(card: Path) -> No
     opened.release()
     if not context.is_software(renderer):
         pytest.skip("the device at hand is a card")
-    with pytest.warns(context.SoftwareWarning, match=f"{re.escape(renderer)} draws in software.*H100"):
+    with pytest.warns(
+        context.SoftwareWarning, match=f"{re.escape(renderer)} draws in software.*H100"
+    ):
         context.open_context().release()
 
 

@@ -37,7 +37,9 @@ def commands() -> dict[str, click.Command]:
     return found
 
 
-EXAMPLES = {name: (command.epilog or "").rpartition("\n")[2].strip() for name, command in commands().items()}
+EXAMPLES = {
+    name: (command.epilog or "").rpartition("\n")[2].strip() for name, command in commands().items()
+}
 """One line for each command that a shell takes as it is.
 
 Run from top to bottom in a folder that has beetle.obj, each finds what it needs.
@@ -67,7 +69,9 @@ def test_the_help_of_every_command_ends_with_an_example_of_it_that_parses(
         command.make_context(name, arguments)
 
 
-def test_the_list_of_commands_has_all_of_them_under_their_uses(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_of_commands_has_all_of_them_under_their_uses(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--help"]) == 0
     told = capsys.readouterr().out
     assert all(f"\n{use}:\n" in told for use in USES)
@@ -126,7 +130,8 @@ def test_a_shell_that_nobody_knows_is_bad_input(
     assert "bash_source" in capsys.readouterr().err
 
 
-# Help, listings and complaints come at once: nothing that draws, traces or reads meshes is loaded for them.
+# Help, listings and complaints come at once: nothing that draws, traces or reads meshes is loaded
+# for them.
 
 HEAVY = (
     "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly", "zarr",
@@ -163,7 +168,9 @@ STRANGE_VALUES = (
 )
 
 
-def loaded_by(lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]) -> dict[str, list[str]]:
+def loaded_by(
+    lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]
+) -> dict[str, list[str]]:
     """Run command lines in one new process; return what each but the help and the listing has loaded."""
     program = f"""
 import contextlib, io, json, sys

@@ -57,13 +57,17 @@ def test_the_header_says_what_made_the_picture() -> None:
     samples = "--supersample 2 --aperture-samples 3"
     sampling = Sampling(supersample=2, aperture=3)
     run(f"raster boxes.toml --near 0.1 --effects diffuse,c {samples} --out r.exr")
-    assert read_image("r.exr").rendering == Rendering.of((Effect.C, Effect.DIFFUSE), sampling)
+    assert read_image("r.exr").rendering == Rendering.from_effects(
+        (Effect.C, Effect.DIFFUSE), sampling
+    )
     run(f"trace boxes.toml --effects ambient {samples} --quiet --out t.exr")
-    assert read_image("t.exr").rendering == Rendering.of([Effect.AMBIENT], sampling)
+    assert read_image("t.exr").rendering == Rendering.from_effects([Effect.AMBIENT], sampling)
     paths = "--tracer mitsuba --shadows --samples 2 --quiet"
     run(f"trace boxes.toml {paths} --out p.exr")
     transport = Transport(shadows=True, samples=2)
-    assert read_image("p.exr").rendering == Rendering.of(ALL_EFFECTS, Sampling(), transport)
+    assert read_image("p.exr").rendering == Rendering.from_effects(
+        ALL_EFFECTS, Sampling(), transport
+    )
 
 
 @pytest.mark.parametrize("asked_by", ["option", "scene"])
@@ -71,7 +75,9 @@ def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder
     """The paper's light has no transport, as in `report` and `budget`."""
     options = "--interreflection --samples 2"
     if asked_by == "scene":
-        (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")
+        (folder / "boxes.toml").write_text(
+            SCENE + "[transport]\ninterreflection = true\nsamples = 2\n"
+        )
         options = ""
     run(f"trace boxes.toml {options} --quiet --out paths.exr")
     assert read_image("paths.exr").camera.light_paths == 2
@@ -84,11 +90,17 @@ def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
     for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
         run(f"trace boxes.toml {option} {value} --quiet --out local.exr")
         said = capsys.readouterr().err
-        assert said.startswith(f"xfrustum: note: {option}") and "leaves out" in said and said.count("\n") == 1
+        assert (
+            said.startswith(f"xfrustum: note: {option}")
+            and "leaves out" in said
+            and said.count("\n") == 1
+        )
         assert read_image("local.exr").camera.light_paths is None
 
 
-def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:
+def test_light_paths_bring_their_variance_to_the_comparison(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     paths = "--tracer mitsuba --interreflection --samples 8"
     run(f"trace boxes.toml {paths} --quiet --out noisy.exr")
     noisy = read_image("noisy.exr")
@@ -128,7 +140,9 @@ def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[st
     page = Path("seven/index.html").read_text()
     assert not re.search(r"https?:|//cdn|@import|url\(", page)
     assert page.count("data:image/png;base64,") == 5
-    c, c_star, both = (np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both"))
+    c, c_star, both = (
+        np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both")
+    )
     # C* overlays C: where it shows a surface, both show it; elsewhere both show what C shows.
     overlay = np.where(c_star[..., 3:] > 0, c_star, c)
     np.testing.assert_array_equal(overlay, both)

@@ -123,7 +123,9 @@ def test_warnings_and_logs_of_libraries_are_shown_on_request(tmp_path: Path) -> 
     done = run('"$PYTHON" x.py work', tmp_path)
     first, last = done.stderr.splitlines()
     assert (done.returncode, first) == (70, "words from C")
-    assert last.startswith("xfrustum: unexpected error: KeyError: 'unexpected'; its traceback is in ")
+    assert last.startswith(
+        "xfrustum: unexpected error: KeyError: 'unexpected'; its traceback is in "
+    )
     assert "KeyError: 'unexpected'" in Path(last.split()[-1]).read_text()
     shown = run('"$PYTHON" x.py --traceback work', tmp_path)
     assert shown.returncode == 70
@@ -134,7 +136,8 @@ def test_warnings_and_logs_of_libraries_are_shown_on_request(tmp_path: Path) -> 
     "ending",
     [
         "os.dup2(2, 2); faulthandler._sigsegv()",
-        "os.dup2(1, 2); faulthandler._sigsegv()",  # a library has taken standard error for its own text
+        # a library has taken standard error for its own text
+        "os.dup2(1, 2); faulthandler._sigsegv()",
     ],
 )
 def test_a_crash_leaves_its_traces_on_standard_error(ending: str, tmp_path: Path) -> None:
@@ -167,14 +170,19 @@ def test_no_message_is_longer_than_500_characters(
 @pytest.fixture
 def verify_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    size = film((40.0, 30.0), hogels=(2, 1), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    size = film(
+        (40.0, 30.0), hogels=(2, 1), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0)
+    )
     Path("boxes.toml").write_text(size + part("box", 12.0, (3.0, 1.0, 25.0)))
     return "boxes.toml"
 
 
 # Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind.
 
-ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
+ENDED = {
+    signal.SIGINT: (130, "xfrustum: interrupted\n"),
+    signal.SIGTERM: (143, "xfrustum: terminated\n"),
+}
 
 
 def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
@@ -270,14 +278,14 @@ MAKING = {
             mkdir(path, **how)
             os.kill(os.getpid(), signal.SIGTERM)
         Path.mkdir = made
-        with durable.Aside(Path("."), folder=True):
+        with durable.TempPath(Path("."), folder=True):
             time.sleep(60)
         """,
     "a folder is noted, and its block not yet entered": """
         import os, signal, time
         from pathlib import Path
         from xfrustum.scenes.disk import durable
-        class Made(durable.Aside):
+        class Made(durable.TempPath):
             def __init__(self):
                 super().__init__(Path("."), folder=True)
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -288,7 +296,9 @@ MAKING = {
 
 
 @pytest.mark.parametrize("body", MAKING.values(), ids=MAKING)
-def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(body: str, tmp_path: Path) -> None:
+def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(
+    body: str, tmp_path: Path
+) -> None:
     with start(program(body), tmp_path) as process:
         _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == ENDED[signal.SIGTERM]
@@ -321,7 +331,10 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its status stands, and no exception comes out of what Python still has to do."""
     leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
-    arguments = ["-c", leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.cli.main import run\n"]
+    arguments = [
+        "-c",
+        leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.cli.main import run\n",
+    ]
     arguments[1] += "sys.exit(run())"
     for stop in ENDED:
         with start(arguments, tmp_path) as process:
@@ -333,7 +346,9 @@ def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path: Path) -> None:
-    arguments = program("import time\nprint('ready', flush=True)\ntime.sleep(0.3)\nraise KeyError('went on')")
+    arguments = program(
+        "import time\nprint('ready', flush=True)\ntime.sleep(0.3)\nraise KeyError('went on')"
+    )
     ignoring = (
         "import os, signal\n"
         "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"

@@ -25,20 +25,38 @@ from xfrustum.compare.extent import (
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import (
+    DoubleFrustum,
+    Frustum,
+    InputError,
+    Plate,
+    Scene,
+    SceneObject,
+    open_scene,
+)
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.plate.plate import ApertureBlocks, Screen
 
-CENTERED = Frustum(resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50)))
+CENTERED = Frustum(
+    resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50))
+)
 BEHIND = Frustum(
-    resolution=(48, 40), reach=(10.0, 14.0), screen=Screen(height=-8.0, center=(1.0, -2.0), size=(9.0, 8.0))
+    resolution=(48, 40),
+    reach=(10.0, 14.0),
+    screen=Screen(height=-8.0, center=(1.0, -2.0), size=(9.0, 8.0)),
 )
 BEFORE = Frustum(
-    resolution=(48, 40), reach=(10.0, 14.0), screen=Screen(height=6.0, center=(-1.0, 1.0), size=(9.0, 8.0))
+    resolution=(48, 40),
+    reach=(10.0, 14.0),
+    screen=Screen(height=6.0, center=(-1.0, 1.0), size=(9.0, 8.0)),
 )
-FRUSTA = pytest.mark.parametrize("frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"])
+FRUSTA = pytest.mark.parametrize(
+    "frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"]
+)
 
-FILM = film((80.0, 60.0), hogels=(9, 7), resolution=(24, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+FILM = film(
+    (80.0, 60.0), hogels=(9, 7), resolution=(24, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
+)
 FAR, ASIDE = (1000.0, [0.0, 0.0, -8500.0]), (100.0, [5000.0, 0.0, -80.0])
 METERS = (0.1, [0.0, 0.0, -80.3])
 COMMANDS = {
@@ -100,7 +118,9 @@ def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum
     for corners in triangles(7, 4, 1.0):
         part = one(corners)
         flags = apertures_in_view(part, frustum, plate)
-        seen = np.array([[in_view(part, frustum, plate.aperture(i, j)) for i in range(6)] for j in range(6)])
+        seen = np.array(
+            [[in_view(part, frustum, plate.aperture(i, j)) for i in range(6)] for j in range(6)]
+        )
         assert not (seen & ~flags).any()
 
 
@@ -152,7 +172,8 @@ def test_shares_of_a_surface_between_heights_add_up(
     low, middle, high = sorted((first, second, third))
     triangle = np.array(corners).reshape(1, 3, 3)
     whole, lower, upper = (
-        float(share_between(triangle, *ends)[0]) for ends in ((low, high), (low, middle), (middle, high))
+        float(share_between(triangle, *ends)[0])
+        for ends in ((low, high), (low, middle), (middle, high))
     )
     if np.ptp(triangle[..., 2]) == 0:  # the flat object lies in the cut, and counts on either side
         assert whole == max(lower, upper)
@@ -183,7 +204,11 @@ def test_no_hard_case_is_taken_for_empty(name: str) -> None:
 FAR_WORDS = "(sphere) spans 8,000 to 9,000 mm behind the plate; the reach is 150 mm there"
 REFUSED = {
     **{command: (command, FAR, FAR_WORDS) for command in COMMANDS},
-    "aside": ("plan", ASIDE, "lies 4,950 to 5,050 mm to the right of the plate's middle; at its height"),
+    "aside": (
+        "plan",
+        ASIDE,
+        "lies 4,950 to 5,050 mm to the right of the plate's middle; at its height",
+    ),
     "between pixels": ("plan", METERS, "is 0.1 x 0.1 x 0.1 mm"),
 }
 
@@ -203,7 +228,10 @@ def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
 
 @pytest.mark.parametrize("command", ["trace", "raster", "plate"])
 def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     scene = write(tmp_path, 10.0, [38.0, 0.0, -12.0])

@@ -57,23 +57,31 @@ def test_each_sample_keeps_the_hogels_of_the_one_before_and_the_last_has_all(
         assert set(sample.new_places(look).tolist()) == set(places) - before
         before = set(places)
     assert before == set(range(math.prod(plate.hogels)))
-    assert {aperture_at(plate, place).index for place in before} == {a.index for a in plate.apertures()}
+    assert {aperture_at(plate, place).index for place in before} == {
+        a.index for a in plate.apertures()
+    }
 
 
 @given(PLATES, st.integers(1, 40), st.integers(0, 3))
-def test_every_sample_has_one_hogel_of_each_of_as_many_runs(plate: Plate, first: int, look: int) -> None:
+def test_every_sample_has_one_hogel_of_each_of_as_many_runs(
+    plate: Plate, first: int, look: int
+) -> None:
     sample = GrowingSample(hogels=math.prod(plate.hogels), first=first)
     look = min(look, sample.looks - 1)
     runs, hogels = sample.first << look, sample.hogels
     if runs <= hogels:
         ends = np.arange(runs + 1) * hogels // runs
-        assert np.array_equal(np.searchsorted(ends, sample.places(look), side="right") - 1, np.arange(runs))
+        assert np.array_equal(
+            np.searchsorted(ends, sample.places(look), side="right") - 1, np.arange(runs)
+        )
 
 
 def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown() -> None:
     drawn = np.zeros(21)
     for seed in range(SEEDS):
-        drawn[GrowingSample(hogels=math.prod(plate(7, 3).hogels), first=3, seed=seed).places(1)] += 1
+        drawn[
+            GrowingSample(hogels=math.prod(plate(7, 3).hogels), first=3, seed=seed).places(1)
+        ] += 1
     # Runs of 3 or 4 hogels after the first has been halved: each hogel 1/3 or 1/4 of the times.
     ends = np.arange(7) * 21 // 6
     expected = np.repeat(SEEDS / np.diff(ends), np.diff(ends))
@@ -85,9 +93,11 @@ def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown(
 def test_the_bound_of_one_sample_holds_on_finite_plates(spread: str, beyond: int) -> None:
     whole = plate(40, 25)
     wrong = np.zeros(1000, dtype=bool)
-    wrong[np.random.default_rng(1).permutation(1000)[:beyond] if spread == "scattered" else slice(beyond)] = (
-        True
-    )
+    wrong[
+        np.random.default_rng(1).permutation(1000)[:beyond]
+        if spread == "scattered"
+        else slice(beyond)
+    ] = True
     failed = 0
     for seed in range(SEEDS):
         places = GrowingSample(hogels=math.prod(whole.hogels), first=130, seed=seed).places(0)
@@ -112,7 +122,9 @@ def test_bounds_hold_wherever_a_survey_stops() -> None:
         sample = GrowingSample(hogels=math.prod(plate(40, 25).hogels), first=first, seed=seed)
         for look in range(sample.looks):
             places = sample.places(look)
-            bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_claim(look=look))
+            bound = share_beyond(
+                int(wrong[places].sum()), len(places), 1000, risk_of_claim(look=look)
+            )
             if bound <= 0.05:
                 lies += 1
                 break
@@ -125,7 +137,8 @@ def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
 
 
 def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:
-    # 299 clean hogels bound a share of 1 % where the plate is so large that its runs are as good as equal.
+    # 299 clean hogels bound a share of 1 % where the plate is so large that its runs are as good as
+    # equal.
     assert clean_sample(0.01, 10_000_000, 0.05) == 299
     for hogels in (100, 500, 4941):
         size = clean_sample(0.02, hogels, 0.05)
@@ -148,7 +161,9 @@ def test_the_bound_holds_as_often_as_it_says(beyond: int, more: int, share: floa
     count = beyond + more + 1
     bound = share_at_most(beyond, count)
     if share > bound:
-        chance = sum(math.comb(count, k) * share**k * (1 - share) ** (count - k) for k in range(beyond + 1))
+        chance = sum(
+            math.comb(count, k) * share**k * (1 - share) ** (count - k) for k in range(beyond + 1)
+        )
         assert chance <= 0.05 + 1e-9
 
 
@@ -161,7 +176,10 @@ def test_the_bound_holds_as_often_as_it_says(beyond: int, more: int, share: floa
 def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
     columns: int, rows: int, hogels: int, seed: int
 ) -> None:
-    plate, sample = Plate(size=(1.0, 1.0), hogels=(columns, rows)), RandomSample(hogels=hogels, seed=seed)
+    plate, sample = (
+        Plate(size=(1.0, 1.0), hogels=(columns, rows)),
+        RandomSample(hogels=hogels, seed=seed),
+    )
     taken = [plate.middle]
     drawn = [one.index for one in sample_hogels(plate, sample, taken)]
     assert drawn == [one.index for one in sample_hogels(plate, sample, taken)]
@@ -183,7 +201,9 @@ def test_a_sample_of_nothing_is_refused() -> None:
 
 
 @given(st.integers(1, 500), st.data())
-def test_bounds_lie_between_what_was_seen_and_what_is_possible(hogels: int, data: st.DataObject) -> None:
+def test_bounds_lie_between_what_was_seen_and_what_is_possible(
+    hogels: int, data: st.DataObject
+) -> None:
     judged = data.draw(st.integers(1, hogels))
     beyond = data.draw(st.integers(0, judged))
     bound = share_beyond(beyond, judged, hogels)
@@ -206,7 +226,9 @@ def numbers(p99: float | None, at_plate: int = 0) -> Any:
     )
 
 
-def test_the_99th_percentile_or_more_than_one_percent_of_wrong_surfaces_or_what_is_undefined() -> None:
+def test_the_99th_percentile_or_more_than_one_percent_of_wrong_surfaces_or_what_is_undefined() -> (
+    None
+):
     assert not is_beyond(0.5, 0.01, 0.5)
     assert is_beyond(0.501, 0.0, 0.5) and is_beyond(0.0, 0.0101, 0.5)
     for undefined in (None, float("nan"), float("inf")):

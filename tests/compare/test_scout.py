@@ -9,7 +9,14 @@ import pytest
 from tests.support.lit import ball, lit
 from tests.support.views import view
 from xfrustum.compare import scout as scouting
-from xfrustum.compare.scout import FILM_PIXELS, AutoApertures, Look, Scout, nearest_cells, scout
+from xfrustum.compare.scout import (
+    FILM_PIXELS,
+    AutoApertures,
+    CoarseView,
+    PlateScan,
+    nearest_cells,
+    scout,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Material
@@ -25,16 +32,18 @@ def ball_behind_a_plate() -> Scene:
     plate = Plate(size=(40.0, 30.0), hogels=(40, 30))
     over = plate.aperture(*OVER)
     part = ball((over.x, over.y, -GAP - RADIUS), RADIUS, "paint")
-    frustum = Frustum(resolution=(128, 96), fov=(math.radians(60), math.radians(45)), reach=(5.0, 50.0))
+    frustum = Frustum(
+        resolution=(128, 96), fov=(math.radians(60), math.radians(45)), reach=(5.0, 50.0)
+    )
     return replace(lit(part, frustum=frustum, paint=Material()), plate=plate)
 
 
 @pytest.fixture(scope="module")
-def scouted(ball_behind_a_plate: Scene) -> Scout:
+def scouted(ball_behind_a_plate: Scene) -> PlateScan:
     return scout(ball_behind_a_plate)
 
 
-def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: Scout) -> None:
+def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: PlateScan) -> None:
     """A third of the 1,200 hogels is looked through; the worst are those right over the ball."""
     worst = scouted.worst(1)[0]
     assert max(abs(worst.aperture.column - OVER[0]), abs(worst.aperture.row - OVER[1])) <= 1
@@ -42,7 +51,9 @@ def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: Scou
     assert len(scouted.looks) < 1200
 
 
-def test_corners_and_the_middle_are_always_looked_through(scouted: Scout, ball_behind_a_plate: Scene) -> None:
+def test_corners_and_the_middle_are_always_looked_through(
+    scouted: PlateScan, ball_behind_a_plate: Scene
+) -> None:
     """A plate of few hogels is looked at whole."""
     indices = {aperture.index for aperture in scouted.apertures}
     assert {(0, 0), (39, 0), (0, 29), (39, 29), scouted.scene.plate.middle.index} <= indices
@@ -51,7 +62,9 @@ def test_corners_and_the_middle_are_always_looked_through(scouted: Scout, ball_b
     assert len(scout(small).looks) == 48
 
 
-def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(ball_behind_a_plate: Scene) -> None:
+def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(
+    ball_behind_a_plate: Scene,
+) -> None:
     """A ball smaller than a hogel, at each of nine places between those of a lattice."""
     for column, row in ((column, row) for column in (30, 31, 32) for row in (21, 22, 23)):
         plate = replace(ball_behind_a_plate.plate, hogels=(60, 45))
@@ -61,14 +74,18 @@ def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(ball_behind_a
         assert nearest_cells(scene, 1) == [(column, row)]
 
 
-def test_vertices_in_the_plate_count_last_and_those_out_of_reach_not(ball_behind_a_plate: Scene) -> None:
+def test_vertices_in_the_plate_count_last_and_those_out_of_reach_not(
+    ball_behind_a_plate: Scene,
+) -> None:
     triangle = np.array([[1.5, 0.5, 0.0], [3.5, 0.5, -4.0], [5.5, 0.5, 5.5]])
     faces = np.array([[0, 1, 2]])
-    part = replace(ball_behind_a_plate.objects[0], vertices=triangle, faces=faces, vertex_normals=None)
+    part = replace(
+        ball_behind_a_plate.objects[0], vertices=triangle, faces=faces, vertex_normals=None
+    )
     assert nearest_cells(replace(ball_behind_a_plate, objects=(part,)), 3) == [(23, 14), (21, 14)]
 
 
-def test_the_coarse_film_shows_what_the_truth_shows(scouted: Scout) -> None:
+def test_the_coarse_film_shows_what_the_truth_shows(scouted: PlateScan) -> None:
     """Each coarse pixel is a line of the certified truth of a film of that size."""
     scene, look = scouted.scene, scouted.worst(1)[0]
     coarse = replace(scene, frustum=replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS)))
@@ -76,7 +93,7 @@ def test_the_coarse_film_shows_what_the_truth_shows(scouted: Scout) -> None:
     np.testing.assert_array_equal(look.height, np.where(truth.covered, truth.height, np.nan))
 
 
-def test_displacement_is_scouted_to_a_factor_of_two(scouted: Scout) -> None:
+def test_displacement_is_scouted_to_a_factor_of_two(scouted: PlateScan) -> None:
     """The closed form over the coarse film agrees with the same over the film in full."""
     scene, settings = scouted.scene, DoubleFrustum(near=0.01)
     reference = Reference(scene)
@@ -88,14 +105,16 @@ def test_displacement_is_scouted_to_a_factor_of_two(scouted: Scout) -> None:
         assert expected / 2 < look.displacement_p99_px(settings, scene) < expected * 2
 
 
-def test_for_small_nears_displacement_grows_in_proportion(scouted: Scout) -> None:
+def test_for_small_nears_displacement_grows_in_proportion(scouted: PlateScan) -> None:
     near = 1e-6
     for look in scouted.looks:
         moved = look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene)
         assert moved == pytest.approx(look.pixels_per_near * near, rel=1e-4)
 
 
-def test_what_is_seen_on_each_side_is_told_apart_and_nothing_seen_displaces_nothing(scouted: Scout) -> None:
+def test_what_is_seen_on_each_side_is_told_apart_and_nothing_seen_displaces_nothing(
+    scouted: PlateScan,
+) -> None:
     far = scouted.farthest(Camera.C)
     assert GAP < far.farthest(Camera.C) <= GAP + 2 * RADIUS
     assert far.farthest(Camera.C_STAR) == 0 < far.outline_widths
@@ -112,22 +131,25 @@ def test_no_more_apertures_are_looked_through_than_allowed(monkeypatch: pytest.M
     assert len(found.looks) == len(steps) <= 44
 
 
-# What `auto` takes -----------------------------------------------------------------------------------------
+# What `auto` takes
+# -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def both_sides() -> Scout:
+def both_sides() -> PlateScan:
     """All apertures of a small plate in the middle of the parts on both of its sides."""
     scene: Scene = view("asymmetric", (64, 48))
     return scout(replace(scene, plate=Plate(size=scene.plate.size, hogels=(6, 4))))
 
 
-def only(both_sides: Scout, *looks: Look) -> AutoApertures:
-    return AutoApertures.of(replace(both_sides, looks=looks))
+def only(both_sides: PlateScan, *looks: CoarseView) -> AutoApertures:
+    return AutoApertures.from_scan(replace(both_sides, looks=looks))
 
 
-def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(both_sides: Scout) -> None:
-    auto = AutoApertures.of(both_sides)
+def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(
+    both_sides: PlateScan,
+) -> None:
+    auto = AutoApertures.from_scan(both_sides)
     assert auto.apertures[0] == both_sides.scene.plate.middle
     assert 2 <= len(auto.chosen) <= 4 and len(set(auto.apertures)) == len(auto.chosen)
     reasons = {one.aperture: one.why for one in auto.chosen}
@@ -140,18 +162,22 @@ def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(
         assert f"nearest visible |z| {worst.nearest:.2g}" in reasons[worst.aperture]
 
 
-def test_a_middle_that_sees_nothing_is_left_out_unless_nothing_is_seen_at_all(both_sides: Scout) -> None:
+def test_a_middle_that_sees_nothing_is_left_out_unless_nothing_is_seen_at_all(
+    both_sides: PlateScan,
+) -> None:
     middle = both_sides.scene.plate.middle
     dark = [
         replace(look, height=np.full_like(look.height, np.nan)) if look.aperture == middle else look
         for look in both_sides.looks
     ]
     assert middle not in only(both_sides, *dark).apertures
-    assert only(both_sides, *(look for look in dark if look.aperture == middle)).apertures == (middle,)
+    assert only(both_sides, *(look for look in dark if look.aperture == middle)).apertures == (
+        middle,
+    )
 
 
 def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_no_other(
-    both_sides: Scout,
+    both_sides: PlateScan,
 ) -> None:
     first, *others = both_sides.looks
     blocked = replace(first, height=np.zeros_like(first.height))
@@ -160,9 +186,10 @@ def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_
     assert only(both_sides, blocked).apertures == (blocked.aperture,)
 
 
-def test_where_all_apertures_see_alike_the_middle_is_enough(both_sides: Scout) -> None:
+def test_where_all_apertures_see_alike_the_middle_is_enough(both_sides: PlateScan) -> None:
     seen = both_sides.looks[0]
     alike = [
-        replace(look, height=seen.height, outline_widths=seen.outline_widths) for look in both_sides.looks
+        replace(look, height=seen.height, outline_widths=seen.outline_widths)
+        for look in both_sides.looks
     ]
     assert only(both_sides, *alike).apertures == (both_sides.scene.plate.middle,)

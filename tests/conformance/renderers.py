@@ -1,7 +1,7 @@
 """Renderers that are taken through the conformance suite: the ray caster of `tests.wrong_renderers`.
 
-It reads the folder of a case alone. What it gets wrong is a toy of `tests.wrong_renderers`, chosen by the
-variable XFRUSTUM_TOY, or a mistake that is made here.
+It reads the folder of a case alone. What it gets wrong is a toy of `tests.wrong_renderers`, chosen
+by the variable XFRUSTUM_TOY, or a mistake that is made here.
 """
 
 import json
@@ -88,10 +88,14 @@ def bars(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats:
     u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
     (kx, ky), (tx, ty) = one["shear"], one["half_extent"]
     x, y = np.meshgrid(kx + u * tx, ky + v * ty)
-    lines, corners = np.stack([x, y, np.full(x.shape, -1.0)], axis=-1), scene["vertices"][scene["faces"]]
+    lines, corners = (
+        np.stack([x, y, np.full(x.shape, -1.0)], axis=-1),
+        scene["vertices"][scene["faces"]],
+    )
     colors, mean = scene["vertex_colors"][scene["faces"]], np.zeros(lines.shape)
     for px, py in one["sub_apertures"]:
-        # The weights of the corners of a triangle (F, H, W, 3) are those that add up to the point at s = 1.
+        # The weights of the corners of a triangle (F, H, W, 3) are those that add up to the point
+        # at s = 1.
         weights = lines @ np.linalg.inv(corners - (px, py, 0.0))[:, None]
         total = weights.sum(axis=-1)
         met = np.all(weights * total[..., None] >= 0, axis=-1) & (total != 0)

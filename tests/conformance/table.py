@@ -36,7 +36,10 @@ class Wrong:
 def wrong(level: str, told: str) -> list[Wrong]:
     """Return renderers from lines such as `near: near`."""
     lines = (line.split(":") for line in told.strip().splitlines())
-    return [Wrong(name=name.strip(), level=level, causes=frozenset(causes.split())) for name, causes in lines]
+    return [
+        Wrong(name=name.strip(), level=level, causes=frozenset(causes.split()))
+        for name, causes in lines
+    ]
 
 
 WRONG = [
@@ -155,12 +158,18 @@ class Tried:
     def matches(self, cause: str) -> bool:
         """Whether one of the right names was said, or one that refines it."""
         said = cause.split(", ")
-        return any(one == name or one.startswith(f"{name}-") for one in said for name in self.renderer.causes)
+        return any(
+            one == name or one.startswith(f"{name}-")
+            for one in said
+            for name in self.renderer.causes
+        )
 
 
 def tried(one: Wrong, names: Sequence[str] = ()) -> Tried:
     """Take a wrong renderer through some cases, or those of its level and of the levels before it."""
-    names = list(names) or [name for level, some in TRIED.items() if level <= one.level for name in some]
+    names = list(names) or [
+        name for level, some in TRIED.items() if level <= one.level for name in some
+    ]
     names += ["L0-numbers"] if one.name in OF_LARGE_NUMBERS else []
     cases = chosen(names=names)
     os.environ["XFRUSTUM_TOY"] = one.name

@@ -21,7 +21,7 @@ from xfrustum import InputError, open_scene
 from xfrustum.cli.main import main
 from xfrustum.compare.judging.conformance import Pixels, agrees, judged, trace
 from xfrustum.compare.judging.judged import wrong_pixels
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.conformance.cases import Archive, export, open_archive, traced, write_case
@@ -38,7 +38,12 @@ from xfrustum.scenes.plate.double_frustum import DepthMapping
 RIGHT = Contestant(python="tests.conformance.renderers:draw")
 FEW = ("L0-both-sides", "L0-order", "L0-placed")
 SOME = chosen(
-    names=("L0-both-sides", "L1-torus-before", "L2-harbor-d16-standard", "L4-lit-from-viewer-before")
+    names=(
+        "L0-both-sides",
+        "L1-torus-before",
+        "L2-harbor-d16-standard",
+        "L4-lit-from-viewer-before",
+    )
 )
 
 
@@ -66,7 +71,9 @@ def test_the_suite_has_some_120_cases_in_all_levels() -> None:
     assert type(Case(**vars(of("L0-behind")) | {"mapping": "gl"}).mapping) is DepthMapping
 
 
-@pytest.mark.parametrize("name", ["L0-behind", "L1-harbor-middle", "L3-attic-2", "L6-coincident-copies"])
+@pytest.mark.parametrize(
+    "name", ["L0-behind", "L1-harbor-middle", "L3-attic-2", "L6-coincident-copies"]
+)
 def test_a_truth_is_the_frozen_one(name: str) -> None:
     case = of(name)
     assert agrees(case, traced(case, case.open()))
@@ -90,7 +97,9 @@ def test_a_right_renderer_passes() -> None:
     assert all(one.pixels.shown > 100 and one.pixels.unexplained == 0 for one in verdicts)
 
 
-@pytest.mark.parametrize("name", [pytest.param("mirrored", marks=pytest.mark.slow), "blue-red", "no-front"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("mirrored", marks=pytest.mark.slow), "blue-red", "no-front"]
+)
 def test_a_wrong_convention_fails_its_level_with_its_cause(name: str) -> None:
     one = next(one for one in WRONG if one.name == name)
     found = tried(one, FEW)
@@ -101,7 +110,11 @@ def test_a_wrong_convention_fails_its_level_with_its_cause(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("case", "name"),
-    [("half-over-half", "back-over-front"), ("farthest-wins", "nearest"), ("nearest-wins", "farthest")],
+    [
+        ("half-over-half", "back-over-front"),
+        ("farthest-wins", "nearest"),
+        ("nearest-wins", "farthest"),
+    ],
 )
 def test_a_case_fails_the_mistake_that_it_is_there_for(case: str, name: str) -> None:
     found = tried(next(one for one in WRONG if one.name == name), [f"L0-{case}"])
@@ -111,7 +124,9 @@ def test_a_case_fails_the_mistake_that_it_is_there_for(case: str, name: str) -> 
 
 def test_a_case_that_cannot_tell_faults_apart_is_given_the_one_that_others_name() -> None:
     one = Verdict(name="a", level="L0", verdict="fail", cause="not-overlaid")
-    alike = replace(one, name="b", cause="front-missing", alternatives={"front-missing": ("not-overlaid",)})
+    alike = replace(
+        one, name="b", cause="front-missing", alternatives={"front-missing": ("not-overlaid",)}
+    )
     elsewhere = replace(alike, name="c", level="L1")
     assert [told.cause for told in agreed([one, alike, elsewhere])] == [
         "not-overlaid", "not-overlaid", "front-missing",
@@ -119,14 +134,18 @@ def test_a_case_that_cannot_tell_faults_apart_is_given_the_one_that_others_name(
 
 
 @pytest.mark.slow
-def test_wrong_renderers_fail_the_right_level_for_the_right_cause(capfd: pytest.CaptureFixture[str]) -> None:
+def test_wrong_renderers_fail_the_right_level_for_the_right_cause(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     done = [tried(one) for one in WRONG]
     # Where intervals had no ends, HiGHS wrote to standard output, past Python.
     assert capfd.readouterr().out == ""
     assert len(done) >= 40
     assert not [one.renderer.name for one in done if one.level is None], tally(done)
     assert not [one.renderer.name for one in done if not one.right_level], tally(done)
-    assert not [one.renderer.name for one in done if not one.right_cause or one.false_reasons], tally(done)
+    assert not [one.renderer.name for one in done if not one.right_cause or one.false_reasons], (
+        tally(done)
+    )
 
 
 def test_one_wrong_pixel_fails_and_one_beside_an_edge_does_not() -> None:
@@ -142,7 +161,8 @@ def test_one_wrong_pixel_fails_and_one_beside_an_edge_does_not() -> None:
 
 def test_a_trial_explains_by_the_device_that_it_is_given(tmp_path: Path) -> None:
     case, scene, truth = truth_of("L0-behind")
-    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels, or not.
+    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels,
+    # or not.
     moved = np.roll(truth.triangle, 1, axis=1)
     for aperture in case.apertures(scene):
         write_hogel(case, tmp_path, aperture.index, moved + 1)
@@ -156,8 +176,8 @@ def test_a_trial_explains_by_the_device_that_it_is_given(tmp_path: Path) -> None
 
 def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
     case, scene, truth = truth_of("L6-coincident-copies")
-    first = truth.triangle[truth.companions[:, 0], truth.companions[:, 1]]
-    row, column, other = truth.companions[truth.companions[:, 2] != first].T
+    first = truth.triangle[truth.tied_triangles[:, 0], truth.tied_triangles[:, 1]]
+    row, column, other = truth.tied_triangles[truth.tied_triangles[:, 2] != first].T
     second, third = truth.triangle.copy(), truth.triangle.copy()
     second[row, column] = other
     inner = len(row) // 2
@@ -169,7 +189,9 @@ def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
 
 def test_radiance_above_one_counts_as_one_where_an_image_stores_integers() -> None:
     case, scene, _ = truth_of("L0-colors")
-    glow = Appearance(materials={"glow": Material(ambient=(3.0, 3.0, 3.0), diffuse=(0.0,) * 3)}, lights=())
+    glow = Appearance(
+        materials={"glow": Material(ambient=(3.0, 3.0, 3.0), diffuse=(0.0,) * 3)}, lights=()
+    )
     objects = tuple(replace(one, material="glow") for one in scene.objects)
     scene = replace(scene, objects=objects, appearance=glow)
     (truth, *_), reference = traced_anew(case, scene), Reference(scene)
@@ -180,7 +202,7 @@ def test_radiance_above_one_counts_as_one_where_an_image_stores_integers() -> No
         """Return what the suite and `verify` count."""
         return [
             judged(case, scene, truth, image)[0].wrong,
-            int(wrong_pixels(reference, DrawnModel(), image)[0].sum()),
+            int(wrong_pixels(reference, RendererModel(), image)[0].sum()),
         ]
 
     def stored(level: int) -> HogelImage:
@@ -200,9 +222,13 @@ def test_radiance_above_one_counts_as_one_where_an_image_stores_integers() -> No
 def test_pictures_of_objects_lie_beside_a_truth_in_objects(tmp_path: Path) -> None:
     case = of("L0-objects")
     truth, *others = traced(case, case.open())
-    numbers = np.where(np.arange(len(truth.object))[:, None] < len(truth.object) // 2, 0, truth.object + 1)
+    numbers = np.where(
+        np.arange(len(truth.object))[:, None] < len(truth.object) // 2, 0, truth.object + 1
+    )
     (tmp_path / case.name).mkdir()
-    for index, drawn in zip(case.hogels, (numbers, *(one.object + 1 for one in others)), strict=True):
+    for index, drawn in zip(
+        case.hogels, (numbers, *(one.object + 1 for one in others)), strict=True
+    ):
         write_hogel(case, tmp_path / case.name, index, drawn)
     found = Trial(contestant=Contestant(images=str(tmp_path))).verdict(case)
     shown = [
@@ -234,8 +260,12 @@ def test_the_handed_mesh_is_the_scene(name: str, tmp_path: Path) -> None:
     if scene.surface.vertex_colors is not None:
         described = json.loads((tmp_path / "case.json").read_text())
         assert all(one["colored"] for one in described["objects"])
-        assert np.array_equal(np.load(tmp_path / "scene.npz")["vertex_colors"], scene.surface.vertex_colors)
-        assert np.allclose(read.surface.vertex_colors[read.faces], scene.surface.vertex_colors[scene.faces])
+        assert np.array_equal(
+            np.load(tmp_path / "scene.npz")["vertex_colors"], scene.surface.vertex_colors
+        )
+        assert np.allclose(
+            read.surface.vertex_colors[read.faces], scene.surface.vertex_colors[scene.faces]
+        )
         for number, part in enumerate(scene.objects):
             mesh = trimesh.load_scene(tmp_path / "scene.glb").geometry[f"object_{number}"]
             assert np.array_equal(mesh.visual.vertex_colors[:, :3], 255 * part.vertex_colors)
@@ -335,7 +365,17 @@ def test_a_command_is_run_once_for_each_case_and_a_stopped_run_goes_on(
     write_hogel(case, Path("truths", case.name), case.hogels[0], truth.triangle + 1)
     command = f"{sys.executable} program.py {{case}} {{out}} truths"
     names = "L0-behind,L1-box-behind,L0-nothing"
-    asked = ["conformance", "run", "--command", command, "--case", names, "--out", "said", "--quiet"]
+    asked = [
+        "conformance",
+        "run",
+        "--command",
+        command,
+        "--case",
+        names,
+        "--out",
+        "said",
+        "--quiet",
+    ]
     assert main(asked) == 1
     statement = json.loads(Path("said/statement.json").read_text())
     assert {one["name"]: one["verdict"] for one in statement["cases"]} == {
@@ -375,7 +415,9 @@ def test_workers_say_what_one_process_says(tmp_path: Path) -> None:
     assert run(some, Trial(contestant=RIGHT), tmp_path / "two", Engine(workers=2)) == alone
 
 
-def test_list_show_and_export_print_what_they_say(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_show_and_export_print_what_they_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["conformance", "list", "--json"]) in (0, None)
     listed = json.loads(capsys.readouterr().out)
     assert listed["suite"] == "1.0"
@@ -466,7 +508,9 @@ def test_junit_says_how_many_pixels_an_unexplained_failure_has() -> None:
 
 def test_a_page_names_what_fails(tmp_path: Path) -> None:
     found = tried(next(one for one in WRONG if one.name == "mirrored"), FEW)
-    statement = Statement(renderer="<mirror>", device="none", device_model="any", verdicts=found.verdicts)
+    statement = Statement(
+        renderer="<mirror>", device="none", device_model="any", verdicts=found.verdicts
+    )
     write_statement(statement, tmp_path)
     page = (tmp_path / "index.html").read_text()
     assert "&lt;mirror&gt;" in page

@@ -60,7 +60,9 @@ def links(page: Path) -> list[str]:
 def test_links_of_a_page_lead_to_files(page: Path) -> None:
     missing = []
     for link in links(page):
-        target = (page.parent / link.partition("#")[0]).resolve() if not link.startswith("#") else page
+        target = (
+            (page.parent / link.partition("#")[0]).resolve() if not link.startswith("#") else page
+        )
         if not target.exists() and target.relative_to(CHECKOUT).as_posix() not in MADE_BY_THE_BUILD:
             missing.append(link)
     assert missing == []
@@ -81,7 +83,9 @@ def test_files_that_documents_name_exist() -> None:
 
 
 def test_the_list_of_the_api_has_every_public_name_once() -> None:
-    listed = re.findall(r"^   ((?:scenes\.|reference\.|raster\.|compare\.)?\w+)$", INDEX, re.MULTILINE)
+    listed = re.findall(
+        r"^   ((?:scenes\.|reference\.|raster\.|compare\.)?\w+)$", INDEX, re.MULTILINE
+    )
     assert sorted(name for name in listed if name != "examples") == sorted(public_names())
 
 
@@ -105,15 +109,21 @@ def test_the_examples_of_names_run_one_after_the_other(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```pycon\n(.*?)```", NAMES_PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    test = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, "examples.md", str(NAMES_PAGE), 0)
+    test = doctest.DocTestParser().get_doctest(
+        "\n".join(blocks), {}, "examples.md", str(NAMES_PAGE), 0
+    )
     told: list[str] = []
-    found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=told.append)
+    found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
+        test, out=told.append
+    )
     assert found.attempted > len(blocks)
     assert found.failed == 0, "".join(told)
 
 
 @pytest.mark.slow
-def test_the_walk_of_one_pixel_ends_where_the_closed_form_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_walk_of_one_pixel_ends_where_the_closed_form_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     text = (CHECKOUT / "docs" / "how-it-is-built.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
     for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
@@ -132,14 +142,21 @@ def test_one_version_is_stated_everywhere() -> None:
 
 def test_the_dockerfile_takes_the_steps_of_readme() -> None:
     """No test builds the image; its steps are those of the Makefile, and its files where these put them."""
-    lines = [line for line in (CHECKOUT / "Dockerfile").read_text().splitlines() if line and line[0] != "#"]
+    lines = [
+        line
+        for line in (CHECKOUT / "Dockerfile").read_text().splitlines()
+        if line and line[0] != "#"
+    ]
     makefile, readme = (CHECKOUT / "Makefile").read_text(), (CHECKOUT / "README.md").read_text()
     *_, sources, copied, made, path, data, entry, _ = lines
     assert (copied, made) == ("COPY . .", "RUN make setup")
     assert "\nsetup: $(READY)" in makefile and "    make setup " in readme
     # The command is where the Makefile puts it.
     folder = sources.removeprefix("WORKDIR ")
-    assert path == f"ENV PATH={folder}/.venv/bin:$PATH" and "XFRUSTUM := .venv/bin/xfrustum\n" in makefile
+    assert (
+        path == f"ENV PATH={folder}/.venv/bin:$PATH"
+        and "XFRUSTUM := .venv/bin/xfrustum\n" in makefile
+    )
     assert entry == 'ENTRYPOINT ["xfrustum"]'
     assert f'-v "$PWD:{data.removeprefix("WORKDIR ")}" xfrustum report' in readme
     ignored = (CHECKOUT / ".dockerignore").read_text().split()
@@ -147,7 +164,9 @@ def test_the_dockerfile_takes_the_steps_of_readme() -> None:
 
 
 def test_the_tests_that_the_makefile_names_are_there() -> None:
-    for path, name in re.findall(r"(tests/[\w./]+)(?:::(\w+))?", (CHECKOUT / "Makefile").read_text()):
+    for path, name in re.findall(
+        r"(tests/[\w./]+)(?:::(\w+))?", (CHECKOUT / "Makefile").read_text()
+    ):
         assert (CHECKOUT / path).exists(), path
         assert not name or f"def {name}(" in (CHECKOUT / path).read_text(), name
 

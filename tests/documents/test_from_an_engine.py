@@ -20,7 +20,9 @@ def passes(folder: Path, mapping: str) -> list[dict[str, Any]]:
     aperture = f"{APERTURE[0]},{APERTURE[1]}"
     command = ["camera", "asymmetric", "--for", "json", "--near", "1", "--mapping", mapping]
     assert main([*command, "--apertures", aperture, "--out", str(folder)]) == 0
-    found: list[dict[str, Any]] = json.loads((folder / "cameras.json").read_text())["apertures"][0]["passes"]
+    found: list[dict[str, Any]] = json.loads((folder / "cameras.json").read_text())["apertures"][0][
+        "passes"
+    ]
     return found
 
 
@@ -55,7 +57,11 @@ def test_clip_ranges_are_those_of_the_table_and_a_fixed_test_gets_turned_depths(
         turned = ends[::-1] if one_pass["wins"] == "farthest" else ends
         np.testing.assert_allclose(after[[0, -1]], turned, atol=1e-12)
         # The test `<` keeps the smallest depth: the farthest of C*, the nearest of C.
-        assert (np.diff(after) < 0).all() if one_pass["wins"] == "farthest" else (np.diff(after) > 0).all()
+        assert (
+            (np.diff(after) < 0).all()
+            if one_pass["wins"] == "farthest"
+            else (np.diff(after) > 0).all()
+        )
 
 
 def test_of_a_camera_that_looks_at_the_viewer_rows_alone_flip(tmp_path: Path) -> None:
@@ -67,10 +73,12 @@ def test_of_a_camera_that_looks_at_the_viewer_rows_alone_flip(tmp_path: Path) ->
         offset = points * (1, 1, 1 if front else -1) - one_pass["position"]
         width, height = one_pass["half_extent"]
         picture = (
-            np.stack((offset @ right / width, offset @ up / height), axis=1) / (offset @ forward)[:, None]
+            np.stack((offset @ right / width, offset @ up / height), axis=1)
+            / (offset @ forward)[:, None]
         )
         clip = (
-            np.c_[points * (1, 1, 1 if front else -1), np.ones(9)] @ np.array(one_pass["clip_from_scene"]).T
+            np.c_[points * (1, 1, 1 if front else -1), np.ones(9)]
+            @ np.array(one_pass["clip_from_scene"]).T
         )
         film = clip[:, :2] / clip[:, 3:]
         np.testing.assert_allclose(picture * (1, -1 if front else 1), film)
@@ -111,6 +119,9 @@ def test_apertures_of_verify_are_the_ranges_of_plate(
         assert main([*command, text]) == 1
         found = json.loads(capsys.readouterr().out)["hogels"]
         assert [one["aperture"] for one in found] == expected
-    for text, told in {"1-9,2": "aperture 9,2 lies outside", "2-1,2": "columns,rows such as 0-80,30"}.items():
+    for text, told in {
+        "1-9,2": "aperture 9,2 lies outside",
+        "2-1,2": "columns,rows such as 0-80,30",
+    }.items():
         assert main([*command, text]) == 2
         assert told in capsys.readouterr().err

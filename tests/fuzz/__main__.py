@@ -1,6 +1,7 @@
 """`make fuzz`: many mutated inputs of each kind, and how each of them ended.
 
-Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR] [--replay]`.
+Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR]
+[--replay]`.
 """
 
 import argparse
@@ -98,7 +99,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="number of the first input")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep", type=Path, help="folder for the inputs that found something")
-    parser.add_argument("--replay", action="store_true", help="print, as JSON, what the corpus finds again")
+    parser.add_argument(
+        "--replay", action="store_true", help="print, as JSON, what the corpus finds again"
+    )
     chosen = parser.parse_args(arguments)
     if chosen.replay:
         print(json.dumps(replayed()))
@@ -122,7 +125,9 @@ def main(arguments: list[str] | None = None) -> int:
                 counts += more
                 for line in lines:
                     print(line, file=sys.stderr, flush=True)
-            ran = sum(n for name, n in counts.items() if name == "hang" or name.lstrip("-").isdigit())
+            ran = sum(
+                n for name, n in counts.items() if name == "hang" or name.lstrip("-").isdigit()
+            )
             told = ", ".join(f"{name}: {count:,}" for name, count in sorted(counts.items()))
             print(f"{kind}: {ran:,} inputs in {time.monotonic() - start:.0f} s: {told}", flush=True)
             found |= any(not name.isdigit() or int(name) > 2 for name in counts)
@@ -134,7 +139,9 @@ def _is_valid(seed: Seed) -> bool:
     files = with_payload(seed, seed.files[seed.mutated]) if seed.mutated else dict(seed.files)
     outcome = outcome_of(seed.command, files)
     if outcome.status not in (0, 1):
-        print(f"{seed.name}: not valid itself: {outcome.errors!r:.300}", file=sys.stderr, flush=True)
+        print(
+            f"{seed.name}: not valid itself: {outcome.errors!r:.300}", file=sys.stderr, flush=True
+        )
     return outcome.status in (0, 1)
 
 

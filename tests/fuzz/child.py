@@ -1,7 +1,8 @@
 """One input in a process of its own: forked from one that has everything imported, and watched.
 
-The child runs what users run, `xfrustum.__main__.run`, on a command line of its own: the standard streams are
-taken in hand, what libraries say is kept away, and the exit status is that of the program.
+The child runs what users run, `xfrustum.__main__.run`, on a command line of its own: the standard
+streams are taken in hand, what libraries say is kept away, and the exit status is that of the
+program.
 """
 
 import os
@@ -24,7 +25,9 @@ FORKED, CRASHED = 99, 98
 """Exit statuses that no command has: the child could not run its command, or the command raised."""
 
 
-STATUSES = frozenset({0, 1, 2})  # exit statuses that a command may end with when nobody sends it a signal
+STATUSES = frozenset(
+    {0, 1, 2}
+)  # exit statuses that a command may end with when nobody sends it a signal
 MEMORY_BYTES = 2 << 30  # memory that no small input may take
 PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
 
@@ -40,7 +43,9 @@ class Outcome:
     errors: bytes  #: Text on standard error
     peak_bytes: int  #: Largest memory of the process, bytes
     hung: bool  #: Whether the command was ended after `HANG_S`
-    left: frozenset[str]  #: Names of files and folders that the command added to its folder, at the top
+    left: frozenset[
+        str
+    ]  #: Names of files and folders that the command added to its folder, at the top
 
 
 def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
@@ -116,8 +121,8 @@ def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bo
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:
     """Yield what is wrong with an outcome, one word each.
 
-    `outputs` are what the command may leave if it ends with 0 or 1; under these names where the command line
-    is the seed's own (`named`).
+    `outputs` are what the command may leave if it ends with 0 or 1; under these names where the
+    command line is the seed's own (`named`).
     """
     if outcome.hung:
         yield "hang"
@@ -128,7 +133,9 @@ def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Itera
     if b"Traceback" in outcome.errors:
         yield "traceback"
     lines = [
-        line for line in re.split(rb"[\r\n]+", outcome.errors) if line.strip() and not BAR.fullmatch(line)
+        line
+        for line in re.split(rb"[\r\n]+", outcome.errors)
+        if line.strip() and not BAR.fullmatch(line)
     ]
     if any(not line.startswith(PREFIX) for line in lines) and b"Traceback" not in outcome.errors:
         yield "foreign-words"

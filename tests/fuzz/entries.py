@@ -1,7 +1,7 @@
 """Commands that only the fuzzer has: each reads what a command reads, without the slow verdict.
 
-They run inside the program like every other command, so that standard streams, messages and exit statuses are
-those of `xfrustum`. The child adds them to the command line.
+They run inside the program like every other command, so that standard streams, messages and exit
+statuses are those of `xfrustum`. The child adds them to the command line.
 """
 
 import json
@@ -44,10 +44,10 @@ def read_picture(scene: str, picture: Path) -> None:
 @click.argument("out", type=click.Path(path_type=Path))
 def read_parts(out: Path) -> None:
     """Read the parts of a survey that are whole, as a survey that goes on does."""
-    from xfrustum.reports.parts import DESCRIPTION, Parts
+    from xfrustum.reports.parts import DESCRIPTION, ParquetParts
     from xfrustum.scenes.disk.input_files import read_small
 
-    parts = Parts(out=out, name="survey.parquet")
+    parts = ParquetParts(out=out, name="survey.parquet")
     described = read_small(parts.folder / DESCRIPTION, "description", 1 << 20)
     try:
         description = json.loads(described)

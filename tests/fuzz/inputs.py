@@ -1,18 +1,17 @@
 """The seeds of mutation: valid files of every kind that is read, and the commands that read them.
 
-Most inputs are only read, because a verdict takes a hundred times as long as reading what it is about; one in
-so many goes all the way:
+Most inputs are only read, because a verdict takes a hundred times as long as reading what it is
+about; one in so many goes all the way:
 
 scene, mesh, patches, environment, instances   `read-scene`; one in ten `check`, one in ten `trace`
-exr                                 `compare`
-picture                             `read-picture`, which reads as `verify` does; one in a hundred `verify`
-exr-attributes                      `read-picture`; one in ten `compare`
-zarr, names, video                  `convert`; of zarr one in twenty `plate --check`
-parts                               `read-parts`, which reads the parts of a survey
-replay                              `read-recording`; one in ten `device --replay`
-device                              `read-device`; one in ten `budget --device`, `device --replay --device`
-archive                             `read-archive`; one in ten `conformance judge --truth`
-pattern, command                    the command itself
+exr                                 `compare` picture                             `read-picture`,
+which reads as `verify` does; one in a hundred `verify` exr-attributes
+`read-picture`; one in ten `compare` zarr, names, video                  `convert`; of zarr one in
+twenty `plate --check` parts                               `read-parts`, which reads the parts of a
+survey replay                              `read-recording`; one in ten `device --replay` device
+`read-device`; one in ten `budget --device`, `device --replay --device` archive
+`read-archive`; one in ten `conformance judge --truth` pattern, command                    the
+command itself
 
 The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 """
@@ -44,7 +43,8 @@ NAMES_FILE = "names.json"
 """Name of the file that lists the pictures of a folder `in`; it is written as these pictures."""
 
 SHEARED = SCENE.replace(
-    "fov_deg = [60.0, 50.0]", "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }"
+    "fov_deg = [60.0, 50.0]",
+    "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }",
 )
 
 SHAPE = part("sphere", 5.0, (0.0, 1.0, -4.0), rotate_deg=[0.0, 35.0, 0.0])
@@ -81,7 +81,9 @@ class Seed:
     files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
     mutated: str  #: name of the file that is mutated; empty where the command line itself is
     command: tuple[str, ...]  #: arguments of `xfrustum`
-    outputs: frozenset[str]  #: files and folders that the command may leave when it ends with 0 or 1
+    outputs: frozenset[
+        str
+    ]  #: files and folders that the command may leave when it ends with 0 or 1
     share: int = 1  #: number of inputs of this seed for each input of a seed of share 1
     how: str = "mutated"  #: name of the function of `mutations` that damages the file
     #: Pattern of the files that the mutated file, a JSON list, names, and the content of each
@@ -89,7 +91,12 @@ class Seed:
 
 
 def _seed(
-    name: str, files: Mapping[str, bytes], mutated: str, line: str, outputs: str = "", how: str = "mutated"
+    name: str,
+    files: Mapping[str, bytes],
+    mutated: str,
+    line: str,
+    outputs: str = "",
+    how: str = "mutated",
 ) -> Seed:
     """Return a seed; its command line is quoted as for a shell, its outputs have spaces between."""
     command, allowed = tuple(shlex.split(line)), frozenset(outputs.split())
@@ -111,7 +118,12 @@ def packed(files: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) 
     So damage to a member leaves the archive about it whole, with checksums that are right.
     """
     found = dict(files)
-    folders = {one for name in files for one in PurePosixPath(name).parents if one.suffix in (".npz", ".zip")}
+    folders = {
+        one
+        for name in files
+        for one in PurePosixPath(name).parents
+        if one.suffix in (".npz", ".zip")
+    }
     for folder in sorted(folders, key=lambda one: -len(one.parts)):
         inside = [name for name in found if PurePosixPath(name).is_relative_to(folder)]
         held = io.BytesIO()
@@ -120,7 +132,9 @@ def packed(files: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) 
                 data = found.pop(name)
                 if name.endswith(".npy") and not data.startswith(b"\x93NUMPY"):
                     data = _array(data.decode("utf-8", "replace"))
-                archive.writestr(zipfile.ZipInfo(str(PurePosixPath(name).relative_to(folder))), data)
+                archive.writestr(
+                    zipfile.ZipInfo(str(PurePosixPath(name).relative_to(folder))), data
+                )
         found[str(folder)] = held.getvalue()
     return found
 
@@ -146,7 +160,11 @@ def _of_scene(seeds: list[Seed]) -> list[Seed]:
 def _of_mesh(name: str, data: bytes, **more: bytes) -> Seed:
     """Return the seed of one mesh file; `more` are the files that it refers to, with `_` for the dot."""
     scene = SCENE + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n'
-    files = {"scene.toml": scene.encode(), name: data, **{k.replace("_", "."): v for k, v in more.items()}}
+    files = {
+        "scene.toml": scene.encode(),
+        name: data,
+        **{k.replace("_", "."): v for k, v in more.items()},
+    }
     return _seed(f"mesh-{name.replace('.', '-')}", files, name, _TRACE, "out.exr")
 
 
@@ -178,19 +196,27 @@ def meshes() -> list[Seed]:
         b"# a comment\nmtllib a.mtl\no part\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
         b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
     )
-    wood = _of_mesh("a.obj", obj, a_mtl=b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n", skin_png=_picture())
+    wood = _of_mesh(
+        "a.obj", obj, a_mtl=b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n", skin_png=_picture()
+    )
     return _of_scene(
         [
             wood,
             _of_mesh("a.ply", box.export(file_type="ply", encoding="ascii")),
             _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
             _of_mesh("a.off", box.export(file_type="off").encode()),
-            _of_mesh("a.gltf", trimesh.exchange.gltf.export_gltf(scene, embed_buffers=True)["model.gltf"]),
+            _of_mesh(
+                "a.gltf", trimesh.exchange.gltf.export_gltf(scene, embed_buffers=True)["model.gltf"]
+            ),
             _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
             _of_mesh("a.3mf", _threemf()),
-            _of_mesh("a.3dxml", threedxml('<Faces><Face strips="0 1 2 3" triangles="0 1 4"/></Faces>')),
+            _of_mesh(
+                "a.3dxml", threedxml('<Faces><Face strips="0 1 2 3" triangles="0 1 4"/></Faces>')
+            ),
             replace(_of_mesh("a.ply", bytes(box.export(file_type="ply"))), name="mesh-ply-binary"),
-            replace(_of_mesh("a.stl", box.export(file_type="stl_ascii").encode()), name="mesh-stl-ascii"),
+            replace(
+                _of_mesh("a.stl", box.export(file_type="stl_ascii").encode()), name="mesh-stl-ascii"
+            ),
             replace(wood, name="mesh-mtl", mutated="a.mtl"),
             replace(wood, name="mesh-texture", mutated="skin.png"),
         ]
@@ -219,7 +245,9 @@ def instances() -> list[Seed]:
 
 def patches() -> list[Seed]:
     """Return a file of two Bezier patches."""
-    corners = "\n".join(f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4))
+    corners = "\n".join(
+        f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4)
+    )
     low = "\n".join(f"{x:.1f} {y:.1f} 1.0" for x in range(2) for y in range(3))
     text = f"2\n3 3\n{corners}\n1 2\n{low}\n".encode()
     return _of_scene([replace(_of_mesh("a.bpt", text), name="patches-two")])
@@ -253,15 +281,24 @@ def pictures() -> list[Seed]:
         name = f"1x1.{suffix}"
         line = f"verify scene.toml {{i}}x{{j}}.{suffix} --apertures 1,1 --encoding triangle-id"
         files = {"scene.toml": _SHAPE_SCENE, name: data}
-        seed = _seed(f"picture-{suffix}", files, name, f"{line} --junit out.xml --json --quiet", "out.xml")
+        seed = _seed(
+            f"picture-{suffix}", files, name, f"{line} --junit out.xml --json --quiet", "out.xml"
+        )
         found += [seed, *_also([seed], "read", f"read-picture scene.toml {name}", share=99)]
     return found
 
 
 def attributes() -> list[Seed]:
     """Return hogel images whose attributes are damaged one by one."""
-    files = {"scene.toml": _SHAPE_SCENE, "truth.exr": _hogel("trace"), "1x1.exr": _hogel("raster --near 0.1")}
-    lines = {"read": "read-picture scene.toml 1x1.exr", "compare": "compare truth.exr 1x1.exr --json"}
+    files = {
+        "scene.toml": _SHAPE_SCENE,
+        "truth.exr": _hogel("trace"),
+        "1x1.exr": _hogel("raster --near 0.1"),
+    }
+    lines = {
+        "read": "read-picture scene.toml 1x1.exr",
+        "compare": "compare truth.exr 1x1.exr --json",
+    }
     found = [
         _seed(f"exr-attributes-{word}", files, "1x1.exr", line, how="mutated_header")
         for word, line in lines.items()
@@ -284,7 +321,11 @@ def names() -> list[Seed]:
     """Return folders of pictures in several layouts, whose names are damaged."""
     found = [
         _seed(
-            f"names-{layout}", {NAMES_FILE: _listed(*names)}, NAMES_FILE, f"convert in out {_CONVERT}", "out"
+            f"names-{layout}",
+            {NAMES_FILE: _listed(*names)},
+            NAMES_FILE,
+            f"convert in out {_CONVERT}",
+            "out",
         )
         for layout, names in _NAMES.items()
     ]
@@ -308,7 +349,10 @@ def parts() -> list[Seed]:
     line = "survey scene.toml --near 0.1 --all --workers 1 --out s --quiet"
     files = _made(line, {"scene.toml": _SHAPE_SCENE})
     inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))
-    return [_seed(f"parts-{number}", files, name, "read-parts s") for number, name in enumerate(inside[:3])]
+    return [
+        _seed(f"parts-{number}", files, name, "read-parts s")
+        for number, name in enumerate(inside[:3])
+    ]
 
 
 FRAME = "scene.toml|0.1|d24|standard|1,1"
@@ -332,7 +376,9 @@ def recordings() -> list[Seed]:
     members = _recording()
     device, frame = (name for name in members if name.startswith("frames.npz/"))
     line = "device --replay frames.npz --json --quiet"
-    others = {name: data for name, data in members.items() if name != frame} | {NAMES_FILE: _listed(FRAME)}
+    others = {name: data for name, data in members.items() if name != frame} | {
+        NAMES_FILE: _listed(FRAME)
+    }
     named = _seed("replay-names", others, NAMES_FILE, line)
     found = [
         _seed("replay-deflated", packed(members), "frames.npz", line),
@@ -353,9 +399,13 @@ def devices() -> list[Seed]:
     )
     found = []
     for (name, model), line in zip(models.items(), lines, strict=True):
-        text = json.dumps({"renderer": "any", "model": model.as_json(), "subpixel_bits": 8}).encode()
+        text = json.dumps(
+            {"renderer": "any", "model": model.as_json(), "subpixel_bits": 8}
+        ).encode()
         found.append(
-            _seed(f"device-{name}", {**packed(_recording()), "device.json": text}, "device.json", line)
+            _seed(
+                f"device-{name}", {**packed(_recording()), "device.json": text}, "device.json", line
+            )
         )
     return [*found, *_also(found, "read", "read-device device.json", share=9)]
 
@@ -376,22 +426,31 @@ def archives() -> list[Seed]:
         members["truth.zip/suite.json"] = archive.read("suite.json")
         for name in (one for one in archive.namelist() if one.startswith("truths/")):
             with zipfile.ZipFile(io.BytesIO(archive.read(name))) as arrays:
-                members |= {f"truth.zip/{name}/{one}": arrays.read(one) for one in arrays.namelist()}
+                members |= {
+                    f"truth.zip/{name}/{one}": arrays.read(one) for one in arrays.namelist()
+                }
     found = []
     whole = {**packed(members), **images}
     for case in names:
         line = f"conformance judge images --truth truth.zip --case {case} --json --quiet"
         files = {**members, **images}
-        inside = [name for name in members if f"/{case}/0.npz" in name or name.endswith("suite.json")]
+        inside = [
+            name for name in members if f"/{case}/0.npz" in name or name.endswith("suite.json")
+        ]
         seeds = [
             _seed(f"archive-{case}-whole", whole, "truth.zip", line),
-            *(_seed(f"archive-{case}-{PurePosixPath(name).stem}", files, name, line) for name in inside),
+            *(
+                _seed(f"archive-{case}-{PurePosixPath(name).stem}", files, name, line)
+                for name in inside
+            ),
         ]
         found += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
     name = f"images/{names[-1]}/unsupported"
     return [
         *found,
-        _seed("archive-reason", {**whole, name: b"no lights, and no more than 24 bits"}, name, line),
+        _seed(
+            "archive-reason", {**whole, name: b"no lights, and no more than 24 bits"}, name, line
+        ),
     ]
 
 
@@ -409,7 +468,10 @@ def patterns() -> list[Seed]:
 
 def stores() -> list[Seed]:
     """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
-    files = {"scene.toml": _SHAPE_SCENE, **_made(f"{_PLATE} --apertures *,*", {"scene.toml": _SHAPE_SCENE})}
+    files = {
+        "scene.toml": _SHAPE_SCENE,
+        **_made(f"{_PLATE} --apertures *,*", {"scene.toml": _SHAPE_SCENE}),
+    }
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
@@ -435,7 +497,9 @@ def commands() -> list[Seed]:
         "budget scene.toml --near 0.1 --json",
     ]
     outputs = "out.exr out out.zarr"
-    return [_seed(f"command-{number}", files, "", line, outputs) for number, line in enumerate(lines)]
+    return [
+        _seed(f"command-{number}", files, "", line, outputs) for number, line in enumerate(lines)
+    ]
 
 
 KINDS: dict[str, Callable[[], list[Seed]]] = {
@@ -465,8 +529,12 @@ def _threemf() -> bytes:
     """Return a 3MF file of two objects, one of them placed by a component."""
     square = mesh_xml([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
     turned = '<component objectid="1" transform="0 1 0 -1 0 0 0 0 1 1 2 3"/>'
-    objects = f'<object id="1">{square}</object><object id="2"><components>{turned}</components></object>'
-    return threemf(f'<resources>{objects}</resources><build><item objectid="1"/><item objectid="2"/></build>')
+    objects = (
+        f'<object id="1">{square}</object><object id="2"><components>{turned}</components></object>'
+    )
+    return threemf(
+        f'<resources>{objects}</resources><build><item objectid="1"/><item objectid="2"/></build>'
+    )
 
 
 def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
@@ -499,7 +567,9 @@ def _map(name: str) -> bytes:
 @cache
 def _hogel(line: str) -> bytes:
     """Return the image of the middle hogel by a command."""
-    return _made(f"{line} scene.toml --aperture 1,1 --out out.exr", {"scene.toml": _SHAPE_SCENE})["out.exr"]
+    return _made(f"{line} scene.toml --aperture 1,1 --out out.exr", {"scene.toml": _SHAPE_SCENE})[
+        "out.exr"
+    ]
 
 
 def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -511,11 +581,16 @@ def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
         for name, data in files.items():
             (Path(folder) / name).write_bytes(data)
         subprocess.run(
-            [sys.executable, "-m", "xfrustum", *line.split()], cwd=folder, check=True, capture_output=True
+            [sys.executable, "-m", "xfrustum", *line.split()],
+            cwd=folder,
+            check=True,
+            capture_output=True,
         )
         made = sorted(path for path in Path(folder).rglob("*") if path.is_file())
         return {
-            path.relative_to(folder).as_posix(): path.read_bytes() for path in made if path.name not in files
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in made
+            if path.name not in files
         }
 
 

@@ -1,8 +1,8 @@
 """`make kill`: signals at random moments of every command: how it ends, what it leaves, whether it goes on.
 
-Run as `python -m tests.fuzz.kill [--count N] [--jobs J] [--command NAME]`. Moments are spread over the whole
-life of the process. Those before the program's first line, while Python starts, are counted apart: there
-nobody can answer a signal yet.
+Run as `python -m tests.fuzz.kill [--count N] [--jobs J] [--command NAME]`. Moments are spread over
+the whole life of the process. Those before the program's first line, while Python starts, are
+counted apart: there nobody can answer a signal yet.
 """
 
 import argparse
@@ -33,7 +33,9 @@ ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 WORDS = {signal.SIGINT: b"xfrustum: interrupted\n", signal.SIGTERM: b"xfrustum: terminated\n"}
 
 PATIENCE_S = 60.0  # seconds that a command may take to end after a signal
-RENDERER_S = 10.0  # within which a renderer ends by itself if the program that should end it was killed
+RENDERER_S = (
+    10.0  # within which a renderer ends by itself if the program that should end it was killed
+)
 
 TEMPORARY = "temporary"  # name of the folder for temporary files, which commands must empty as well
 OUT = "out"  # name of the folder that commands write
@@ -46,15 +48,17 @@ class Run:
 
     length_s: float  #: seconds of the longest
     told: bytes  #: text on standard error
-    files: Mapping[str, str]  #: hash of each by its name; empty for one that differs, because it has times
+    files: Mapping[
+        str, str
+    ]  #: hash of each by its name; empty for one that differs, because it has times
 
 
 @dataclass(frozen=True, kw_only=True)
 class Victim:
     """A command that is killed: arguments of Python, and the exit status of a run that is not killed.
 
-    What a killed run leaves is kept and a second run goes on with it where it resumes; else the folder is
-    whole or absent.
+    What a killed run leaves is kept and a second run goes on with it where it resumes; else the
+    folder is whole or absent.
     """
 
     name: str
@@ -82,7 +86,9 @@ class Victim:
             process = self.start(folder)
             _, told = process.communicate()
             if process.returncode != self.status:
-                raise RuntimeError(f"{self.name} ended with {process.returncode}: {told.decode()[-500:]}")
+                raise RuntimeError(
+                    f"{self.name} ended with {process.returncode}: {told.decode()[-500:]}"
+                )
             return Run(length_s=time.monotonic() - begun, told=told, files=left_files(folder))
 
 
@@ -93,13 +99,27 @@ def victims(fuzz: Path) -> list[Victim]:
     xfrustum = ("-m", "xfrustum")
     report = (*xfrustum, "report", "scene.toml", "--near", "1,0.1", "--depth", "d24")
     plate = (*xfrustum, "plate", "scene.toml", "--near", "0.1", "--ids", "--block", "1x1", "--json")
-    verify = (*xfrustum, "verify", "scene.toml", "--encoding", "triangle-id", "--apertures", "0,0;1,0;2,1")
+    verify = (
+        *xfrustum,
+        "verify",
+        "scene.toml",
+        "--encoding",
+        "triangle-id",
+        "--apertures",
+        "0,0;1,0;2,1",
+    )
     return [
         Victim(name="report", arguments=(*report, *outputs)),
         Victim(name="plate", arguments=(*plate, *outputs), resumes=True),
         Victim(name="verify", arguments=(*verify, "{i}x{j}.png", *outputs), status=1),
-        Victim(name="verify-command", arguments=(*verify, "--command", renderer, *outputs), status=1),
-        Victim(name="study", arguments=(str(fuzz / "small_study.py"), "study", "small", OUT), resumes=True),
+        Victim(
+            name="verify-command", arguments=(*verify, "--command", renderer, *outputs), status=1
+        ),
+        Victim(
+            name="study",
+            arguments=(str(fuzz / "small_study.py"), "study", "small", OUT),
+            resumes=True,
+        ),
     ]
 
 
@@ -128,7 +148,8 @@ def left_files(folder: Path) -> dict[str, str]:
     """Return the hash of every file of a command's output, by name."""
     found = [path for path in sorted((folder / OUT).rglob("*")) if path.is_file()]
     return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in found
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in found
     }
 
 
@@ -162,9 +183,13 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
             _, told = process.communicate()
         wrong, status = [], process.returncode
         if early:
-            # Python itself ends by the signal, or with its own traceback after Ctrl-C; Ctrl-C while it starts
-            # itself, before any line of ours, is a fatal error of Python with status 1.
-            unborn = number is signal.SIGINT and status == 1 and told.startswith(b"Fatal Python error: init_")
+            # Python itself ends by the signal, or with its own traceback after Ctrl-C; Ctrl-C while
+            # it starts itself, before any line of ours, is a fatal error of Python with status 1.
+            unborn = (
+                number is signal.SIGINT
+                and status == 1
+                and told.startswith(b"Fatal Python error: init_")
+            )
             if not unborn and status not in {-number, ENDS[number], victim.status}:
                 wrong.append(f"status {status} before the first line")
         elif status == ENDS[number]:
@@ -174,7 +199,9 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
             wrong.append(f"status {status}, said {told[-300:]!r}")
         wrong += [f"lives on: {one}" for one in _orphans(folder, number is signal.SIGKILL)]
         left, hidden = list(_left(victim, folder, whole)), _hidden(folder)
-        wrong += [f"left {one}" for one in (*left, *(hidden if number is not signal.SIGKILL else ()))]
+        wrong += [
+            f"left {one}" for one in (*left, *(hidden if number is not signal.SIGKILL else ()))
+        ]
         # A folder without any files is what a first run finds, too.
         if left or hidden or left_files(folder):
             wrong += [f"second run: {one}" for one in _again(victim, folder, whole)]
@@ -184,7 +211,9 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
 def _left(victim: Victim, folder: Path, whole: Run) -> Iterator[str]:
     """Yield the names of files in sight that a killed command left neither whole nor absent."""
     expected = {OUT, TEMPORARY, "scene.toml", *PICTURES}
-    yield from sorted(name for name in os.listdir(folder) if name not in expected and name[0] != ".")
+    yield from sorted(
+        name for name in os.listdir(folder) if name not in expected and name[0] != "."
+    )
     yield from (f"{TEMPORARY}/{name}" for name in os.listdir(folder / TEMPORARY) if name[0] != ".")
     if victim.resumes:
         return
@@ -201,7 +230,9 @@ def _is_whole(path: Path) -> bool:
     if path.suffix == ".json":
         return bool(json.loads(path.read_bytes()))
     ends = {".html": b"</html>", ".parquet": b"PAR1"}
-    return path.stat().st_size > 0 and path.read_bytes().rstrip().endswith(ends.get(path.suffix, b""))
+    return path.stat().st_size > 0 and path.read_bytes().rstrip().endswith(
+        ends.get(path.suffix, b"")
+    )
 
 
 def _hidden(folder: Path) -> list[str]:
@@ -223,12 +254,16 @@ def _again(victim: Victim, folder: Path, whole: Run) -> Iterator[str]:
     files = left_files(folder)
     yield from (f"leaves {name}" for name in (*_hidden(folder), *os.listdir(folder / TEMPORARY)))
     yield from (f"other file {name}" for name in files.keys() ^ whole.files.keys())
-    other = [name for name, content in whole.files.items() if content and files.get(name) != content]
+    other = [
+        name for name, content in whole.files.items() if content and files.get(name) != content
+    ]
     yield from (f"other content {name}" for name in other)
     yield from (f"broken file {name}" for name in files if not _is_whole(folder / name))
     if victim.name == "plate" and json.loads(printed)["found"] != finished:
         yield f"found {json.loads(printed)['found']} of {finished} hogels"
-    twice = sum(not path.exists() or path.stat().st_mtime_ns != when for path, when in measured.items())
+    twice = sum(
+        not path.exists() or path.stat().st_mtime_ns != when for path, when in measured.items()
+    )
     if twice:
         yield f"{twice} blocks are lost or measured twice"
 
@@ -255,7 +290,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.kill", description=__doc__)
     parser.add_argument("--count", type=int, default=50, help="of each signal, for each command")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--command", action="append", help="report, plate, verify, verify-command or study")
+    parser.add_argument(
+        "--command", action="append", help="report, plate, verify, verify-command or study"
+    )
     chosen = parser.parse_args(arguments)
     found = 0
     for victim in victims(Path(__file__).resolve().parent):
@@ -267,12 +304,17 @@ def main(arguments: list[str] | None = None) -> int:
             whole = undisturbed([run.result() for run in runs])
             print(f"{victim.name}: undisturbed {whole.length_s:.1f} s", flush=True)
             for number in SIGNALS:
-                kills = [pool.submit(killed, victim, number, seed, whole) for seed in range(chosen.count)]
+                kills = [
+                    pool.submit(killed, victim, number, seed, whole) for seed in range(chosen.count)
+                ]
                 endings = [kill.result() for kill in kills]
                 statuses = Counter(status for status, _ in endings)
                 wrong = Counter(problem for _, problems in endings for problem in problems)
                 told = ", ".join(f"{status}: {count}" for status, count in sorted(statuses.items()))
-                print(f"  {number.name} {len(endings)}: statuses {told}; problems {dict(wrong)}", flush=True)
+                print(
+                    f"  {number.name} {len(endings)}: statuses {told}; problems {dict(wrong)}",
+                    flush=True,
+                )
                 found += wrong.total()
     print(f"{found} problems")
     return int(found > 0)

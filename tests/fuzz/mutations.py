@@ -73,7 +73,9 @@ def mutated_names(data: bytes, chance: random.Random) -> bytes:
     for _ in range(chance.choice((1, 1, 2, 4))):
         at = chance.randrange(len(names))
         raw = _NUMBER.sub(
-            lambda _: str(chance.choice(COUNTS)).encode(), names[at].encode(), count=chance.randrange(5)
+            lambda _: str(chance.choice(COUNTS)).encode(),
+            names[at].encode(),
+            count=chance.randrange(5),
         )
         if chance.random() < 0.4:
             raw = mutated(raw, chance)
@@ -95,7 +97,9 @@ def mutated_header(data: bytes, chance: random.Random) -> bytes:
         one = attributes[chance.randrange(len(attributes))]
         action = chance.randrange(6)
         if action < 3:
-            one[2] = chance.choice((_whole_number, _flip, _splice, mutated))(one[2], chance)[: 1 << 16]
+            one[2] = chance.choice((_whole_number, _flip, _splice, mutated))(one[2], chance)[
+                : 1 << 16
+            ]
             one[3] = len(one[2]) if chance.random() < 0.9 else chance.choice(WHOLE) & 0x7FFFFFFF
         elif action == 3:
             one[1] = attributes[chance.randrange(len(attributes))][1]
@@ -103,13 +107,19 @@ def mutated_header(data: bytes, chance: random.Random) -> bytes:
             attributes.insert(chance.randrange(len(attributes) + 1), list(one))
         elif len(attributes) > 1:
             attributes.remove(one)
-    header = b"".join(b"%b\0%b\0%b%b" % (n, k, struct.pack("<i", size), v) for n, k, v, size in attributes)
+    header = b"".join(
+        b"%b\0%b\0%b%b" % (n, k, struct.pack("<i", size), v) for n, k, v, size in attributes
+    )
     return data[:8] + header + data[at:]
 
 
 def _flip(data: bytes, chance: random.Random) -> bytes:
     at = chance.randrange(len(data) + 1)
-    return data[:at] + bytes(one ^ 1 << chance.randrange(8) for one in data[at : at + 1]) + data[at + 1 :]
+    return (
+        data[:at]
+        + bytes(one ^ 1 << chance.randrange(8) for one in data[at : at + 1])
+        + data[at + 1 :]
+    )
 
 
 def _splice(data: bytes, chance: random.Random) -> bytes:
@@ -139,7 +149,9 @@ def _word(data: bytes, chance: random.Random) -> bytes:
     return _in_place(_WORD, chance.choice(WORDS).encode(), data, chance)
 
 
-def _in_place(pattern: re.Pattern[bytes], piece: bytes, data: bytes, chance: random.Random) -> bytes:
+def _in_place(
+    pattern: re.Pattern[bytes], piece: bytes, data: bytes, chance: random.Random
+) -> bytes:
     found = list(pattern.finditer(data[: 1 << 16]))
     if not found:
         return data

@@ -5,7 +5,9 @@ import time
 
 from PIL import Image
 
-PRETENDED_WORK_S = 0.2  # time that it seems to draw for, so that a signal to `verify` finds it at work
+PRETENDED_WORK_S = (
+    0.2  # time that it seems to draw for, so that a signal to `verify` finds it at work
+)
 
 if __name__ == "__main__":
     column, row, out = sys.argv[1:]

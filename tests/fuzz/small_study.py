@@ -13,7 +13,11 @@ def small(out: Path) -> None:
 
     nears, (first, *_) = QUICK
     make_study(
-        out, (nears[:2], (replace(first, buffers=first.buffers[1:2], resolutions=(16,), ratios=(1.5,)),))
+        out,
+        (
+            nears[:2],
+            (replace(first, buffers=first.buffers[1:2], resolutions=(16,), ratios=(1.5,)),),
+        ),
     )
 
 

@@ -4,8 +4,8 @@
     python -m tests.golden compare truths   one part: truths, rasters, answers, wrong-renderers
     python -m tests.golden make FOLDER      a corpus of this checkout, made in the same way
 
-`truths.npz` and `rasters.npz` are small images of all built-in scenes, hard cases and scenes of `../shared`;
-`answers.json.gz` has what commands print and write; `wrong-renderers.txt` is the table of
-`python -m tests.wrong_renderers`. Version 0.2 made them before its code was reduced. They are evidence of
-what was so, not of what is right: where an answer differs, `answers.EXPECTED` says why.
+`truths.npz` and `rasters.npz` are small images of all built-in scenes, hard cases and scenes of
+`../shared`; `answers.json.gz` has what commands print and write; `wrong-renderers.txt` is the table
+of `python -m tests.wrong_renderers`. Version 0.2 made them before its code was reduced. They are
+evidence of what was so, not of what is right: where an answer differs, `answers.EXPECTED` says why.
 """

@@ -33,7 +33,7 @@ other processors add them in other orders."""
 
 
 @dataclass(kw_only=True)
-class Tally:
+class SettingStats:
     """Values that were compared, and those that differ."""
 
     compared: int = 0
@@ -50,9 +50,9 @@ class Tally:
                 print(f"  {title}: {line}")
 
 
-def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Tally:
+def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> SettingStats:
     """Compare integers bit for bit, and reals to some roundings of float32 of the largest value."""
-    tally = Tally(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
+    tally = SettingStats(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
     for key in sorted(set(old) & set(new)):
         a, b = np.asarray(old[key]), np.asarray(new[key])
         tally.compared += a.size
@@ -60,7 +60,8 @@ def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Tally:
             tally.differ.append(f"{key}: shape {b.shape}, was {a.shape}")
             continue
         if a.dtype.kind == "f":
-            # Colors and points are sums of fewer than 8 rounded products of values up to the largest.
+            # Colors and points are sums of fewer than 8 rounded products of values up to the
+            # largest.
             bound = 8 * SINGLE * max(float(np.nanmax(np.abs(a), initial=0)), 1e-30)
             wrong = ~(np.isclose(a, b, rtol=0, atol=bound, equal_nan=True))
         else:
@@ -77,9 +78,11 @@ def alike(a: object, b: object, place: str = "") -> bool:
     return a == b
 
 
-def compare_answers(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]) -> Tally:
+def compare_answers(
+    old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]
+) -> SettingStats:
     """Compare leaf by leaf; keys are named where they have gone or come."""
-    tally = Tally(gone=sorted(set(old) - set(new)))
+    tally = SettingStats(gone=sorted(set(old) - set(new)))
     for name in sorted(set(old) & set(new)):
         a, b = old[name], new[name]
         kept = [place for place in a if not OF_THE_RUN.search(place.rpartition(".")[2].lower())]
@@ -96,7 +99,9 @@ def wrong_renderers() -> dict[str, str]:
     """Return verdict and findings of each wrong renderer of the world "harbor", by its name."""
     words = [sys.executable, "-m", "tests.wrong_renderers", "--scene", "harbor"]
     words += ["--encoding", "triangle-id", "--group", "classic"]
-    printed = subprocess.run(words, capture_output=True, text=True, check=True, cwd=HERE.parents[1]).stdout
+    printed = subprocess.run(
+        words, capture_output=True, text=True, check=True, cwd=HERE.parents[1]
+    ).stdout
     return by_renderer(printed)
 
 
@@ -118,31 +123,40 @@ def make(folder: Path, parts: list[str]) -> None:
         with gzip.open(folder / "answers.json.gz", "wt") as file:
             json.dump(found, file)
     if "wrong-renderers" in parts:
-        rows = [f"| harbor | {name} | triangle-id | {said}" for name, said in wrong_renderers().items()]
+        rows = [
+            f"| harbor | {name} | triangle-id | {said}" for name, said in wrong_renderers().items()
+        ]
         (folder / "wrong-renderers.txt").write_text("\n".join(rows) + "\n")
 
 
 def compare(parts: list[str]) -> bool:
     """Print what differs from the corpus, part by part; return whether nothing does."""
-    tallies: dict[str, Tally] = {}
+    tallies: dict[str, SettingStats] = {}
     for part, arrays in (("truths", truths.truths), ("rasters", truths.rasters)):
         if part in parts:
             tallies[part] = compare_arrays(np.load(HERE / f"{part}.npz"), arrays())
     if "answers" in parts:
-        with tempfile.TemporaryDirectory() as out, gzip.open(HERE / "answers.json.gz", "rt") as file:
+        with (
+            tempfile.TemporaryDirectory() as out,
+            gzip.open(HERE / "answers.json.gz", "rt") as file,
+        ):
             tallies["answers"] = compare_answers(json.load(file), answers.answers(Path(out)))
     if "wrong-renderers" in parts:
         old = by_renderer((HERE / "wrong-renderers.txt").read_text())
         tallies["wrong-renderers"] = compare_answers({"": old}, {"": wrong_renderers()})
     for part, tally in tallies.items():
         tally.say(part)
-    return all(is_expected(line) for tally in tallies.values() for line in (*tally.differ, *tally.gone))
+    return all(
+        is_expected(line) for tally in tallies.values() for line in (*tally.differ, *tally.gone)
+    )
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.golden", description=__doc__)
     parser.add_argument("action", choices=("compare", "make"))
-    parser.add_argument("words", nargs="*", help="parts to compare, or the folder to write and parts")
+    parser.add_argument(
+        "words", nargs="*", help="parts to compare, or the folder to write and parts"
+    )
     arguments = parser.parse_args()
     folder = arguments.words[:1] if arguments.action == "make" else []
     parts = arguments.words[len(folder) :] or list(PARTS)

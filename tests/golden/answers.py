@@ -58,9 +58,15 @@ def flat(value: object, at: str = "") -> Values:
     """Return the leaves of a JSON value by their place, without those of one run."""
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not OF_THE_RUN.search(str(k).lower())}
-        return {place: leaf for k, v in kept.items() for place, leaf in flat(v, f"{at}.{k}").items()}
+        return {
+            place: leaf for k, v in kept.items() for place, leaf in flat(v, f"{at}.{k}").items()
+        }
     if isinstance(value, list):
-        return {place: leaf for k, v in enumerate(value) for place, leaf in flat(v, f"{at}[{k}]").items()}
+        return {
+            place: leaf
+            for k, v in enumerate(value)
+            for place, leaf in flat(v, f"{at}[{k}]").items()
+        }
     return {at: value}
 
 
@@ -70,7 +76,9 @@ def arrays_of_plate(folder: Path) -> Values:
     found: Values = {}
     for name, array in group.arrays():
         found[f".{name}.shape"] = list(array.shape)
-        values = np.asarray(array[:3, :4] if array.ndim > 1 else array[...])  # the hogels that were drawn
+        values = np.asarray(
+            array[:3, :4] if array.ndim > 1 else array[...]
+        )  # the hogels that were drawn
         if values.dtype.kind in "biuf":  # the others are names of versions and devices
             whole = np.nan_to_num(values.astype(np.float64)).ravel()
             # The second number changes where values change places.
@@ -83,7 +91,11 @@ def answer(name: str, out: Path) -> Values:
     out.mkdir(parents=True, exist_ok=True)
     words = [word.format(out=out) for word in COMMANDS[name].split()]
     done = subprocess.run(
-        [sys.executable, "-m", "xfrustum", *words], capture_output=True, text=True, check=False, cwd=CHECKOUT
+        [sys.executable, "-m", "xfrustum", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=CHECKOUT,
     )
     values: Values = {".exit_status": done.returncode}
     if done.returncode not in (0, 1):
@@ -92,7 +104,9 @@ def answer(name: str, out: Path) -> Values:
         return values | flat(json.loads(done.stdout))
     if name == "plate":
         return values | arrays_of_plate(out / "plate.zarr")
-    (written,) = [path for path in sorted(out.glob("*.json")) if path.name in ("report.json", "cameras.json")]
+    (written,) = [
+        path for path in sorted(out.glob("*.json")) if path.name in ("report.json", "cameras.json")
+    ]
     return values | flat(json.loads(written.read_text()))
 
 
@@ -107,9 +121,10 @@ EXPECTED = {
     r"report-.*\.trade_off": "error against time is the command cost alone: no setting is timed twice",
     r"report-.*\.best\.sentence": "it begins with the hogel that it speaks of, and ranks by error alone",
     r"plan-.*\.reason": "wrong surfaces count as displacements do, and are named",
-    # Version 0.2 scouted 524 apertures, of which 521 are scouted now; all heights are equal bit for bit.
-    # Lengths on the film are rounded otherwise in the last place, which breaks a tie of mirrored, equally bad
-    # apertures the other way: the neighbors of the one are looked through, or those of the other.
+    # Version 0.2 scouted 524 apertures, of which 521 are scouted now; all heights are equal bit for
+    # bit. Lengths on the film are rounded otherwise in the last place, which breaks a tie of
+    # mirrored, equally bad apertures the other way: the neighbors of the one are looked through, or
+    # those of the other.
     r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both are right",
     r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts, too",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tests.golden import answers, truths
-from tests.golden.__main__ import HERE, Tally, compare_answers, compare_arrays
+from tests.golden.__main__ import HERE, SettingStats, compare_answers, compare_arrays
 from tests.support.long_tail import thinned
 from xfrustum import Rasterizer, open_scene
 
 
-def held_against(part: str, step: int) -> Tally:
+def held_against(part: str, step: int) -> SettingStats:
     """Compare every so many of a part's scenes; one that the corpus has and this checkout not is gone."""
     with np.load(HERE / f"{part}.npz") as old:
         known = dict.fromkeys(key.partition("|")[0] for key in old.files)
@@ -37,7 +37,9 @@ def test_rasters_are_those_of_the_corpus(step: int) -> None:
     """The corpus was drawn by llvmpipe: another device rounds otherwise."""
     with Rasterizer(open_scene("empty")) as rasterizer:
         if "llvmpipe" not in rasterizer.device["renderer"]:
-            pytest.skip("the corpus of rasters was drawn by llvmpipe, which is not the device at hand")
+            pytest.skip(
+                "the corpus of rasters was drawn by llvmpipe, which is not the device at hand"
+            )
     tally = held_against("rasters", step)
     assert (tally.differ, tally.gone) == ([], [])
 
@@ -48,7 +50,10 @@ def test_a_changed_pixel_is_found() -> None:
     assert compare_arrays(old, new).differ == []
     new["a|triangle"][3] = 0
     new["a|color"][1, 1] += 1e-4
-    assert compare_arrays(old, new).differ == ["a|color: 1 of 6 values", "a|triangle: 1 of 12 values"]
+    assert compare_arrays(old, new).differ == [
+        "a|color: 1 of 6 values",
+        "a|triangle: 1 of 12 values",
+    ]
 
 
 @pytest.mark.slow

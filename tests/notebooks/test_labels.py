@@ -52,7 +52,8 @@ def test_a_labelled_truth_has_what_the_image_has_and_no_more() -> None:
     (kx, ky), (tx, ty) = labelled.attrs["shear"], labelled.attrs["half_extent"]
     x = labelled.x - labelled.height * (kx + labelled.u * tx)
     y = labelled.y - labelled.height * (ky + labelled.v * ty)
-    # Points are rounded to doubles where a line meets a triangle: a few units in the last of 14 digits.
+    # Points are rounded to doubles where a line meets a triangle: a few units in the last of 14
+    # digits.
     assert float(abs(x - labelled.position[..., 0]).max()) < 1e-9
     assert float(abs(y - labelled.position[..., 1]).max()) < 1e-9
     assert labelled.height.notnull().any()
@@ -62,14 +63,20 @@ def test_labelled_errors_have_the_signs_of_the_maps() -> None:
     scene = small_scene()
     aperture, reference = scene.plate.middle, Reference(scene)
     with Rasterizer(scene) as rasterizer:
-        found = compare_images(reference.trace(aperture), rasterizer.render(aperture, SETTINGS), reference)
+        found = compare_images(
+            reference.trace(aperture), rasterizer.render(aperture, SETTINGS), reference
+        )
     labelled = found.to_xarray(units="mm")
-    # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the middle.
+    # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the
+    # middle.
     outward = (labelled.displacement_columns * np.sign(labelled.u)).where(abs(labelled.u) > 0.1)
     downward = (labelled.displacement_rows * np.sign(-labelled.v)).where(abs(labelled.v) > 0.1)
     for moved in (outward, downward):
         assert float(moved.min()) > 0
-    assert labelled.displacement_rows.attrs == {"long_name": "true minus drawn place, down", "units": "px"}
+    assert labelled.displacement_rows.attrs == {
+        "long_name": "true minus drawn place, down",
+        "units": "px",
+    }
     assert int(labelled.surface.sum()) == found.surface_wrong
     assert labelled.radiance_error.dims == ("v", "u", "rgb")
 

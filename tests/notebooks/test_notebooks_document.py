@@ -29,7 +29,9 @@ def test_the_cells_run_one_after_the_other(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The scene is smaller, with as many hogels as the aperture of the page needs."""
-    pytest.importorskip("xarray", reason="needs the package xarray, the optional part xfrustum[notebook]")
+    pytest.importorskip(
+        "xarray", reason="needs the package xarray, the optional part xfrustum[notebook]"
+    )
 
     def opened(name: str) -> xfrustum.Scene:
         scene = small_scene(name, (16, 12))
@@ -42,7 +44,11 @@ def test_the_cells_run_one_after_the_other(
     assert shown == ["Scene", "Comparison"]
     printed = capsys.readouterr().out
     assert "mm [60, 20] " in printed
-    for line in ("Scene: 'asymmetric-recentered', a plate of 80 x 60 mm", "BudgetReport: ", "SceneView: "):
+    for line in (
+        "Scene: 'asymmetric-recentered', a plate of 80 x 60 mm",
+        "BudgetReport: ",
+        "SceneView: ",
+    ):
         assert line in printed
 
 

@@ -18,9 +18,9 @@ from tests.support.views import view as scene_named
 from xfrustum import (
     Aperture,
     DoubleFrustum,
+    Evaluator,
     Eye,
     HogelImage,
-    Judge,
     Rasterizer,
     Reference,
     Scene,
@@ -41,10 +41,12 @@ from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
-from xfrustum.scenes.notebook import MAX_SIDE_PX, Figure, Shown, png
+from xfrustum.scenes.notebook import MAX_SIDE_PX, Figure, NotebookRepr, png
 
 SETTINGS = DoubleFrustum(near=2.0)
-MAX_LINE = 420  # largest number of characters of a line: what fits into two lines or three of a wide page
+MAX_LINE = (
+    420  # largest number of characters of a line: what fits into two lines or three of a wide page
+)
 
 
 def small_scene(name: str = "asymmetric", resolution: tuple[int, int] = (24, 18)) -> Scene:
@@ -53,7 +55,7 @@ def small_scene(name: str = "asymmetric", resolution: tuple[int, int] = (24, 18)
 
 
 @pytest.fixture(scope="module")
-def results() -> dict[str, Shown]:
+def results() -> dict[str, NotebookRepr]:
     scene = small_scene()
     aperture, reference = scene.plate.middle, Reference(scene)
     truth = reference.trace(aperture)
@@ -61,7 +63,7 @@ def results() -> dict[str, Shown]:
         drawn = rasterizer.render(aperture, SETTINGS)
     rgb = np.zeros((18, 24, 3), dtype=np.uint8)
     seen = view(scene, [Eye(position=(0, 0, 600), resolution=(16, 12))])
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         hogel = next(judge.stream([aperture], [SETTINGS], images=True))
     return {
         "Scene": scene,
@@ -108,7 +110,7 @@ class Structure(HTMLParser):
         self.words.append(data)
 
 
-def assert_right_for_a_notebook(name: str, one: Shown) -> None:
+def assert_right_for_a_notebook(name: str, one: NotebookRepr) -> None:
     line = repr(one)
     assert "\n" not in line and "array(" not in line
     assert len(line) <= MAX_LINE, line
@@ -139,7 +141,7 @@ def parts_of(value: object) -> Iterator[object]:
 
 
 def test_a_result_says_what_it_is_and_is_shown_and_no_part_writes_out_its_arrays(
-    results: dict[str, Shown],
+    results: dict[str, NotebookRepr],
 ) -> None:
     for name, one in results.items():
         assert_right_for_a_notebook(name, one)
@@ -148,12 +150,18 @@ def test_a_result_says_what_it_is_and_is_shown_and_no_part_writes_out_its_arrays
         assert [type(part).__name__ for part in made if "array(" in repr(part)] == []
 
 
-def test_the_words_are_those_of_the_numbers(results: dict[str, Shown]) -> None:
+def test_the_words_are_those_of_the_numbers(results: dict[str, NotebookRepr]) -> None:
     truth, scene = results["HogelImage"], results["Scene"]
     assert isinstance(truth, HogelImage) and isinstance(scene, Scene)
-    assert "a plate of 80 x 60 mm with 4 x 3 hogels of 24 x 18 pixels, each 60 x 60 degrees" in repr(scene)
+    assert (
+        "a plate of 80 x 60 mm with 4 x 3 hogels of 24 x 18 pixels, each 60 x 60 degrees"
+        in repr(scene)
+    )
     assert f"{len(scene.objects)} objects, {len(scene.faces):,} triangles" in repr(scene)
-    assert f"truth of aperture 2,1 of 'asymmetric' by {truth.camera.renderer}; 24 x 18 pixels" in repr(truth)
+    assert (
+        f"truth of aperture 2,1 of 'asymmetric' by {truth.camera.renderer}; 24 x 18 pixels"
+        in repr(truth)
+    )
     assert f"{np.count_nonzero(truth.covered):,} (" in repr(truth)
     assert "drawing with near 2 D24 standard" in repr(results["drawn"])
     assert "aperture 2,1 with near 2 mm" in repr(results["BudgetReport"])
@@ -161,7 +169,9 @@ def test_the_words_are_those_of_the_numbers(results: dict[str, Shown]) -> None:
     assert "recentered on a screen of 160 x 120 mm at height 120 mm" in screen
 
 
-def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(results: dict[str, Shown]) -> None:
+def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(
+    results: dict[str, NotebookRepr],
+) -> None:
     truth = results["HogelImage"]
     assert isinstance(truth, HogelImage) and truth.color is not None
     content = truth._repr_png_()
@@ -175,7 +185,7 @@ def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(results: dict
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Strange(Shown):
+class Strange(NotebookRepr):
     """A result whose words hold what HTML means otherwise."""
 
     def _said(self) -> str:
@@ -203,7 +213,9 @@ def test_saying_what_it_is_loads_no_library_that_shows_it() -> None:
         "heavy = ('PIL', 'xarray', 'pandas', 'matplotlib', 'IPython', 'jinja2')\n"
         "print(*(name for name in heavy if name in sys.modules))\n"
     )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert (ended.returncode, ended.stdout.strip(), ended.stderr) == (0, "", "")
 
 

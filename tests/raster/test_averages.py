@@ -56,13 +56,17 @@ def mean(pictures: list[Singles]) -> Floats:
 
 @BOTH
 @pytest.mark.parametrize("n", [2, 3])
-def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(answer: Answer, n: int) -> None:
+def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(
+    answer: Answer, n: int
+) -> None:
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
     width, height = RESOLUTION
     larger = replace(scene, frustum=replace(scene.frustum, resolution=(n * width, n * height)))
     place = scene.plate.corners[0]
     with answer(scene) as ask, answer(larger) as fine:
-        boxes = fine(place).color.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64)
+        boxes = (
+            fine(place).color.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64)
+        )
         found = ask(place, Sampling(supersample=n)).color
     np.testing.assert_allclose(found, boxes, rtol=SINGLE, atol=SINGLE)
 
@@ -84,7 +88,11 @@ def test_an_aperture_is_the_mean_of_its_points(answer: Answer, boxes: int) -> No
 @pytest.mark.parametrize(
     ("answer", "asked"),
     [
-        *((answer, asked) for answer in (traced, drawn) for asked in ({"supersample": 2}, {"aperture": 3})),
+        *(
+            (answer, asked)
+            for answer in (traced, drawn)
+            for asked in ({"supersample": 2}, {"aperture": 3})
+        ),
         (drawn, {"multisample": FOUR}),
     ],
 )
@@ -106,13 +114,16 @@ def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats
     width, height = resolution
     # In pixels, to the right and up from the film's middle; the corners lie outside the film.
     far = 3.0 * width
-    line = np.array([[-far, -far * slope + 0.3], [far, far * slope + 0.3], [far, -2 * far], [-far, -2 * far]])
+    line = np.array(
+        [[-far, -far * slope + 0.3], [far, far * slope + 0.3], [far, -2 * far], [-far, -2 * far]]
+    )
     tangent, depth = math.tan(math.radians(25)), 40.0
     corners = np.column_stack((line * (2 * tangent * depth / width), np.full(4, -depth)))
     fov = (2 * math.atan(tangent), 2 * math.atan(tangent * height / width))
     frustum = Frustum(resolution=resolution, reach=(50.0, 50.0), fov=fov)
     scene = replace(
-        lit(quad(corners, "glow"), frustum=frustum, glow=GLOW), plate=Plate(size=(1, 1), hogels=(1, 1))
+        lit(quad(corners, "glow"), frustum=frustum, glow=GLOW),
+        plate=Plate(size=(1, 1), hogels=(1, 1)),
     )
     # The midpoint rule over columns so thin that its error is far below a code.
     fine = (np.arange(width * 512) + 0.5) / 512 - width / 2
@@ -128,7 +139,9 @@ CROSSED = (COVERED > 0) & (COVERED < 1)
 
 def error_at_the_edge(answer: Answer, **sampling: int) -> Floats:
     with answer(EDGE) as ask:
-        return np.asarray(np.abs(ask(EDGE.plate.middle, Sampling(**sampling)).color[..., 0] - COVERED))
+        return np.asarray(
+            np.abs(ask(EDGE.plate.middle, Sampling(**sampling)).color[..., 0] - COVERED)
+        )
 
 
 @BOTH
@@ -164,7 +177,9 @@ def grating(height: float, period: float, *, recentered: bool) -> Scene:
         quad([(x, -60, height), (end, -60, height), (end, 60, height), (x, 60, height)], "glow")
         for x, end in ((x, x + period / 2) for x in np.arange(-60.0, 60.0, period))
     ]
-    screen = Screen(height=SCREEN_HEIGHT, center=(0.5, 0.0), size=(20.0, 20.0)) if recentered else None
+    screen = (
+        Screen(height=SCREEN_HEIGHT, center=(0.5, 0.0), size=(20.0, 20.0)) if recentered else None
+    )
     fov = None if recentered else (math.radians(30), math.radians(30))
     frustum = Frustum(resolution=(101, 3), reach=(50.0, 50.0), screen=screen, fov=fov)
     plate = Plate(size=(10 * PITCH, 10 * PITCH), hogels=(10, 10))
@@ -181,9 +196,12 @@ def discrepancy(count: int) -> float:
 
 @BOTH
 @pytest.mark.parametrize(
-    ("height", "recentered"), thinned([(-25.0, False), (12.0, True), (-25.0, True), (12.0, False)], 2)
+    ("height", "recentered"),
+    thinned([(-25.0, False), (12.0, True), (-25.0, True), (12.0, False)], 2),
 )
-def test_a_grating_as_fine_as_the_aperture_is_gray(answer: Answer, height: float, recentered: bool) -> None:
+def test_a_grating_as_fine_as_the_aperture_is_gray(
+    answer: Answer, height: float, recentered: bool
+) -> None:
     """Every line sweeps one whole period, half of it bright: the pitch, or less toward the screen's plane."""
     count = 89
     period = PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
@@ -225,7 +243,11 @@ def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> 
     with Rasterizer(scene) as raster, Rasterizer(larger) as fine:
         # Corners have other places on a tile, so that snapping may move attributes the other way.
         image = fine.render(scene.default_apertures()[-1], SETTINGS)
-        moved = moved_by_snapping(larger, image, fine.model).reshape(height, 3, width, 3, 3).mean(axis=(1, 3))
+        moved = (
+            moved_by_snapping(larger, image, fine.model)
+            .reshape(height, 3, width, 3, 3)
+            .mean(axis=(1, 3))
+        )
         whole = color(raster, supersample=3)
         monkeypatch.setattr(rasterizer, "POINTS_AT_ONCE", 33 * 33)
         assert {tile.size for tile in rasterizer.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
@@ -247,7 +269,8 @@ def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(sa
     lowest, highest = scene.height_ranges[:, plain.triangle]
     inside = interior(plain) & (lowest * highest > 0)
     assert inside.sum() > 1000
-    # Whether a covered pixel's attributes are those at its center, to the last bits, is the driver's choice.
+    # Whether a covered pixel's attributes are those at its center, to the last bits, is the
+    # driver's choice.
     np.testing.assert_allclose(several[inside], plain.color[inside], atol=INTERPOLATED)
     assert several.min() >= 0
     assert (several != plain.color).any()
@@ -265,7 +288,9 @@ def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -
             color(raster, supersample=1 << 16)
         expected = color(raster, place, **sampling)
         raster.render(scene.plate.middle, SETTINGS)
-        np.testing.assert_array_equal(raster.render_color(place, SETTINGS, Sampling(**sampling)), expected)
+        np.testing.assert_array_equal(
+            raster.render_color(place, SETTINGS, Sampling(**sampling)), expected
+        )
 
 
 @pytest.mark.parametrize("sampling", [{"multisample": FOUR}, {"supersample": 3}])

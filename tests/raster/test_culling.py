@@ -29,7 +29,9 @@ def culled(near: float) -> DoubleFrustum:
 
 @pytest.mark.parametrize("name", thinned(["asymmetric-recentered", "asymmetric", "car"], 3))
 @pytest.mark.parametrize("near_per_reach", [1e-6, 0.02])
-def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(name: str, near_per_reach: float) -> None:
+def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(
+    name: str, near_per_reach: float
+) -> None:
     scene = view(name, (96, 72))
     near, aperture = near_per_reach * scene.frustum.longest_reach, scene.default_apertures()[-1]
     with Rasterizer(scene) as rasterizer:
@@ -53,7 +55,9 @@ def sheet(z: float, size: float, *, to_viewer: bool, shift: float = 0.0) -> Floa
 
 def sheets(side: float) -> Scene:
     """Return a sheet seen from behind, and one seen from the front: farther away, and half beside it."""
-    near_viewer, farther = (0.75 * REACH, 0.4 * REACH) if side > 0 else (-0.4 * REACH, -0.75 * REACH)
+    near_viewer, farther = (
+        (0.75 * REACH, 0.4 * REACH) if side > 0 else (-0.4 * REACH, -0.75 * REACH)
+    )
     back = sheet(near_viewer, 4.1, to_viewer=False)
     front = sheet(farther, 5.3, to_viewer=True, shift=5.0)
     return soup(np.concatenate((back, front)), FRUSTUM)
@@ -82,7 +86,9 @@ def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: fl
     aperture = scene.plate.middle
     back, front = shown_by(scene, slice(0, 2)), shown_by(scene, slice(2, 4))
     truth = Reference(scene).trace(aperture)
-    np.testing.assert_array_equal(squares(truth.triangle), np.where(back, 0, np.where(front, 1, -1)))
+    np.testing.assert_array_equal(
+        squares(truth.triangle), np.where(back, 0, np.where(front, 1, -1))
+    )
     with Rasterizer(scene) as rasterizer:
         whole = rasterizer.render(aperture, reversed_d32f(NEAR))
         drawn = rasterizer.render(aperture, culled(NEAR))
@@ -108,7 +114,9 @@ def test_the_traced_cameras_cull_what_the_drawn_ones_cull(name: str) -> None:
     assert (model.triangle[model.covered] == drawn.triangle[model.covered]).mean() > 0.99
 
 
-def test_culling_is_a_setting_of_images_and_those_written_before_cull_nothing(tmp_path: Path) -> None:
+def test_culling_is_a_setting_of_images_and_those_written_before_cull_nothing(
+    tmp_path: Path,
+) -> None:
     out = tmp_path / "a.exr"
     assert main(["raster", "sheets", "--near", "1", "--cull", "back", "--out", str(out)]) == 0
     camera = read_image(out).camera

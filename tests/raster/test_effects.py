@@ -20,7 +20,9 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, Region, decide, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
-MIRRORED = frozenset({Effect.REFLECTION, Effect.SMOOTH_NORMALS, Effect.VERTEX_COLORS, Effect.SPECULAR})
+MIRRORED = frozenset(
+    {Effect.REFLECTION, Effect.SMOOTH_NORMALS, Effect.VERTEX_COLORS, Effect.SPECULAR}
+)
 """Effects that the ball has, and nothing else in the scene."""
 
 CENTERED = Frustum(resolution=(24, 18), reach=(100.0, 150.0), fov=(radians(40), radians(40)))
@@ -64,7 +66,9 @@ def assert_same_bits(asked: Scene, how: DoubleFrustum) -> None:
             one, other = auto.render(aperture, how), everything.render(aperture, how)
             assert_same(one, other, "color", "triangle", "position")
             assert_same(hogel, one, "color")
-    true, every = (Reference(asked, effects=e).trace(asked.plate.middle) for e in (None, ALL_EFFECTS))
+    true, every = (
+        Reference(asked, effects=e).trace(asked.plate.middle) for e in (None, ALL_EFFECTS)
+    )
     assert_same(true, every, "color")
 
 
@@ -87,7 +91,10 @@ BLACK = replace(SUN, color=(0.0, 0.0, 0.0))
     st.sampled_from(["flat", "smooth", "white vertices", "no normals", "colors", "textured"]),
 )
 def test_what_a_scene_does_not_call_for_changes_no_bit(
-    material: Material, lights: tuple[DirectionalLight, ...], environment: Environment | None, kind: str
+    material: Material,
+    lights: tuple[DirectionalLight, ...],
+    environment: Environment | None,
+    kind: str,
 ) -> None:
     part = ball((2.0, 1.0, -45.0), 14.0, "paint", subdivisions=1, smooth=kind == "smooth")
     ones = np.ones_like(part.vertices)
@@ -97,9 +104,13 @@ def test_what_a_scene_does_not_call_for_changes_no_bit(
         part = replace(part, vertex_normals=ones * np.nan)
     if kind == "textured":
         picture, which = np.full((2, 2, 4), 99, np.uint8), np.zeros(len(part.faces), np.int32)
-        part = replace(part, uv=part.vertices[:, :2] / 7, textures=(picture,), texture_of_triangle=which)
+        part = replace(
+            part, uv=part.vertices[:, :2] / 7, textures=(picture,), texture_of_triangle=which
+        )
     gray = card((5.0, 3.0, 40.0), (6.0, 8.0))
-    asked = lit(part, gray, frustum=CENTERED, lights=lights, environment=environment, paint=material)
+    asked = lit(
+        part, gray, frustum=CENTERED, lights=lights, environment=environment, paint=material
+    )
     assert_same_bits(asked, DoubleFrustum(near=0.1))
 
 
@@ -159,7 +170,9 @@ def test_color_alone_is_drawn_by_the_cameras_that_a_tiny_near_calls_for() -> Non
     with Rasterizer(asked) as rasterizer:
         whole = rasterizer.render(asked.plate.middle, tiny)
         assert (whole.object == 2).any()
-        np.testing.assert_array_equal(rasterizer.render_color(asked.plate.middle, tiny), whole.color)
+        np.testing.assert_array_equal(
+            rasterizer.render_color(asked.plate.middle, tiny), whole.color
+        )
 
 
 @examples(25)
@@ -180,7 +193,7 @@ def test_what_a_camera_shows_lies_in_the_region(
         shown = shown_by_definition(
             asked, points, (aperture.x, aperture.y), DoubleFrustum(near=near, pivot=pivot)
         )
-        held = Region.of(asked).holds(points, points)
+        held = Region.from_scene(asked).holds(points, points)
         assert held[shown].all()
 
 

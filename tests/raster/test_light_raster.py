@@ -76,7 +76,9 @@ def beyond_snapping(scene: Scene, image: HogelImage, *, reflections: bool = True
         3,
     ),
 )
-def test_radiance_is_that_of_the_definition_on_both_sides(name: str, settings: DoubleFrustum) -> None:
+def test_radiance_is_that_of_the_definition_on_both_sides(
+    name: str, settings: DoubleFrustum
+) -> None:
     """A scene smooth and flat, colored and not, textured and not, with three lights and an environment."""
     scene = dressed_scene(name, RESOLUTION)
     image = drawn(scene, settings)
@@ -146,12 +148,16 @@ class TestFlips:
         """N, E and L with the true eye are mathematically the same (paper, section 3)."""
         right = drawn(self.scene, self.settings).color
         same = self.drawn_without(monkeypatch, *FLIPS)
-        np.testing.assert_allclose(same, right, atol=1e-6)  # signs are exact; dot products keep their bits
+        np.testing.assert_allclose(
+            same, right, atol=1e-6
+        )  # signs are exact; dot products keep their bits
 
 
 def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scene:
     """Return a textured square parallel to the plate that fills the film of `side` pixels exactly."""
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * abs(height) * math.tan(math.radians(25))
+    corners = (
+        np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * abs(height) * math.tan(math.radians(25))
+    )
     square = replace(
         quad(
             np.column_stack((corners, np.full(4, height))),
@@ -161,7 +167,9 @@ def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scen
         textures=(texture,),
         texture_of_triangle=np.zeros(2, np.int32),
     )
-    frustum = Frustum(resolution=(side, side), reach=(100.0, 100.0), fov=(math.radians(50), math.radians(50)))
+    frustum = Frustum(
+        resolution=(side, side), reach=(100.0, 100.0), fov=(math.radians(50), math.radians(50))
+    )
     scene = lit(square, frustum=frustum, lights=(), glow=GLOW)
     return replace(scene, plate=Plate(size=(1.0, 1.0), hogels=(1, 1)))
 
@@ -186,8 +194,9 @@ def test_a_textured_square_shows_its_texels(height: float, repeats: int, points:
         count = 6 * repeats
         low, high = (np.take(expected, (below + k) % count, axis=axis) for k in (0, 1))
         expected = low * (1 - share) + high * share
-    # Coordinates are off by a few 2^-24 of their largest, in texels 6 times that, and texels by up to one;
-    # where snapping moves them, by half a subpixel step along each axis, in texels 1 / points of that.
+    # Coordinates are off by a few 2^-24 of their largest, in texels 6 times that, and texels by up
+    # to one; where snapping moves them, by half a subpixel step along each axis, in texels 1 /
+    # points of that.
     model = device_at_hand()
     snapped = 2 * model.half_step / points if model.snaps_depth else 0.0
     np.testing.assert_allclose(image.color, expected, atol=6 * repeats * 2.0**-20 + snapped)
@@ -199,7 +208,9 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
     edge, rows, radius, steepest = 0.041, 128, 12.0, 3.0
     centers = ((-9.0, 6.0, -42.0), (9.0, 7.0, 38.0))
     mirror = Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1.0, 0.5, 0.25))
-    frustum = Frustum(resolution=(140, 110), reach=(60.0, 60.0), fov=(math.radians(70), math.radians(60)))
+    frustum = Frustum(
+        resolution=(140, 110), reach=(60.0, 60.0), fov=(math.radians(70), math.radians(60))
+    )
     scene = lit(
         *(ball(center, radius, "mirror", 5) for center in centers),
         frustum=frustum,
@@ -211,14 +222,17 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
     assert needed(scene) == {Effect.C, Effect.C_STAR, Effect.SMOOTH_NORMALS, Effect.REFLECTION}
     image = drawn(scene, reversed_d32f(1e-6))
     d = unit(lines_by_definition(scene, at(0.0, 0.0)))
-    # A normal interpolated on a facet is off by its sagitta, angle^2 / 8, times the slope at which it
-    # is seen; a reflection by twice that. A map in steps is off by step^2 / 8 times its curvature.
+    # A normal interpolated on a facet is off by its sagitta, angle^2 / 8, times the slope at which
+    # it is seen; a reflection by twice that. A map in steps is off by step^2 / 8 times its
+    # curvature.
     tolerance = 1.5 * (2 * edge**2 / 8 * steepest) + 2 * (np.pi / rows) ** 2 / 8
     assert tolerance < 3 * ONE_CODE
     for center, side in zip(centers, (image.height < 0, image.height > 0), strict=True):
         middle = d @ center
         under = middle**2 - (np.dot(center, center) - radius**2)
-        met = (middle - np.sqrt(np.maximum(under, 0)))[..., None] * d  # the first, from the viewer's end
+        met = (middle - np.sqrt(np.maximum(under, 0)))[
+            ..., None
+        ] * d  # the first, from the viewer's end
         normal = unit(met - center)
         facing = -np.einsum("...i,...i->...", normal, d)
         judged = side & (under > 0) & (facing > 1 / math.hypot(1, steepest))
@@ -251,7 +265,9 @@ def test_surfaces_that_tie_reflect_once() -> None:
     mirror = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
     look = Appearance(materials={"mirror": mirror}, lights=(), environment=patterned_environment())
     scene = replace(
-        scene, appearance=look, objects=tuple(replace(part, material="mirror") for part in scene.objects)
+        scene,
+        appearance=look,
+        objects=tuple(replace(part, material="mirror") for part in scene.objects),
     )
     image = drawn(scene, reversed_d32f(scene.frustum.longest_reach * 1e-3))
     assert image.covered.sum() > 500
@@ -279,7 +295,9 @@ def test_auto_and_all_are_the_same_bits_on_every_scene(name: str) -> None:
     auto = drawn(scene, settings)
     assert_same(auto, drawn(scene, settings, ALL_EFFECTS), "triangle", "position", "color")
     assert np.isfinite(auto.color).all()
-    true, every = (Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS))
+    true, every = (
+        Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS)
+    )
     assert_same(true, every, "color")
 
 
@@ -304,12 +322,15 @@ def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
     assert np.array_equal(whole.triangle, without.triangle) is not geometry
     if not geometry:
         one, other = (
-            Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS - {effect})
+            Reference(scene, effects=e).trace(scene.plate.middle)
+            for e in (None, ALL_EFFECTS - {effect})
         )
         assert not np.array_equal(one.color, other.color)
 
 
-@pytest.mark.parametrize(("effect", "camera"), [(Effect.C, Camera.C_STAR), (Effect.C_STAR, Camera.C)])
+@pytest.mark.parametrize(
+    ("effect", "camera"), [(Effect.C, Camera.C_STAR), (Effect.C_STAR, Camera.C)]
+)
 def test_without_one_camera_the_other_draws_alone(effect: Effect, camera: Camera) -> None:
     scene = dressed_scene("asymmetric", RESOLUTION)
     one = drawn(scene, reversed_d32f(0.5), ALL_EFFECTS - {effect})

@@ -19,7 +19,15 @@ from xfrustum.raster.device import context
 from xfrustum.raster.device.positions import BYTES_PER_POINT
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import device_index
-from xfrustum.scenes import NOTHING, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
+from xfrustum.scenes import (
+    NOTHING,
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+)
 
 DEPTHS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 ARRAYS = ("triangle", "object", "position", "normal", "color")
@@ -42,7 +50,9 @@ def test_every_run_makes_the_same_bits(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("depth", "mapping", "name"),
-    thinned(((*one, name) for one in DEPTHS for name in ("asymmetric-recentered", "car", "crossing")), 4),
+    thinned(
+        ((*one, name) for one in DEPTHS for name in ("asymmetric-recentered", "car", "crossing")), 4
+    ),
 )
 def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapping) -> None:
     scene = view(name, (160, 120))
@@ -82,7 +92,9 @@ def test_an_image_says_who_drew_it_and_with_what() -> None:
     np.testing.assert_allclose(image.camera.half_extent, truth.half_extent, rtol=1e-14)
     covered = image.covered
     assert (image.object[covered] == scene.object_of_triangle[image.triangle[covered]]).all()
-    np.testing.assert_allclose(image.normal[covered], scene.normals[image.triangle[covered]], atol=1e-7)
+    np.testing.assert_allclose(
+        image.normal[covered], scene.normals[image.triangle[covered]], atol=1e-7
+    )
     assert np.isnan(image.position[~covered]).all() and np.isnan(image.normal[~covered]).all()
     assert (image.object[~covered] == NOTHING).all() and (image.color[~covered] == 0).all()
 
@@ -107,7 +119,9 @@ def resident_mib() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory")
+@pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory"
+)
 @pytest.mark.slow
 def test_images_of_changing_formats_and_rasterizers_that_are_left_do_not_grow_the_process() -> None:
     """A leaked target of this size is 5 MiB: 225 of them would be a gigabyte."""
@@ -131,8 +145,20 @@ def test_images_of_changing_formats_and_rasterizers_that_are_left_do_not_grow_th
 def test_without_usable_opengl_the_command_says_what_to_install(tmp_path: Path) -> None:
     environment = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
     out = tmp_path / "image.exr"
-    command = [sys.executable, "-m", "xfrustum", "raster", "asymmetric", "--near", "1", "--out", str(out)]
-    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "xfrustum",
+        "raster",
+        "asymmetric",
+        "--near",
+        "1",
+        "--out",
+        str(out),
+    ]
+    done = subprocess.run(
+        command, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2, done.stderr
     [line] = [line for line in done.stderr.splitlines() if line.strip()]
     assert "no OpenGL 4.5 through EGL" in line and "install" in line
@@ -159,7 +185,9 @@ def test_points_depend_neither_on_the_number_of_parts_nor_on_pictures_before() -
         np.testing.assert_array_equal(
             rasterizer.render(camera.aperture, camera.settings).position, whole[1].position
         )
-    for expected, found in zip(whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True):
+    for expected, found in zip(
+        whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True
+    ):
         np.testing.assert_array_equal(found.position, expected.position)
 
 
@@ -179,7 +207,9 @@ def test_opengl_4_5_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked == [450]
 
 
-def test_where_opengl_is_too_old_the_error_says_what_the_machine_has(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_opengl_is_too_old_the_error_says_what_the_machine_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     create = moderngl.create_context
 
     def old(require: int = 330, **options: Any) -> moderngl.Context:

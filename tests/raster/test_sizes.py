@@ -34,7 +34,9 @@ def longest_side() -> int:
 
 def write_scene(folder: Path, resolution: int) -> Path:
     path = folder / "large.toml"
-    size = film((80.0, 60.0), (81, 61), (resolution, resolution), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+    size = film(
+        (80.0, 60.0), (81, 61), (resolution, resolution), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
+    )
     path.write_text(size + part("box", 20.0, (0.0, 0.0, -50.0)))
     return path
 
@@ -44,7 +46,9 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
 ) -> None:
     """The longest sides that the device has, in both directions at once: it is the device or the memory."""
     longest = longest_side()
-    with pytest.raises(InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"):
+    with pytest.raises(
+        InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"
+    ):
         Rasterizer(on_film(longest + 1, 8))
     scene, out = write_scene(tmp_path, longest), tmp_path / "raster.exr"
     assert main(["raster", str(scene), "--near", "1", "--out", str(out)]) == 2
@@ -75,7 +79,10 @@ def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.Monkey
         Rasterizer(scene)
     monkeypatch.setattr(context, "free_memory", lambda: needed)
     with Rasterizer(scene) as rasterizer:
-        assert rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.1)).covered.shape == (48, 64)
+        assert rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.1)).covered.shape == (
+            48,
+            64,
+        )
 
 
 def test_a_large_truth_is_foretold_and_a_small_one_is_not() -> None:
@@ -100,9 +107,15 @@ def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
     for quiet, lines in ((["--quiet"], 0), ([], 1)):
         assert main(["trace", str(scene), "--out", str(out), *quiet]) == 0
         printed = capfd.readouterr()
-        told = [line for line in printed.err.splitlines() if line.startswith("xfrustum: note: 64 x 64 are")]
+        told = [
+            line
+            for line in printed.err.splitlines()
+            if line.startswith("xfrustum: note: 64 x 64 are")
+        ]
         assert len(told) == lines
         assert printed.out == ""
     # The predicted size bounds the actual one: the header has no more than some kilobytes.
     image = read_image(out)
-    assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (1 << 12)
+    assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (
+        1 << 12
+    )

@@ -1,10 +1,11 @@
 """The kernels of the truth on CUDA, without a card: no product of doubles can be fused with a sum.
 
-Dr.Jit traces them as for a card and hands them to a stand-in for the driver (libcuda.c), which keeps their
-PTX and runs none. So this tests which instructions a driver's compiler gets, and, where `ptxas` is at hand
-(on the path or in the wheel nvidia-cuda-nvcc-cu12), that NVIDIA's own compiler finds nothing to fuse. It
-does not test that a card computes what the instructions say, atomic operations, numbers that come back,
-speed, or anything with OpenGL. `test_a_card_decides_the_same_bits` needs a card and is skipped without one.
+Dr.Jit traces them as for a card and hands them to a stand-in for the driver (libcuda.c), which
+keeps their PTX and runs none. So this tests which instructions a driver's compiler gets, and, where
+`ptxas` is at hand (on the path or in the wheel nvidia-cuda-nvcc-cu12), that NVIDIA's own compiler
+finds nothing to fuse. It does not test that a card computes what the instructions say, atomic
+operations, numbers that come back, speed, or anything with OpenGL.
+`test_a_card_decides_the_same_bits` needs a card and is skipped without one.
 """
 
 import importlib.util
@@ -105,7 +106,9 @@ def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
         "DRJIT_LIBCUDA_PATH": str(driver),
         "KERNELS": str(folder),
     }
-    subprocess.run([sys.executable, "-c", KERNELS, *arguments], env=environment, check=True, timeout=300)
+    subprocess.run(
+        [sys.executable, "-c", KERNELS, *arguments], env=environment, check=True, timeout=300
+    )
     texts = {file.name: file.read_text() for file in sorted(folder.glob("*.ptx"))}
     return {name: text for name, text in texts.items() if re.search(r"(add|sub)\.f64", text)}
 
@@ -137,7 +140,8 @@ def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path:
 def _ptxas() -> str | None:
     wheel = importlib.util.find_spec("nvidia")  # a namespace of wheels
     places = [
-        str(Path(place, "cuda_nvcc", "bin")) for place in (wheel and wheel.submodule_search_locations) or ()
+        str(Path(place, "cuda_nvcc", "bin"))
+        for place in (wheel and wheel.submodule_search_locations) or ()
     ]
     return shutil.which("ptxas", path=os.pathsep.join([os.environ.get("PATH", ""), *places]))
 
@@ -160,7 +164,8 @@ def test_nvidias_compiler_finds_nothing_to_fuse(
         for may in ("true", "false"):
             code = tmp_path / f"{name}.{may}"
             subprocess.run(
-                [ptxas, f"--gpu-name={card}", f"--fmad={may}", tmp_path / name, "-o", code], check=True
+                [ptxas, f"--gpu-name={card}", f"--fmad={may}", tmp_path / name, "-o", code],
+                check=True,
             )
             codes.append(machine_code(code.read_bytes()))
         if codes[0] != codes[1]:
@@ -198,7 +203,9 @@ def test_without_a_card_the_command_says_what_to_do() -> None:
     (line,) = done.stderr.strip().splitlines()
     assert "asks for cuda" in line and "no NVIDIA card" in line and "install" in line
     wrong = {**environment, "XFRUSTUM_DEVICE": "gpu"}
-    done = subprocess.run([*command[:-1], *rest], env=wrong, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*command[:-1], *rest], env=wrong, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2 and "'gpu': set it to one of auto, llvm, cuda" in done.stderr
 
 
@@ -233,7 +240,11 @@ def test_a_card_decides_the_same_bits(tmp_path: Path) -> None:
         if device == "auto":
             asked = "from xfrustum.reference.llvm import array_device; print(array_device())"
             said = subprocess.run(
-                [sys.executable, "-c", asked], env=environment, capture_output=True, text=True, check=True
+                [sys.executable, "-c", asked],
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=True,
             )
             if said.stdout.strip() != "cuda":
                 pytest.skip("no NVIDIA card that Dr.Jit finds")
@@ -243,6 +254,8 @@ def test_a_card_decides_the_same_bits(tmp_path: Path) -> None:
     assert card.pop("arrays") == "cuda" and processors.pop("arrays") == "llvm"
     for name, values in processors.items():
         if name.endswith("|color"):
-            np.testing.assert_allclose(card[name], values, rtol=2.0**-22, atol=2.0**-100, err_msg=name)
+            np.testing.assert_allclose(
+                card[name], values, rtol=2.0**-22, atol=2.0**-100, err_msg=name
+            )
         else:
             np.testing.assert_array_equal(card[name], values, err_msg=name)

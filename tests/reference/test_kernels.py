@@ -20,7 +20,9 @@ from xfrustum.scenes.appearance.appearance import Environment
 
 def assert_same_truth(one: HogelImage, other: HogelImage) -> None:
     assert_same(one, other, "triangle", "object", "certainty", "position", "normal", "color")
-    assert set(map(tuple, one.companions.tolist())) == set(map(tuple, other.companions.tolist()))
+    assert set(map(tuple, one.tied_triangles.tolist())) == set(
+        map(tuple, other.tied_triangles.tolist())
+    )
 
 
 @pytest.mark.parametrize("name", ["car", "crossing"])
@@ -62,7 +64,9 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
 def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
     """Places that are not numbers, as behind pixels that show nothing, must not be read from memory."""
     random = np.random.default_rng(2)
-    pictures = tuple(random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4)))
+    pictures = tuple(
+        random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))
+    )
     numbers = np.array([1, -1, 0], dtype=np.int32)
     u = np.array([np.nan, np.inf, -np.inf, 1e300, -1e17, 0.999999, -3.2, 1e9 + 0.25])
     triangle = np.arange(len(u)) % 3

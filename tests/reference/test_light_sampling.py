@@ -34,7 +34,9 @@ def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = color(dressed_scene("asymmetric-recentered", (16, 12)), sampling)
     monkeypatch.setattr("xfrustum.reference.averages.BAND_PIXELS", 150)
     monkeypatch.setattr("xfrustum.reference.truth.AVERAGED_PIXELS", 60)
-    np.testing.assert_array_equal(color(dressed_scene("asymmetric-recentered", (16, 12)), sampling), whole)
+    np.testing.assert_array_equal(
+        color(dressed_scene("asymmetric-recentered", (16, 12)), sampling), whole
+    )
 
 
 class TestSmoothPicture:
@@ -43,10 +45,14 @@ class TestSmoothPicture:
     COARSE = replace(PLATE, size=(60.0, 60.0), hogels=(3, 3))
     """Apertures so wide that their lines differ by some 0.3 in slope."""
 
-    PAINT = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, specular=(1.0, 1.0, 1.0), exponent=40.0)
+    PAINT = Material(
+        ambient=(0.0,) * 3, diffuse=(0.0,) * 3, specular=(1.0, 1.0, 1.0), exponent=40.0
+    )
 
     def scene(self) -> Scene:
-        scene = lit(card((0, 0, -50), (900, 900), "paint"), frustum=SMALL, lights=(SUN,), paint=self.PAINT)
+        scene = lit(
+            card((0, 0, -50), (900, 900), "paint"), frustum=SMALL, lights=(SUN,), paint=self.PAINT
+        )
         return replace(scene, plate=self.COARSE)
 
     def integral(self) -> Floats:
@@ -58,9 +64,14 @@ class TestSmoothPicture:
         total = np.zeros((height, width))
         for x, of_x in zip(nodes * 10.0, weights / 2, strict=True):
             for y, of_y in zip(nodes * 10.0, weights / 2, strict=True):
-                dx = -(screen.center[0] - x) / screen.height + u * screen.size[0] / 2 / screen.height
-                dy = -(screen.center[1] - y) / screen.height + v * screen.size[1] / 2 / screen.height
-                # The eye vector's part along the card's normal stays; the rest of -d changes its sign.
+                dx = (
+                    -(screen.center[0] - x) / screen.height + u * screen.size[0] / 2 / screen.height
+                )
+                dy = (
+                    -(screen.center[1] - y) / screen.height + v * screen.size[1] / 2 / screen.height
+                )
+                # The eye vector's part along the card's normal stays; the rest of -d changes its
+                # sign.
                 mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
                 along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
                 total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent
@@ -86,7 +97,8 @@ class TestSmoothPicture:
         errors = [float(np.sqrt(np.mean((one.color - exact) ** 2))) for one in found]
         for one, error, tolerance in zip(found, errors, (1e-3, 3e-5), strict=True):
             assert one.error <= tolerance
-            # The error comes from 8 estimates that pixels share in part: Student's t, 7 degrees, at 1e-4.
+            # The error comes from 8 estimates that pixels share in part: Student's t, 7 degrees, at
+            # 1e-4.
             assert error <= 7.1 * one.error
         order = np.log(errors[1] / errors[0]) / np.log(found[1].points / found[0].points)
         assert order < -1.1

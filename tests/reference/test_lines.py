@@ -6,7 +6,7 @@ import pytest
 from tests.support.views import at, lines_by_definition, view
 from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
@@ -30,24 +30,24 @@ def recentered(screen: Screen, resolution: tuple[int, int] = (64, 48)) -> Frustu
     return Frustum(resolution=resolution, reach=(150.0, 130.0), screen=screen)
 
 
-def film_corner(pencil: Pencil, u: int, v: int, s: float) -> Floats:
+def film_corner(bundle: RayBundle, u: int, v: int, s: float) -> Floats:
     """Return the point at s on the line of the film's corner (u, v), found half a pixel beyond the last."""
-    dx, dy = pencil.dx, pencil.dy
+    dx, dy = bundle.dx, bundle.dy
     x = dx[-1] + (dx[-1] - dx[-2]) / 2 if u > 0 else dx[0] - (dx[1] - dx[0]) / 2
     y = dy[0] + (dy[0] - dy[1]) / 2 if v > 0 else dy[-1] - (dy[-2] - dy[-1]) / 2
-    return np.array(pencil.center) + s * np.array([x, y, -1.0])
+    return np.array(bundle.center) + s * np.array([x, y, -1.0])
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "car-recentered"])
 def test_every_line_passes_through_the_aperture_with_the_slopes_of_the_design(name: str) -> None:
     scene = view(name, (33, 20))
     aperture = scene.plate.corners[1]
-    pencil = crossed_frustum(scene.frustum, aperture)
-    assert pencil.center == (aperture.x, aperture.y, 0.0)
-    assert pencil.s_range == (-scene.frustum.reach[0], scene.frustum.reach[1])
+    bundle = crossed_frustum(scene.frustum, aperture)
+    assert bundle.center == (aperture.x, aperture.y, 0.0)
+    assert bundle.s_range == (-scene.frustum.reach[0], scene.frustum.reach[1])
     expected = lines_by_definition(scene, aperture)
-    np.testing.assert_allclose(pencil.directions(), expected, rtol=1e-15, atol=1e-16)
-    np.testing.assert_array_equal(pencil.directions(slice(3, 7)), pencil.directions()[3:7])
+    np.testing.assert_allclose(bundle.directions(), expected, rtol=1e-15, atol=1e-16)
+    np.testing.assert_array_equal(bundle.directions(slice(3, 7)), bundle.directions()[3:7])
 
 
 @pytest.mark.parametrize("aperture", APERTURES)
@@ -62,7 +62,9 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
     lines run through it the other way.
     """
     frustum = recentered(screen)
-    c, c_star = (camera.pencil for camera in model_cameras(frustum, aperture, DoubleFrustum(near=near)))
+    c, c_star = (
+        camera.bundle for camera in model_cameras(frustum, aperture, DoubleFrustum(near=near))
+    )
     window = near * np.array([screen.size[0], screen.size[1]]) / 2 / abs(screen.height)
     center = np.array([aperture.x, aperture.y])
     for u in (-1, 1):
@@ -86,27 +88,34 @@ def test_both_answers_put_a_point_into_the_same_pixel(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> None:
     """The exact lines of C and C* against the matrices for OpenGL: two derivations of one geometry."""
-    pencils = [camera.pencil for camera in model_cameras(frustum, aperture, settings)]
+    bundles = [camera.bundle for camera in model_cameras(frustum, aperture, settings)]
     c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
     ends = 0.0, 1.0
     matrices = [
-        clip_from_scene(frustum, aperture, camera, settings.pivot, ends) for camera in (*reversed(c), *c_star)
+        clip_from_scene(frustum, aperture, camera, settings.pivot, ends)
+        for camera in (*reversed(c), *c_star)
     ]
     width, height = frustum.resolution
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
-    for pencil, matrix in zip(pencils, matrices, strict=True):
-        for s in np.linspace(*pencil.s_range, 5):
-            points = np.array(pencil.center) + s * pencil.directions()
+    for bundle, matrix in zip(bundles, matrices, strict=True):
+        for s in np.linspace(*bundle.s_range, 5):
+            points = np.array(bundle.center) + s * bundle.directions()
             clip = np.append(points, np.ones((height, width, 1)), axis=2) @ matrix.T
             assert (clip[..., 3] > 0).all()
             np.testing.assert_allclose(clip[..., 3], abs(s), rtol=1e-12)
             depth = clip[..., 2] / clip[..., 3]
-            if abs(s) in (min(map(abs, pencil.s_range)), max(map(abs, pencil.s_range))):
-                np.testing.assert_allclose(depth, float(abs(s) == max(map(abs, pencil.s_range))), atol=1e-11)
+            if abs(s) in (min(map(abs, bundle.s_range)), max(map(abs, bundle.s_range))):
+                np.testing.assert_allclose(
+                    depth, float(abs(s) == max(map(abs, bundle.s_range))), atol=1e-11
+                )
             film = clip[..., :2] / clip[..., 3:]
-            np.testing.assert_allclose(film[..., 0], np.broadcast_to(u, (height, width)), atol=1e-12)
-            np.testing.assert_allclose(film[..., 1], np.broadcast_to(v[:, None], (height, width)), atol=1e-12)
+            np.testing.assert_allclose(
+                film[..., 0], np.broadcast_to(u, (height, width)), atol=1e-12
+            )
+            np.testing.assert_allclose(
+                film[..., 1], np.broadcast_to(v[:, None], (height, width)), atol=1e-12
+            )
 
 
 def test_as_near_vanishes_the_offset_cameras_become_the_crossed_frustum() -> None:

@@ -47,12 +47,19 @@ def test_every_line_shows_what_brute_force_shows(
     )
     some = some[:PIXELS]
     expected = exact_pixels(scene, where, some)
-    assert [number[pixel] for pixel in some] == [min(one.winners, default=NOTHING) for one in expected]
+    assert [number[pixel] for pixel in some] == [
+        min(one.winners, default=NOTHING) for one in expected
+    ]
     tied = image.certainty.ravel()[some] == Certainty.TIE
     np.testing.assert_array_equal(tied, [len(one.winners) > 1 for one in expected])
     s = np.array([one.s for one in expected])[:, None]
-    points = np.array([where.x, where.y, 0.0]) + s * lines_by_definition(scene, where).reshape(-1, 3)[some]
-    np.testing.assert_allclose(image.position.reshape(-1, 3)[some], points, rtol=0, atol=POSITION * reach)
+    points = (
+        np.array([where.x, where.y, 0.0])
+        + s * lines_by_definition(scene, where).reshape(-1, 3)[some]
+    )
+    np.testing.assert_allclose(
+        image.position.reshape(-1, 3)[some], points, rtol=0, atol=POSITION * reach
+    )
 
     np.testing.assert_array_equal(image.height, image.position[..., 2])
     shown = image.covered
@@ -61,6 +68,8 @@ def test_every_line_shows_what_brute_force_shows(
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     np.testing.assert_allclose(image.normal[shown], normal, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(image.object[shown], scene.object_of_triangle[image.triangle[shown]])
+    np.testing.assert_array_equal(
+        image.object[shown], scene.object_of_triangle[image.triangle[shown]]
+    )
     assert np.isnan(image.position[~shown]).all() and np.isnan(image.normal[~shown]).all()
     assert not (image.certainty == Certainty.UNEXAMINED).any()

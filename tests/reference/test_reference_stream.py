@@ -23,7 +23,7 @@ def test_a_stream_has_the_images_of_each_aperture_alone() -> None:
     reference = Reference(scene)
     for image, aperture in zip(reference.stream(apertures), apertures, strict=True):
         assert_same(image, reference.trace(aperture))
-        assert image.rendering == Rendering.of(needed(scene), Sampling(aperture=3))
+        assert image.rendering == Rendering.from_effects(needed(scene), Sampling(aperture=3))
 
 
 def test_a_stream_without_color_has_all_else() -> None:
@@ -37,7 +37,9 @@ def test_a_stream_without_color_has_all_else() -> None:
         assert_same(image, reference.trace(scene.plate.middle, colored=False))
 
 
-def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It is the opinion about the decision, whatever becomes of the image, and goes with a pickled image."""
     scene = view("car", (40, 30))
     reference, expected = Reference(scene), Reference(scene).trace(scene.plate.middle).overruled

@@ -25,7 +25,7 @@ from xfrustum.cli.options import engine_of
 from xfrustum.raster.device import context
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import CUDA_VARIABLE, DEVICE_VARIABLE, Engine, Part, open_workers
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.scenes import InputError
 
 LONGEST_WAIT_S = 120
@@ -57,7 +57,9 @@ def wait_for_blocks(out: Path, count: int) -> None:
         time.sleep(0.02)
 
 
-def test_what_is_finished_stays_and_the_rest_is_made(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+def test_what_is_finished_stays_and_the_rest_is_made(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
     job = ToyJob.at(tmp_path)
     run(job)
     for number in (1, 4):
@@ -91,7 +93,9 @@ def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
         wait_for_blocks(tmp_path, 2)
         tree = [psutil.Process(), *psutil.Process().children(recursive=True)]
         doors = [one for process in tree for one in process.net_connections("inet")]
-        named = [one.laddr for process in tree for one in process.net_connections("unix") if one.laddr]
+        named = [
+            one.laddr for process in tree for one in process.net_connections("unix") if one.laddr
+        ]
         thread.join()
         assert workers.count == 2
         assert workers.ask(job, process_of) in {process for _, process in made(tmp_path)}
@@ -147,7 +151,9 @@ with open_workers(Engine(workers=2), len(NUMBERS), draws=False) as workers:
 def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
     stop: signal.Signals, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
-    command = subprocess.Popen([sys.executable, "-c", PROGRAM, str(tmp_path)], stderr=subprocess.DEVNULL)
+    command = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(tmp_path)], stderr=subprocess.DEVNULL
+    )
     wait_for_blocks(tmp_path, 1)
     time.sleep(random.Random(str(stop)).uniform(0, 0.3))
     workers = psutil.Process(command.pid).children(recursive=True)
@@ -161,7 +167,9 @@ def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("patient")
-def test_workers_of_a_scheduler_make_the_same_bytes(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+def test_workers_of_a_scheduler_make_the_same_bytes(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
     port = free_port()
     with dask(*scheduler(port)), dask(*worker(port)):
         run(ToyJob.at(tmp_path), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
@@ -170,9 +178,13 @@ def test_workers_of_a_scheduler_make_the_same_bytes(tmp_path: Path, undisturbed:
     assert parts_of(tmp_path) == undisturbed
 
 
-def test_a_scheduler_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(blocks, "CONNECT_S", 1)
-    with pytest.raises(InputError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers there"):
+    with pytest.raises(
+        InputError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers there"
+    ):
         run(ToyJob.at(tmp_path), Engine(scheduler="tcp://127.0.0.1:9"))
 
 
@@ -233,7 +245,9 @@ def cards_of(session: ToySession, number: int) -> tuple[str | None, str | None]:
     return os.environ.get(DEVICE_VARIABLE), os.environ.get(CUDA_VARIABLE)
 
 
-def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(blocks, "_processors", lambda: 16)
     assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
     assert Engine(workers=8).process_count(1000, 1) == 8
@@ -248,20 +262,20 @@ ROWS = pa.table({"column": [1, 2, 3], "value": [0.5, None, 1.5], "word": ["a", N
 
 
 @pytest.fixture
-def parts(tmp_path: Path) -> Parts:
-    parts = Parts(out=tmp_path, name="rows.parquet")
+def parts(tmp_path: Path) -> ParquetParts:
+    parts = ParquetParts(out=tmp_path, name="rows.parquet")
     parts.open({"scene": "a", "near": 1})
     parts.write(0, ROWS)
     return parts
 
 
-def test_a_part_is_read_as_it_was_written_by_us_and_by_others(parts: Parts) -> None:
+def test_a_part_is_read_as_it_was_written_by_us_and_by_others(parts: ParquetParts) -> None:
     assert parts.finished(0) and not parts.finished(1) and not parts.damaged(1)
     assert parts.read(0).equals(ROWS)
     assert pq.read_table(parts.folder).equals(ROWS)
 
 
-def test_every_flipped_bit_of_a_part_is_noticed(parts: Parts) -> None:
+def test_every_flipped_bit_of_a_part_is_noticed(parts: ParquetParts) -> None:
     path = parts.path(0)
     whole = path.read_bytes()
     for bit in random.Random(0).sample(range(8 * len(whole)), 400):
@@ -275,7 +289,9 @@ def test_every_flipped_bit_of_a_part_is_noticed(parts: Parts) -> None:
     assert path.read_bytes() == whole
 
 
-def test_parts_without_a_digest_and_what_is_no_file_are_damaged_and_replaced(parts: Parts) -> None:
+def test_parts_without_a_digest_and_what_is_no_file_are_damaged_and_replaced(
+    parts: ParquetParts,
+) -> None:
     path = parts.path(0)
     pq.write_table(ROWS, path)
     assert parts.damaged(0)
@@ -286,7 +302,9 @@ def test_parts_without_a_digest_and_what_is_no_file_are_damaged_and_replaced(par
     assert parts.read(0).equals(ROWS)
 
 
-def test_a_folder_is_continued_with_the_same_work_alone(parts: Parts, tmp_path: Path) -> None:
+def test_a_folder_is_continued_with_the_same_work_alone(
+    parts: ParquetParts, tmp_path: Path
+) -> None:
     parts.open({"scene": "a", "near": 1})
     with pytest.raises(InputError, match=r"begun with another near \(near was 1, now 2\);"):
         parts.open({"scene": "a", "near": 2})
@@ -296,8 +314,8 @@ def test_a_folder_is_continued_with_the_same_work_alone(parts: Parts, tmp_path: 
     with pytest.raises(InputError, match="begun with another description"):
         parts.open({"scene": "a", "near": 1})
     (tmp_path / "empty").mkdir()
-    Parts(out=tmp_path, name="empty").open({})
+    ParquetParts(out=tmp_path, name="empty").open({})
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "rows.parquet").touch()
     with pytest.raises(InputError, match="was not begun by this command"):
-        Parts(out=tmp_path, name="mine").open({})
+        ParquetParts(out=tmp_path, name="mine").open({})

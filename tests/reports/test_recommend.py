@@ -17,7 +17,7 @@ from xfrustum.compare.planning.limits import buffer_limits, hogel_limits
 from xfrustum.compare.planning.search import SEPARATION_MARGIN, SMALLEST_PER_REACH
 from xfrustum.compare.planning.views import Requirement, Views
 from xfrustum.compare.sampling import RandomSample
-from xfrustum.compare.scout import Scout, scout
+from xfrustum.compare.scout import PlateScan, scout
 from xfrustum.reference import Reference
 from xfrustum.reports import recommend as recommend_module
 from xfrustum.reports.recommend import DEPTH, EYE, PIXELS, Recommendation, for_display, recommend
@@ -34,7 +34,9 @@ STEP = 1.01
 def scene_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A torus through the plate and a box far behind it, aside of the middle."""
     path = tmp_path_factory.mktemp("scene") / "through.toml"
-    size = film((40.0, 30.0), hogels=(4, 3), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(60.0, 60.0))
+    size = film(
+        (40.0, 30.0), hogels=(4, 3), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(60.0, 60.0)
+    )
     torus, box = part("torus", 24.0, (2.0, 1.0, 0.0)), part("box", 12.0, (-6.0, 1.0, -40.0))
     path.write_text(named("through", "mm") + size + torus + box)
     return str(path)
@@ -54,11 +56,13 @@ def coarse_search() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def scouted(scene: Scene) -> Scout:
+def scouted(scene: Scene) -> PlateScan:
     return scout(scene)
 
 
-def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_not(scouted: Scout) -> None:
+def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_not(
+    scouted: PlateScan,
+) -> None:
     limits, frustum = hogel_limits(scouted, 0.5), scouted.scene.frustum
     smallest = SMALLEST_PER_REACH * frustum.longest_reach
     told = 0
@@ -72,12 +76,15 @@ def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_n
             assert look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene) <= 0.5
             assert look.displacement_p99_px(DoubleFrustum(near=STEP * near), scouted.scene) > 0.5
     assert told > len(limits) / 2
-    # Displacement is nearly linear in a small near: twice the tolerance allows about twice the near.
+    # Displacement is nearly linear in a small near: twice the tolerance allows about twice the
+    # near.
     twice = hogel_limits(scouted, 1.0)[limits > 0] / limits[limits > 0]
     assert np.all(twice > 1.9) and np.all(twice < 2.6)
 
 
-def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on(scene: Scene, scouted: Scout) -> None:
+def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on(
+    scene: Scene, scouted: PlateScan
+) -> None:
     requirement = Requirement()
     views = Views.traced(Reference(scene), [scene.plate.middle])
     coarse, usual, fine = buffer_limits(views, scouted, requirement)
@@ -87,7 +94,11 @@ def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on(scene: Scene, sc
 
     def keeps(near: float) -> bool:
         settings = DoubleFrustum(near=near, depth=coarse.depth, mapping=coarse.mapping)
-        apart = views.separation(settings) * SEPARATION_MARGIN / requirement.separation_in(scene.frustum)
+        apart = (
+            views.separation(settings)
+            * SEPARATION_MARGIN
+            / requirement.separation_in(scene.frustum)
+        )
         return apart <= 1 and views.depth_wrong(settings) <= requirement.max_wrong
 
     assert keeps(coarse.smallest_near) and not keeps(coarse.smallest_near / STEP)
@@ -122,7 +133,10 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) ->
     limit, near = eyes.eye_limit, eyes.chosen.near
     assert limit is not None and limit.largest_near is not None and near is not None
     assert limit.largest_near / 2 < near < limit.largest_near
-    assert "eyes at 600 mm allow near up to" in eyes.paragraph and "splitting is not needed" in eyes.paragraph
+    assert (
+        "eyes at 600 mm allow near up to" in eyes.paragraph
+        and "splitting is not needed" in eyes.paragraph
+    )
 
 
 @pytest.mark.slow
@@ -162,14 +176,25 @@ def test_the_command_writes_a_page_and_what_it_prints(
 
     monkeypatch.setattr(recommend_module, "recommend", found)
     out = tmp_path / "recommend"
-    asked = ["recommend", scene_file, "--viewer=600mm", "--sample=6", f"--out={out}", "--json", "--quiet"]
+    asked = [
+        "recommend",
+        scene_file,
+        "--viewer=600mm",
+        "--sample=6",
+        f"--out={out}",
+        "--json",
+        "--quiet",
+    ]
     asked += ["--depth=d32f", "--mapping=reversed"]
     assert main(asked) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "recommend.json").read_text())
     assert printed["binds"] == EYE and printed["within"] and not printed["split"]
     assert printed["near"][0] <= printed["near"][1] == printed["plans"]["eye"]["near"]
-    assert printed["limits"]["depth"] <= printed["near"][0] and printed["near"][1] < printed["limits"]["eye"]
+    assert (
+        printed["limits"]["depth"] <= printed["near"][0]
+        and printed["near"][1] < printed["limits"]["eye"]
+    )
     assert printed["plate"] == printed["plans"]["eye"]["plate"] and "--near" in printed["command"]
     assert printed["plate_bytes"] == 4 * 3 * 32 * 24 * 6
     quantiles = list(printed["hogels"].values())
@@ -192,7 +217,9 @@ def test_a_surface_in_some_apertures_is_said_once_and_spoils_no_other_number(sce
     """No near draws the hogels in a small square in the plate, and the worst of the others counts."""
     square = np.array([[-6.0, -6, 0], [6, -6, 0], [6, 6, 0], [-6, 6, 0]])
     flat = replace(scene.objects[0], vertices=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
-    found = recommend(replace(scene, objects=(*scene.objects, flat)), choices=[*D16, *FINE], sample=SAMPLE)
+    found = recommend(
+        replace(scene, objects=(*scene.objects, flat)), choices=[*D16, *FINE], sample=SAMPLE
+    )
     assert found.paragraph.count("No settings hold for the whole plate") == 1
     assert "these do" in found.paragraph and not found.chosen.within
     moved = [one.displacement_p99_px for one in found.buffers]
@@ -200,7 +227,9 @@ def test_a_surface_in_some_apertures_is_said_once_and_spoils_no_other_number(sce
 
 
 @pytest.mark.slow
-def test_the_depth_buffer_that_is_recommended_is_among_those_that_are_compared(scene: Scene) -> None:
+def test_the_depth_buffer_that_is_recommended_is_among_those_that_are_compared(
+    scene: Scene,
+) -> None:
     """Three of six depth buffers are compared, and the only one that is good enough is none of these."""
     logarithmic = (DepthFormat.D24, DepthMapping.LOGARITHMIC)
     found = recommend(scene, choices=[*D16 * 5, logarithmic], sample=SAMPLE)

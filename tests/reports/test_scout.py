@@ -20,7 +20,9 @@ BALL = (12.0, 7.0, -3.3)
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("scene") / "ball.toml"
-    text = film((40.0, 30.0), hogels=HOGELS, resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(20.0, 60.0))
+    text = film(
+        (40.0, 30.0), hogels=HOGELS, resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(20.0, 60.0)
+    )
     path.write_text(text + part("sphere", 3.0, BALL) + part("box", 20.0, (0.0, 0.0, -40.0)))
     return str(path)
 

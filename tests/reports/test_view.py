@@ -20,10 +20,17 @@ from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.notebook import percent
 
-EYES, EYE, RESOLUTION, NEAR = "--eye=-20,3,300;25,3,300", "--eye=0,0,300", "--resolution=24,18", "--near=0.5"
+EYES, EYE, RESOLUTION, NEAR = (
+    "--eye=-20,3,300;25,3,300",
+    "--eye=0,0,300",
+    "--resolution=24,18",
+    "--near=0.5",
+)
 SCENE = (
     named("two", "mm")
-    + film((40.0, 30.0), hogels=(8, 6), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(40.0, 40.0))
+    + film(
+        (40.0, 30.0), hogels=(8, 6), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(40.0, 40.0)
+    )
     + part("sphere", 16.0, (-3.0, 1.0, -15.0))
     + part("box", 6.0, (6.0, -3.0, 12.0))
 )
@@ -73,7 +80,10 @@ def test_view_tells_the_contract_and_writes_all_its_files(folder: Path) -> None:
             assert loss["fraction"] == loss["wrong"] / loss["judged"]
             assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
             assert loss["depth_error"]["p50"] <= loss["depth_error"]["p99"]
-        assert eye["display"]["displacement_arcmin"]["p50"] > eye["renderer"]["displacement_arcmin"]["p50"]
+        assert (
+            eye["display"]["displacement_arcmin"]["p50"]
+            > eye["renderer"]["displacement_arcmin"]["p50"]
+        )
     kinds = [f"{k}.{kind}" for k in "01" for kind in ("exr", "png")]
     pictures = [f"{name}_{kind}" for name in ("true", "replayed", "drawn") for kind in kinds]
     names = sorted(path.name for path in out.iterdir())
@@ -95,7 +105,8 @@ def test_the_display_alone_is_judged_where_no_hogels_are_named(
     assert eye["renderer"] is None and eye["display"]["flip"] > 0
     run("view", folder, "--eye=0,0,10;0,0,300", RESOLUTION)
     assert (
-        "At 1 of 2 eyes the numbers say little: these lie within the scene's depth" in capfd.readouterr().out
+        "At 1 of 2 eyes the numbers say little: these lie within the scene's depth"
+        in capfd.readouterr().out
     )
 
 
@@ -103,7 +114,12 @@ def test_a_stored_plate_and_one_made_on_the_fly_show_the_same_pixels(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stored = told(
-        capfd, folder, EYES, RESOLUTION, f"--plate={folder / 'plate.zarr'}", f"--out={tmp_path / 'out'}"
+        capfd,
+        folder,
+        EYES,
+        RESOLUTION,
+        f"--plate={folder / 'plate.zarr'}",
+        f"--out={tmp_path / 'out'}",
     )
     pixels = [
         [path.read_bytes() for path in sorted(one.glob("drawn_*.exr"))]
@@ -146,7 +162,9 @@ def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
         assert eye["renderer"]["wrong"] is None and eye["renderer"]["fraction"] is None
     page = (tmp_path / "out" / "index.html").read_text()
     assert eye["renderer"]["flip"] < 0.1 and "wrong surfaces unknown" in page
-    assert f"Its colors differ in {percent(eye['renderer']['color_fraction'])} of the pixels" in page
+    assert (
+        f"Its colors differ in {percent(eye['renderer']['color_fraction'])} of the pixels" in page
+    )
 
 
 def test_images_that_name_surfaces_are_charged_with_wrong_ones(
@@ -165,7 +183,8 @@ def test_a_pair_of_eyes_tells_at_which_depth_things_are_seen(
     found = told(capfd, folder, EYE, "--resolution=96,72", "--near=2", "--stereo=65")
     assert [eye["eye"][0] for eye in found["eyes"]] == [-32.5, 32.5]
     (pair,) = found["stereo"]
-    # One object lies behind the plate and is seen 2 too far, the other before it and is seen 2 too near.
+    # One object lies behind the plate and is seen 2 too far, the other before it and is seen 2 too
+    # near.
     assert pair["renderer"]["depth"]["p1"] == pytest.approx(-2, abs=0.5)
     assert pair["renderer"]["depth"]["p99"] == pytest.approx(2, abs=0.5)
 
@@ -174,7 +193,9 @@ def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out, single = tmp_path / "quilt", tmp_path / "single"
-    found = told(capfd, folder, "--eye=1,0,300", "--resolution=12,9", NEAR, "--quilt=3x2", f"--out={out}")
+    found = told(
+        capfd, folder, "--eye=1,0,300", "--resolution=12,9", NEAR, "--quilt=3x2", f"--out={out}"
+    )
     places = [eye["eye"] for eye in found["eyes"]]
     angles = [math.degrees(math.atan2(x - 1.0, 300)) for x, _, _ in places]
     assert angles == pytest.approx([-20, -12, -4, 4, 12, 20])
@@ -189,7 +210,10 @@ def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
 
 
 def test_eyes_on_a_path_are_evenly_spaced() -> None:
-    ends = [Eye(position=place) for place in ((0.0, 0.0, 100.0), (30.0, 0.0, 100.0), (30.0, 10.0, 100.0))]
+    ends = [
+        Eye(position=place)
+        for place in ((0.0, 0.0, 100.0), (30.0, 0.0, 100.0), (30.0, 10.0, 100.0))
+    ]
     found = [eye.position for eye in eyes_on_path(ends, 5)]
     assert found == [(0, 0, 100), (10, 0, 100), (20, 0, 100), (30, 0, 100), (30, 10, 100)]
     with pytest.raises(InputError, match="two eyes"):
@@ -211,7 +235,10 @@ def test_a_plate_of_another_scene_or_with_holes_is_refused(
     ("p50", "said"),
     [
         (0.05, "At every eye the renderer moves things by less than the display itself does."),
-        (0.137, "At 0 of 1 eyes the renderer moves things by more than the display does, by p99, and at 1"),
+        (
+            0.137,
+            "At 0 of 1 eyes the renderer moves things by more than the display does, by p99, and at 1",
+        ),
     ],
 )
 def test_the_renderer_is_said_to_lose_less_only_where_median_and_99th_percentile_agree(
@@ -219,7 +246,9 @@ def test_the_renderer_is_said_to_lose_less_only_where_median_and_99th_percentile
 ) -> None:
     def lost(p50: float, p99: float) -> SimpleNamespace:
         moved = SimpleNamespace(p50=p50, p99=p99)
-        return SimpleNamespace(fraction=0.0, displacement_arcmin=moved, flip=None, color_fraction=None)
+        return SimpleNamespace(
+            fraction=0.0, displacement_arcmin=moved, flip=None, color_fraction=None
+        )
 
     losses = {"display": lost(0.0801, 1.5), "renderer": lost(p50, 0.3)}
     eye = SimpleNamespace(eye=(0.0, 0.0, 600.0), losses=losses, display=losses["display"])

@@ -54,7 +54,9 @@ def assert_table(text: str, heading: str, names: dict[str, str], found: dict[str
     assert found["arrays"] == array_device() and found["renderer"] in text
 
 
-def assert_race(made: dict[str, Any], key: str, meanings: dict[str, str], ends: tuple[str, str]) -> None:
+def assert_race(
+    made: dict[str, Any], key: str, meanings: dict[str, str], ends: tuple[str, str]
+) -> None:
     rates = made[key]
     assert set(rates) == set(meanings)
     for name, rate in rates.items():
@@ -64,7 +66,9 @@ def assert_race(made: dict[str, Any], key: str, meanings: dict[str, str], ends: 
             assert 0 < rate[ends[0]] <= rate["median"] <= rate[ends[1]]
     for pair, ratio in made["ratios"].items():
         one, other = pair.split("/")
-        assert ratio is None or ratio == pytest.approx(rates[one]["median"] / rates[other]["median"])
+        assert ratio is None or ratio == pytest.approx(
+            rates[one]["median"] / rates[other]["median"]
+        )
 
 
 def test_truth_says_every_rate(told: Told) -> None:
@@ -102,7 +106,11 @@ def test_plate_says_every_rate_and_stage(told: Told) -> None:
     assert_table(text, "grating, ", benchmarks.PLATE_MEANINGS, found)
     assert_race(found, "hogels_per_second", benchmarks.PLATE_MEANINGS, ("lowest", "highest"))
     plate = view("grating").plate
-    assert (found["hogels"], found["row"], found["resolution"]) == (plate.hogels[0], plate.middle.row, [8, 8])
+    assert (found["hogels"], found["row"], found["resolution"]) == (
+        plate.hogels[0],
+        plate.middle.row,
+        [8, 8],
+    )
     assert found["devices"] == dict.fromkeys(benchmarks.PLATE_MEANINGS, found["device"])
     assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
@@ -133,14 +141,21 @@ def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
 
 
 @pytest.mark.parametrize("triangles", [1000, 100_000])
-def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(triangles: int) -> None:
+def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(
+    triangles: int,
+) -> None:
     scene = globes(triangles)
     assert len(scene.faces) == triangles
     # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
     assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
-    ends = [np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist() for one in scene.objects]
-    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
+    ends = [
+        np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist()
+        for one in scene.objects
+    ]
+    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], (
+        "before, across and behind the plate"
+    )
     for part, (center, semi_axes) in zip(scene.objects, GLOBES, strict=True):
         radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
         # The unit globe's coordinates are rounded to 1e-6 of its diameter.
@@ -167,7 +182,9 @@ def test_the_car_has_the_papers_counts_and_the_same_area(row: int) -> None:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
         edges = original.vertices[original.faces][:, 1:] - original.vertices[original.faces][:, :1]
         before = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()
-        assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(before, rel=1e-12)
+        assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(
+            before, rel=1e-12
+        )
 
 
 def test_a_car_of_fewer_triangles_is_refused() -> None:

@@ -35,7 +35,10 @@ def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_pict
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-4])
 def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -> None:
-    seen = [depth_family.car_through_plate(distance, SIZE, recentered=sheared) for sheared in (False, True)]
+    seen = [
+        depth_family.car_through_plate(distance, SIZE, recentered=sheared)
+        for sheared in (False, True)
+    ]
     centered, recentered = (Reference(one.scene).trace(one.aperture) for one in seen)
     assert seen[1].scene.frustum.screen is not None and centered.covered.any()
     assert np.mean(recentered.triangle != centered.triangle) < 1e-2

@@ -36,14 +36,18 @@ def test_the_data_are_those_of_the_whole_grid_and_the_nears_that_decide_are_repl
     assert {cells[index].case for index in replayed} == {cell.case for cell in cells}
 
 
-def test_the_published_page_has_the_numbers_that_follow_from_its_data(rows: tuple[Row, ...]) -> None:
+def test_the_published_page_has_the_numbers_that_follow_from_its_data(
+    rows: tuple[Row, ...],
+) -> None:
     page = (CHECKOUT / "docs" / "noticeable.md").read_text(encoding="utf-8")
     written = noticeable.document(rows, read_rows(Row, DATA)[1])
     for line in (line for line in written.splitlines() if line.startswith("| car")):
         name, *stereo, _, _ = line.strip("| ").split(" | ")
         assert " | ".join((f"| {name}", *stereo)) in page
     apart = noticeable.disagreement(rows)
-    assert f"these are {apart['pixels_only']} of {sum(apart.values())} pairs" in " ".join(page.split())
+    assert f"these are {apart['pixels_only']} of {sum(apart.values())} pairs" in " ".join(
+        page.split()
+    )
     for quarter in noticeable.quarters(rows):
         assert f"{quarter['failed']} of {quarter['kept']} from {quarter['distance']:g} mm" in page
 

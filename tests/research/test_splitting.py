@@ -109,10 +109,14 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
 @pytest.mark.slow
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """Twice the smallest separation is ordered, half of it is not; between them anything may happen."""
-    decided = [r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2]
+    decided = [
+        r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2
+    ]
     assert {row.misordered > MAX_MISORDERED_FRACTION for row in decided} == {True, False}
     for row in decided:
-        assert (row.misordered > MAX_MISORDERED_FRACTION) == (row.predicted_separation > ASKED_SEPARATION)
+        assert (row.misordered > MAX_MISORDERED_FRACTION) == (
+            row.predicted_separation > ASKED_SEPARATION
+        )
 
 
 def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
@@ -155,8 +159,14 @@ def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Su
     assert suitability(row_of(**changed)) is expected
 
 
-def test_the_fewest_slabs_that_are_enough_are_the_outcome_and_a_window_ends_at_its_first_gap() -> None:
-    rows = [row_of(misordered=1.0), row_of(slabs=(0.1,), misordered=1.0), row_of(slabs=(0.1, 0.2, 0.5))]
+def test_the_fewest_slabs_that_are_enough_are_the_outcome_and_a_window_ends_at_its_first_gap() -> (
+    None
+):
+    rows = [
+        row_of(misordered=1.0),
+        row_of(slabs=(0.1,), misordered=1.0),
+        row_of(slabs=(0.1, 0.2, 0.5)),
+    ]
     (outcome,) = outcomes([*rows, row_of(slabs=(0.1, 0.3))]).values()
     assert outcome == ((), (0.1, 0.3))
     measured = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
@@ -179,7 +189,9 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
 # Stopped and resumed.
 
 
-def test_what_was_measured_is_not_measured_again(tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_measured_is_not_measured_again(
+    tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))
     assert studied(tiny.data.parent).rows == tiny.rows
 
@@ -208,7 +220,9 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
 ) -> None:
     def cells(study: Any) -> list[Cell]:
         nears, grids = study
-        return [part_of(one, Cell) for grid in grids for block in grid.blocks(nears) for one in block]
+        return [
+            part_of(one, Cell) for grid in grids for block in grid.blocks(nears) for one in block
+        ]
 
     def rounded(some: Iterable[Cell]) -> set[Cell]:
         """The last digit of a power of ten is another one on other processors."""
@@ -218,7 +232,9 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
     assert made == rounded(cells(FULL)) >= rounded(cells(QUICK))
 
 
-def test_the_published_page_has_the_tables_that_follow_from_its_data(published: tuple[Row, ...]) -> None:
+def test_the_published_page_has_the_tables_that_follow_from_its_data(
+    published: tuple[Row, ...],
+) -> None:
     page = (CHECKOUT / "docs" / "when-to-split.md").read_text(encoding="utf-8")
     origin = read_rows(Row, CHECKOUT / "docs" / "when-to-split.parquet")[1]
     advice = document(published, origin).split("## Content on one side")[1]
@@ -229,6 +245,7 @@ def test_the_published_page_has_the_tables_that_follow_from_its_data(published: 
     for one in helps(published):
         assert f"| {one['one_pair']} of {one['cases']} | {one['cases'] - one['one_pair']} |" in page
     enough, cases = (
-        int(word) for word in sentence(published).split("enough in ")[1].split(" cases")[0].split(" of ")
+        int(word)
+        for word in sentence(published).split("enough in ")[1].split(" cases")[0].split(" of ")
     )
     assert f"| {enough} of {cases} |" in page

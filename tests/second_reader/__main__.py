@@ -18,7 +18,9 @@ def said(side: Side) -> str:
     """Return the figures of one reading."""
     if side.bounds is None:
         return f"refused: {side.refusal}"
-    low, high = ("(" + ", ".join(f"{value:.6g}" for value in corner) + ")" for corner in side.bounds)
+    low, high = (
+        "(" + ", ".join(f"{value:.6g}" for value in corner) + ")" for corner in side.bounds
+    )
     return f"{side.triangles:9,} {side.area:13.8g}  {low} to {high}"
 
 

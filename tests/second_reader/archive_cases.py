@@ -30,7 +30,9 @@ def component(name: int, more: str = "") -> str:
 
 
 def group(name: int, *components: str) -> str:
-    return f'<object id="{name}" type="model"><components>{"".join(components)}</components></object>'
+    return (
+        f'<object id="{name}" type="model"><components>{"".join(components)}</components></object>'
+    )
 
 
 def placed(matrix: np.ndarray) -> str:
@@ -40,7 +42,8 @@ def placed(matrix: np.ndarray) -> str:
 def threemf() -> Iterator[Case]:
     yield case("one.3mf", package({MAIN: model(mesh(1), item(1))}))
     yield case(
-        "root_elsewhere.3mf", package({"Other/part.model": model(mesh(1), item(1))}, "Other/part.model")
+        "root_elsewhere.3mf",
+        package({"Other/part.model": model(mesh(1), item(1))}, "Other/part.model"),
     )
     yield case("not_built.3mf", package({MAIN: model(mesh(1) + mesh(2, CORNERS * 2), item(1))}))
     turned = shift(1, 2, 3) @ making.quarter_turn() @ scale(2, 1, 1)
@@ -57,20 +60,28 @@ def threemf() -> Iterator[Case]:
         shift(0, 0, 7) @ scale(1, -1, 1),
     )
     deep = (
-        mesh(1) + group(2, component(1), component(1, placed(inner))) + group(3, component(2, placed(middle)))
+        mesh(1)
+        + group(2, component(1), component(1, placed(inner)))
+        + group(3, component(2, placed(middle)))
     )
     soup = [moved(outer @ middle), moved(outer @ middle @ inner)]
-    yield case("components.3mf", package({MAIN: model(deep, item(3, placed(outer)))}), np.concatenate(soup))
+    yield case(
+        "components.3mf", package({MAIN: model(deep, item(3, placed(outer)))}), np.concatenate(soup)
+    )
     other = CORNERS * [1, 1, -1] + [0, 0, 20]
     parts = {
-        MAIN: model(mesh(1), item(1) + item(1, 'p:path="/3D/other.model"'), 'requiredextensions="p"'),
+        MAIN: model(
+            mesh(1), item(1) + item(1, 'p:path="/3D/other.model"'), 'requiredextensions="p"'
+        ),
         "3D/other.model": model(mesh(1, other)),
     }
     yield case("one_id_in_two_parts.3mf", package(parts), [*SOUP, *other[FACES]])
     nested = {
         MAIN: model(
             group(
-                2, component(5, f'p:path="/3D/a.model" {placed(inner)}'), component(5, 'p:path="/3D/b.model"')
+                2,
+                component(5, f'p:path="/3D/a.model" {placed(inner)}'),
+                component(5, 'p:path="/3D/b.model"'),
             ),
             item(2),
         ),
@@ -83,19 +94,25 @@ def threemf() -> Iterator[Case]:
 
 
 def threemf_refusals() -> Iterator[Case]:
-    space = (
-        'xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02" requiredextensions="p b"'
-    )
+    space = 'xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02" requiredextensions="p b"'
     yield case("beams_required.3mf", package({MAIN: model(mesh(1), item(1), space)}), None)
     yield case("no_such_object.3mf", package({MAIN: model(mesh(1), item(2))}), None)
     yield case("corner.3mf", package({MAIN: model(mesh(1, CORNERS[:3]), item(1))}), None)
     yield case(
-        "circle.3mf", package({MAIN: model(group(1, component(2)) + group(2, component(1)), item(1))}), None
+        "circle.3mf",
+        package({MAIN: model(group(1, component(2)) + group(2, component(1)), item(1))}),
+        None,
     )
     yield case("empty_build.3mf", package({MAIN: model(mesh(1))}), None)
-    yield case("no_such_part.3mf", package({MAIN: model(mesh(1), item(1, 'p:path="/3D/gone.model"'))}), None)
     yield case(
-        "transform.3mf", package({MAIN: model(mesh(1), item(1, 'transform="1 0 0 0 1 0 0 0 1"'))}), None
+        "no_such_part.3mf",
+        package({MAIN: model(mesh(1), item(1, 'p:path="/3D/gone.model"'))}),
+        None,
+    )
+    yield case(
+        "transform.3mf",
+        package({MAIN: model(mesh(1), item(1, 'transform="1 0 0 0 1 0 0 0 1"'))}),
+        None,
     )
     yield case("no_archive.3mf", b"PK\3\4 and no more", None)
 
@@ -117,7 +134,9 @@ def threedxml() -> Iterator[Case]:
         bag = f'<Root xsi:type="BagRepType" id="1">{rep}</Root>'
         part = f'<XMLRepresentation version="1.2" {space}>{bag}</XMLRepresentation>'
         manifest = "<Manifest><Root>top.3dxml</Root></Manifest>"
-        return making.archive({"Manifest.xml": manifest, "top.3dxml": structure, "part.3DRep": part})
+        return making.archive(
+            {"Manifest.xml": manifest, "top.3dxml": structure, "part.3DRep": part}
+        )
 
     positions = ", ".join(f"{x:g} {y:g} {z:g}" for x, y, z in CORNERS.tolist())
     normals = ", ".join(["0 0 1"] * len(CORNERS))

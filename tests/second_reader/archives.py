@@ -97,7 +97,9 @@ class Package:
             other = one.get(f"{{{PRODUCTION}}}path")
             if other is not None and part != self.root:
                 raise Refused("a component outside the root model has a path")
-            self.place(other or part, _attribute(one, "objectid"), placed @ _transform(one), depth + 1)
+            self.place(
+                other or part, _attribute(one, "objectid"), placed @ _transform(one), depth + 1
+            )
 
     def add(self, mesh: Element, placed: Placement) -> None:
         """Add triangles; a mirrored shape keeps the sign of its volume (3.3)."""
@@ -106,11 +108,14 @@ class Package:
             point = _floats([_attribute(one, name) for name in "xyz"])
             vertices.append(placed.of(point, [abs(value) for value in point], 0.0))
         for one in mesh.iterfind(f"{CORE}triangles/{CORE}triangle"):
-            corners = _integers([_attribute(one, name) for name in ("v1", "v2", "v3")], len(vertices))
+            corners = _integers(
+                [_attribute(one, name) for name in ("v1", "v2", "v3")], len(vertices)
+            )
             if placed.mirrors():
                 corners = [corners[0], corners[2], corners[1]]
             self.reading.add(
-                [vertices[k][0] for k in corners], max(bound for k in corners for bound in vertices[k][1])
+                [vertices[k][0] for k in corners],
+                max(bound for k in corners for bound in vertices[k][1]),
             )
 
 

@@ -89,7 +89,9 @@ def differences(product: Floats, reading: Reading) -> tuple[str | None, bool, fl
     mine, bounds = np.array(reading.polygons), np.array(reading.rounding)
     if not reading.oriented:
         product, mine = without_orientation(product), without_orientation(mine)
-    gaps = np.min([np.abs(np.roll(product, k, axis=1) - mine).max(axis=(1, 2)) for k in range(3)], axis=0)
+    gaps = np.min(
+        [np.abs(np.roll(product, k, axis=1) - mine).max(axis=(1, 2)) for k in range(3)], axis=0
+    )
     if (gaps <= bounds).all():
         return None, True, float(gaps.max())
     (one, _), (other, order) = in_order(product), in_order(mine)
@@ -126,8 +128,13 @@ def matched(product: Floats, mine: Floats, bounds: Floats) -> tuple[str | None, 
     for triangle in product:
         here = _cell(triangle.mean(axis=0), cell)
         around = [tuple(np.add(here, step)) for step in np.ndindex(3, 3, 3)]
-        near = [number for step in around for number in cells.get(tuple(int(k) - 1 for k in step), [])]
-        gaps = {n: min(np.abs(np.roll(triangle, k, axis=0) - mine[n]).max() for k in range(3)) for n in near}
+        near = [
+            number for step in around for number in cells.get(tuple(int(k) - 1 for k in step), [])
+        ]
+        gaps = {
+            n: min(np.abs(np.roll(triangle, k, axis=0) - mine[n]).max() for k in range(3))
+            for n in near
+        }
         right = [number for number in near if gaps[number] <= bounds[number]]
         if not right:
             unpaired += 1

@@ -37,7 +37,10 @@ def refuse(json: dict[str, Any]) -> None:
     for name in json.get("extensionsRequired", []):
         if name not in READ and not name.startswith(LOOKS):
             raise Refused(f"required extension {name}")
-    if "CESIUM_RTC" in {**json.get("extensions", {}), **dict.fromkeys(json.get("extensionsUsed", []))}:
+    if "CESIUM_RTC" in {
+        **json.get("extensions", {}),
+        **dict.fromkeys(json.get("extensionsUsed", [])),
+    }:
         raise Refused("CESIUM_RTC moves the whole scene")
 
 
@@ -65,8 +68,12 @@ class Walk:
         """Return the roots of the scene; of all nodes where the file has no scene."""
         scenes = self.document.json.get("scenes", [])
         if not scenes:
-            return [k for k in range(len(self.document.json.get("nodes", []))) if k not in self.parents]
-        nodes: list[int] = self.document.item("scenes", self.document.json.get("scene", 0)).get("nodes", [])
+            return [
+                k for k in range(len(self.document.json.get("nodes", []))) if k not in self.parents
+            ]
+        nodes: list[int] = self.document.item("scenes", self.document.json.get("scene", 0)).get(
+            "nodes", []
+        )
         return nodes
 
     def above(self, node: int) -> list[int]:
@@ -112,7 +119,11 @@ class Walk:
                 self.primitive(primitive, weights, node.get("skin"), placed @ copy)
 
     def primitive(
-        self, primitive: dict[str, Any], weights: Sequence[float], skin: int | None, placed: Placement
+        self,
+        primitive: dict[str, Any],
+        weights: Sequence[float],
+        skin: int | None,
+        placed: Placement,
     ) -> None:
         """Add the triangles of one primitive; one without positions is skipped (3.7.2.1)."""
         attributes, mode = primitive.get("attributes", {}), primitive.get("mode", 4)
@@ -146,14 +157,21 @@ class Walk:
         if "inverseBindMatrices" in skin:
             rows = self.document.accessor(skin["inverseBindMatrices"])
             inverse = [stated([list(row[k::4]) for k in range(4)]) for row in rows]
-        joints = [self.placement(joint) @ back for joint, back in zip(skin["joints"], inverse, strict=False)]
+        joints = [
+            self.placement(joint) @ back
+            for joint, back in zip(skin["joints"], inverse, strict=False)
+        ]
         influences: list[list[tuple[int, float]]] = [[] for _ in points]
         number = 0
         while f"JOINTS_{number}" in attributes:
             names = self.document.accessor(attributes[f"JOINTS_{number}"])
             shares = self.document.accessor(attributes[f"WEIGHTS_{number}"])
             for one, name, share in zip(influences, names, shares, strict=True):
-                one += [(int(joint), weight) for joint, weight in zip(name, share, strict=True) if weight]
+                one += [
+                    (int(joint), weight)
+                    for joint, weight in zip(name, share, strict=True)
+                    if weight
+                ]
             number += 1
         if any(blended(joints, influence).mirrors() for influence in influences):
             # The node's transform gives the winding (3.7.4), and is ignored for a skin (3.7.3.3).
@@ -218,7 +236,9 @@ def instances(document: Document, attributes: dict[str, int], unit: bool) -> lis
     return [composed(*three, unit) for three in zip(moved, turned, scaled, strict=True)]
 
 
-def morphed(document: Document, primitive: dict[str, Any], weights: Sequence[float]) -> list[Placed]:
+def morphed(
+    document: Document, primitive: dict[str, Any], weights: Sequence[float]
+) -> list[Placed]:
     """Return positions, targets added by their weights (3.7.2.2), with sizes and relative error."""
 
     def values(index: int) -> tuple[Rows, float]:

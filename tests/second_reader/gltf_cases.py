@@ -57,7 +57,9 @@ def topologies() -> Iterator[Case]:
     strip = [ribbon[[i, i + 1 + i % 2, i + 2 - i % 2]] for i in range(3)]
     yield case("strip_mirrored.glb", file.glb(), moved(scale(-2, 1, 1), np.array(strip)))
     file = Gltf()
-    file.node(mesh=file.mesh(file.positions(ribbon), file.indices([0, 1, 2, 2, 3, 3, 4, 5]), mode=5))
+    file.node(
+        mesh=file.mesh(file.positions(ribbon), file.indices([0, 1, 2, 2, 3, 3, 4, 5]), mode=5)
+    )
     walk = [[0, 1, 2], [1, 2, 2], [2, 2, 3], [2, 3, 3], [3, 3, 4], [3, 5, 4]]
     yield case("strip_joined_by_degenerates.glb", file.glb(), ribbon[walk])
     file = Gltf()
@@ -69,7 +71,9 @@ def topologies() -> Iterator[Case]:
     lines = [{"attributes": attributes, "mode": mode} for mode in (0, 1, 2, 3)]
     triangles = {"attributes": attributes, "indices": file.indices()}
     fan_of_all = {"attributes": attributes, "mode": 6}
-    file.node(mesh=file.add("meshes", primitives=[*lines, triangles, {"attributes": {}}, fan_of_all]))
+    file.node(
+        mesh=file.add("meshes", primitives=[*lines, triangles, {"attributes": {}}, fan_of_all])
+    )
     yield case("lines_between.glb", file.glb(), [*SOUP, CORNERS[[1, 2, 0]], CORNERS[[2, 3, 0]]])
 
 
@@ -82,7 +86,9 @@ def indices() -> Iterator[Case]:
 
 def nodes() -> Iterator[Case]:
     yield case("mirrored_scale.glb", plain(scale=[-1, 2, 1])[0].glb(), moved(scale(-1, 2, 1)))
-    shear = shift(1, 2, 3) @ np.array([[1, 0.5, 0, 0], [0, 2, 0, 0], [0.25, 0, -1, 0], [0, 0, 0, 1]])
+    shear = shift(1, 2, 3) @ np.array(
+        [[1, 0.5, 0, 0], [0, 2, 0, 0], [0.25, 0, -1, 0], [0, 0, 0, 1]]
+    )
     yield case("matrix_shear_mirrored.glb", plain(matrix=columns(shear))[0].glb(), moved(shear))
     file, child = plain(scale=[1, -1, 1], translation=[1, 0, 0])
     file.node(children=[child], scale=[-1, 1, 1], translation=[0, 5, 0])
@@ -92,7 +98,12 @@ def nodes() -> Iterator[Case]:
     middle = file.node(children=[child], rotation=HALF_TURN_X)
     file.node(children=[middle], translation=[0, 0, 0.5], scale=[2, 2, 2])
     deep = (
-        shift(0, 0, 0.5) @ scale(2, 2, 2) @ TURN_X @ shift(7, 0, 0) @ making.quarter_turn() @ scale(1, 2, 3)
+        shift(0, 0, 0.5)
+        @ scale(2, 2, 2)
+        @ TURN_X
+        @ shift(7, 0, 0)
+        @ making.quarter_turn()
+        @ scale(1, 2, 3)
     )
     yield case("three_deep.glb", file.glb(), moved(deep))
     east, north = 500_000.123456789, 5_412_345.987654321
@@ -119,7 +130,9 @@ def instances() -> Iterator[Case]:
 
     places = [[0, 0, 0], [10, 0, 0], [0, 10, 2]]
     for needed in (False, True):
-        file = Gltf(extensionsUsed=[INSTANCING], **({"extensionsRequired": [INSTANCING]} if needed else {}))
+        file = Gltf(
+            extensionsUsed=[INSTANCING], **({"extensionsRequired": [INSTANCING]} if needed else {})
+        )
         extension = instanced(TRANSLATION=file.accessor(places))
         file.node(mesh=file.mesh(), extensions=extension)
         soup = np.concatenate([moved(shift(*place)) for place in places])
@@ -161,7 +174,11 @@ def skins() -> Iterator[Case]:
     outer, inner = shift(0, 0, 2) @ making.quarter_turn(), scale(2, 1, 1)
     back = [scale(1, 1, 0.5) @ shift(1, 0, 0), shift(0, -4, 0)]
     full = {UBYTE: 255, USHORT: 65535, FLOAT: 1}
-    for name, kinds in (("float", (UBYTE, FLOAT)), ("ubyte", (USHORT, UBYTE)), ("ushort", (UBYTE, USHORT))):
+    for name, kinds in (
+        ("float", (UBYTE, FLOAT)),
+        ("ubyte", (USHORT, UBYTE)),
+        ("ushort", (UBYTE, USHORT)),
+    ):
         file = Gltf()
         rows = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]]
         shares = np.array([[1, 0, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0]]) * full[kinds[1]]
@@ -173,7 +190,9 @@ def skins() -> Iterator[Case]:
         file.node(mesh=mesh, skin=0, translation=[50, 0, 0], scale=[3, 3, 3])
         placed = [outer @ back[0], outer @ inner @ back[1]]
         chosen = [0, 1, 0, 0]
-        corners = [(placed[j] @ [*corner, 1])[:3] for j, corner in zip(chosen, CORNERS, strict=True)]
+        corners = [
+            (placed[j] @ [*corner, 1])[:3] for j, corner in zip(chosen, CORNERS, strict=True)
+        ]
         yield case(f"skin_{name}.glb", file.glb(), np.array(corners)[FACES])
     file = Gltf()
     ends = [file.node(translation=[0, 0, 8 * k]) for k in range(6)]
@@ -210,18 +229,24 @@ def morphs() -> Iterator[Case]:
         return file.glb()
 
     yield case(
-        "morph_of_mesh.glb", file_of({}, weights=[0.5, 0.25]), (CORNERS + first / 2 + second / 4)[FACES]
+        "morph_of_mesh.glb",
+        file_of({}, weights=[0.5, 0.25]),
+        (CORNERS + first / 2 + second / 4)[FACES],
     )
     own = file_of({"weights": [-1, 0]}, weights=[0.5, 0.25])
     yield case("morph_of_node.glb", own, (CORNERS - first)[FACES])
     yield case("morph_without_weights.glb", file_of({}))
-    file = Gltf(extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"])
+    file = Gltf(
+        extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"]
+    )
     whole = np.rint(CORNERS * 6553).astype(int)
     base = file.positions(whole, SHORT, normalized=True)
     target = file.accessor(
         [[127, 0, 0], [0, -127, 0], [0, 0, 64], [0, 0, 0]], (BYTE, "VEC3"), normalized=True
     )
-    file.node(mesh=file.mesh(base, targets=[{"POSITION": target}], weights=[0.5]), scale=[10, 10, 10])
+    file.node(
+        mesh=file.mesh(base, targets=[{"POSITION": target}], weights=[0.5]), scale=[10, 10, 10]
+    )
     added = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 64 / 127], [0, 0, 0]])
     yield case("morph_normalized.glb", file.glb(), ((whole / 32767 + added / 2) * 10)[FACES])
     file = Gltf()
@@ -229,7 +254,9 @@ def morphs() -> Iterator[Case]:
     far["values"] = {"bufferView": file.view(np.array([0, 0, 6], "<f4").tobytes())}
     target = file.add("accessors", componentType=FLOAT, type="VEC3", count=4, sparse=far)
     file.node(mesh=file.mesh(targets=[{"POSITION": target}], weights=[0.5]))
-    yield case("morph_sparse.glb", file.glb(), (CORNERS + np.diag([0, 0, 3, 0])[:, [0, 1, 2]])[FACES])
+    yield case(
+        "morph_sparse.glb", file.glb(), (CORNERS + np.diag([0, 0, 3, 0])[:, [0, 1, 2]])[FACES]
+    )
 
 
 def sparse() -> Iterator[Case]:
@@ -247,7 +274,9 @@ def sparse() -> Iterator[Case]:
                 "indices": {"bufferView": places, "byteOffset": 4, "componentType": code},
                 "values": {"bufferView": values, "byteOffset": 8},
             }
-            result = changed if based else np.where(np.isin(np.arange(4), [1, 3])[:, None], changed, 0.0)
+            result = (
+                changed if based else np.where(np.isin(np.arange(4), [1, 3])[:, None], changed, 0.0)
+            )
             bounds = {"min": result.min(axis=0).tolist(), "max": result.max(axis=0).tolist()}
             if based:
                 positions = file.positions(**bounds, sparse=entry)
@@ -256,16 +285,25 @@ def sparse() -> Iterator[Case]:
                     "accessors", componentType=FLOAT, type="VEC3", count=4, sparse=entry, **bounds
                 )
             file.node(mesh=file.mesh(positions))
-            yield case(f"sparse_{name}_{'on_a_view' if based else 'on_zeros'}.glb", file.glb(), result[FACES])
+            yield case(
+                f"sparse_{name}_{'on_a_view' if based else 'on_zeros'}.glb",
+                file.glb(),
+                result[FACES],
+            )
     file = Gltf()
-    entry = {"count": 3, "indices": {"bufferView": file.view(bytes([3, 4, 5])), "componentType": UBYTE}}
+    entry = {
+        "count": 3,
+        "indices": {"bufferView": file.view(bytes([3, 4, 5])), "componentType": UBYTE},
+    }
     entry["values"] = {"bufferView": file.view(bytes([0, 1, 3]))}
     start = FACES.copy()
     start[1] = 0
     names = file.accessor(start.ravel(), (UBYTE, "SCALAR"), sparse=entry)
     file.node(mesh=file.mesh(indices=names))
     yield case("sparse_indices_of_triangles.glb", file.glb())
-    file = Gltf(extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"])
+    file = Gltf(
+        extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"]
+    )
     entry = {"count": 1, "indices": {"bufferView": file.view(bytes([3])), "componentType": UBYTE}}
     entry["values"] = {"bufferView": file.view(bytes([255, 0, 51]))}
     whole = np.array([[0, 0, 0], [255, 0, 0], [0, 102, 0], [1, 2, 3]])
@@ -279,7 +317,12 @@ def sparse() -> Iterator[Case]:
 def strides() -> Iterator[Case]:
     file = Gltf()
     row = np.zeros((4, 9), "<f4")  # normal, position, texture, one number of nobody
-    row[:, 3:6], row[:, 2], row[:, 6:8], row[:, 8] = CORNERS, 1, [[0, 0], [1, 0], [1, 1], [0, 1]], np.nan
+    row[:, 3:6], row[:, 2], row[:, 6:8], row[:, 8] = (
+        CORNERS,
+        1,
+        [[0, 0], [1, 0], [1, 1], [0, 1]],
+        np.nan,
+    )
     view = file.view(bytes(12) + row.tobytes(), byteStride=36)
     bounds = {"min": CORNERS.min(axis=0).tolist(), "max": CORNERS.max(axis=0).tolist()}
     parts = {"NORMAL": ("VEC3", 12), "POSITION": ("VEC3", 24), "TEXCOORD_0": ("VEC2", 36)}
@@ -302,7 +345,10 @@ def strides() -> Iterator[Case]:
 
 
 def normalized() -> Iterator[Case]:
-    top = {"extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"]}
+    top = {
+        "extensionsUsed": ["KHR_mesh_quantization"],
+        "extensionsRequired": ["KHR_mesh_quantization"],
+    }
     for name, kind, largest in (
         ("byte", BYTE, 127),
         ("ubyte", UBYTE, 255),
@@ -311,7 +357,9 @@ def normalized() -> Iterator[Case]:
     ):
         file = Gltf(**top)
         whole = np.rint(CORNERS / 5 * largest).astype(int)
-        file.node(mesh=file.mesh(file.positions(whole, kind, normalized=True)), scale=[0.02, 0.02, 0.02])
+        file.node(
+            mesh=file.mesh(file.positions(whole, kind, normalized=True)), scale=[0.02, 0.02, 0.02]
+        )
         yield case(f"normalized_{name}.glb", file.glb(), (whole / largest * 0.02)[FACES])
         file = Gltf(**top)
         file.node(mesh=file.mesh(file.positions(whole, kind)), scale=[0.5, 0.5, 0.5])
@@ -358,7 +406,8 @@ def containers() -> Iterator[Case]:
     outside = case("beside.gltf", file.gltf("two%20words.bin"))
     yield Case(outside.name, outside.data, outside.polygons, (("two words.bin", bytes(file.blob)),))
     file = Gltf(
-        extensionsUsed=["VENDOR_unknown", "KHR_materials_unlit"], extensionsRequired=["KHR_materials_unlit"]
+        extensionsUsed=["VENDOR_unknown", "KHR_materials_unlit"],
+        extensionsRequired=["KHR_materials_unlit"],
     )
     file.node(mesh=file.mesh(), extensions={"VENDOR_unknown": {}})
     yield case("extension_of_looks_required.glb", file.glb())
@@ -399,11 +448,16 @@ def refusals() -> Iterator[Case]:
         yield broken(f"required_{name}", lambda file, used=used: file.json.update(used))  # type: ignore[misc]
     yield broken("draco_of_zeros", draco)
     yield broken("version1", lambda file: file.json.update(asset={"version": "1.0"}))
-    yield broken("min_version", lambda file: file.json.update(asset={"version": "2.9", "minVersion": "2.9"}))
-    yield broken("in_a_circle", lambda file: file.json["nodes"].append({"children": [0]}), children=[1])
+    yield broken(
+        "min_version", lambda file: file.json.update(asset={"version": "2.9", "minVersion": "2.9"})
+    )
+    yield broken(
+        "in_a_circle", lambda file: file.json["nodes"].append({"children": [0]}), children=[1]
+    )
     yield broken("below_itself", lambda file: None, children=[0])
     yield broken(
-        "two_parents", lambda file: file.json["nodes"].extend([{"children": [0]}, {"children": [0]}])
+        "two_parents",
+        lambda file: file.json["nodes"].extend([{"children": [0]}, {"children": [0]}]),
     )
     yield broken("index_too_large", lambda file: file.json["accessors"][0].update(count=3))
     yield broken("accessor_too_long", lambda file: file.json["accessors"][0].update(count=40))

@@ -11,7 +11,14 @@ from urllib.parse import unquote, unquote_to_bytes
 
 from tests.second_reader.model import Refused
 
-COMPONENTS = {5120: ("b", 1), 5121: ("B", 1), 5122: ("h", 2), 5123: ("H", 2), 5125: ("I", 4), 5126: ("f", 4)}
+COMPONENTS = {
+    5120: ("b", 1),
+    5121: ("B", 1),
+    5122: ("h", 2),
+    5123: ("H", 2),
+    5125: ("I", 4),
+    5126: ("f", 4),
+}
 LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}  #: of normalized integers (section 3.11)
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
@@ -58,7 +65,9 @@ class Document:
         if uri.startswith("data:"):
             kind, _, data = uri.partition(",")
             try:
-                return base64.b64decode(data) if kind.endswith(";base64") else unquote_to_bytes(data)
+                return (
+                    base64.b64decode(data) if kind.endswith(";base64") else unquote_to_bytes(data)
+                )
             except ValueError as error:
                 raise Refused(f"buffer {index}: {error}") from None
         try:
@@ -95,7 +104,10 @@ class Document:
     def _replace(self, rows: Rows, sparse: dict[str, Any], form: tuple[int, int]) -> None:
         where, values = sparse["indices"], sparse["values"]
         places = self.rows(
-            where["bufferView"], where.get("byteOffset", 0), (where["componentType"], 1), sparse["count"]
+            where["bufferView"],
+            where.get("byteOffset", 0),
+            (where["componentType"], 1),
+            sparse["count"],
         )
         new = self.rows(values["bufferView"], values.get("byteOffset", 0), form, sparse["count"])
         for (place,), row in zip(places, new, strict=True):

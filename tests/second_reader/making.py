@@ -46,7 +46,10 @@ class Case:
 
 
 def case(
-    name: str, data: bytes | str, polygons: Iterable[ArrayLike] | None = SOUP, may_refuse: bool = False
+    name: str,
+    data: bytes | str,
+    polygons: Iterable[ArrayLike] | None = SOUP,
+    may_refuse: bool = False,
 ) -> Case:
     """Return a case; text is encoded as UTF-8, lines as they are."""
     shapes = None if polygons is None else [np.asarray(one, dtype=np.float64) for one in polygons]
@@ -98,14 +101,18 @@ class Gltf:
         self.blob += data
         return self.add("bufferViews", buffer=0, byteOffset=start, byteLength=len(data), **more)
 
-    def accessor(self, values: ArrayLike, form: tuple[int, str] = (FLOAT, "VEC3"), **more: Any) -> int:
+    def accessor(
+        self, values: ArrayLike, form: tuple[int, str] = (FLOAT, "VEC3"), **more: Any
+    ) -> int:
         """Append values as an accessor of a component type and a type."""
         kind, shape = form
         rows = packed(values, form)
         step = -(-len(rows[0]) // 4) * 4 if shape != "SCALAR" else len(rows[0])
         stride = {"byteStride": step} if step != len(rows[0]) else {}
         view = self.view(b"".join(row.ljust(step, b"\0") for row in rows), **stride)
-        return self.add("accessors", bufferView=view, componentType=kind, type=shape, count=len(rows), **more)
+        return self.add(
+            "accessors", bufferView=view, componentType=kind, type=shape, count=len(rows), **more
+        )
 
     def positions(self, values: ArrayLike = CORNERS, kind: int = FLOAT, **more: Any) -> int:
         """Append positions with the min and max that the specification asks for."""
@@ -117,7 +124,9 @@ class Gltf:
         """Append indices."""
         return self.accessor(np.ravel(values), (kind, "SCALAR"))
 
-    def mesh(self, positions: int | None = None, indices: int | None = None, **primitive: Any) -> int:
+    def mesh(
+        self, positions: int | None = None, indices: int | None = None, **primitive: Any
+    ) -> int:
         """Append a mesh of one primitive, by default the four triangles."""
         attributes = {"POSITION": self.positions() if positions is None else positions}
         attributes |= primitive.pop("attributes", {})
@@ -165,7 +174,10 @@ def packed(values: ArrayLike, form: tuple[int, str]) -> list[bytes]:
     """Pack rows of numbers of a component type and a type."""
     letter, _ = COMPONENTS[form[0]]
     rows = np.asarray(values).reshape(-1, WIDTHS[form[1]]).tolist()
-    return [struct.pack(f"<{len(row)}{letter}", *(row if letter == "f" else map(int, row))) for row in rows]
+    return [
+        struct.pack(f"<{len(row)}{letter}", *(row if letter == "f" else map(int, row)))
+        for row in rows
+    ]
 
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -249,10 +261,27 @@ def stl_text(triangles: Floats, name: str = "") -> str:
     return f"solid {name}\n{''.join(facets)}endsolid {name}\n"
 
 
-def ply(order: str, types: tuple[str, str, str], polygons: Sequence[Sequence[int]], corners: Floats) -> bytes:
+def ply(
+    order: str, types: tuple[str, str, str], polygons: Sequence[Sequence[int]], corners: Floats
+) -> bytes:
     """Return a PLY file; types of coordinates, counts and indices."""
-    codes = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f"}
-    codes |= {"double": "d", "int8": "b", "uint8": "B", "int32": "i", "float32": "f", "float64": "d"}
+    codes = {
+        "char": "b",
+        "uchar": "B",
+        "short": "h",
+        "ushort": "H",
+        "int": "i",
+        "uint": "I",
+        "float": "f",
+    }
+    codes |= {
+        "double": "d",
+        "int8": "b",
+        "uint8": "B",
+        "int32": "i",
+        "float32": "f",
+        "float64": "d",
+    }
     name = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
     number, count, index = types
     header = (
@@ -267,8 +296,14 @@ def ply(order: str, types: tuple[str, str, str], polygons: Sequence[Sequence[int
         for corner in corners.tolist()
     ]
     rows.append([("i", 0), ("i", 1)])
-    rows += [[(codes[count], len(one)), *((codes[index], k) for k in one), ("B", 9)] for one in polygons]
+    rows += [
+        [(codes[count], len(one)), *((codes[index], k) for k in one), ("B", 9)] for one in polygons
+    ]
     rows = [[(code, value if code in "fd" else int(value)) for code, value in row] for row in rows]
     if order == "":
-        return (header + "".join(" ".join(f"{value!r}" for _, value in row) + "\n" for row in rows)).encode()
-    return header.encode() + b"".join(struct.pack(order + code, value) for row in rows for code, value in row)
+        return (
+            header + "".join(" ".join(f"{value!r}" for _, value in row) + "\n" for row in rows)
+        ).encode()
+    return header.encode() + b"".join(
+        struct.pack(order + code, value) for row in rows for code, value in row
+    )

@@ -33,7 +33,9 @@ class Reading:
         """Append one polygon."""
         self.polygons.append(np.asarray(polygon, dtype=np.float64).reshape(-1, 3))
         self.rounding.append(rounding)
-        self.texture.append(None if texture is None else np.asarray(texture, dtype=np.float64).reshape(-1, 2))
+        self.texture.append(
+            None if texture is None else np.asarray(texture, dtype=np.float64).reshape(-1, 2)
+        )
 
     def checked(self) -> Reading:
         """Return the reading; refuse one without polygons or with numbers that are not finite."""

@@ -8,7 +8,21 @@ from tests.second_reader import texts
 from tests.second_reader.model import Reading, Refused
 
 #: Statements without geometry, and points and lines.
-HARMLESS = {"vp", "p", "l", "g", "s", "mg", "o", "bevel", "c_interp", "d_interp", "lod", "usemtl", "mtllib"}
+HARMLESS = {
+    "vp",
+    "p",
+    "l",
+    "g",
+    "s",
+    "mg",
+    "o",
+    "bevel",
+    "c_interp",
+    "d_interp",
+    "lod",
+    "usemtl",
+    "mtllib",
+}
 HARMLESS |= {"shadow_obj", "trace_obj", "usemap", "maplib", "ctech", "stech"}
 #: Statements that make surfaces from control points or change the file that is read.
 OTHER_GEOMETRY = {
@@ -62,7 +76,8 @@ def read(path: Path) -> Reading:
             raise Refused(f"a face names vertex {max(places) + 1} of {len(vertices)}")
         known = places_of_texture and max(places_of_texture) < len(texture)
         reading.add(
-            [vertices[k] for k in places], texture=[texture[k] for k in places_of_texture] if known else None
+            [vertices[k] for k in places],
+            texture=[texture[k] for k in places_of_texture] if known else None,
         )
     return reading
 

@@ -45,7 +45,9 @@ def _position(values: list[float], homogeneous: bool) -> list[float]:
 
 def _text(text: str) -> Reading:
     # Line ends matter after the corners of a face alone, where the color may follow.
-    tokens = [word for line in text.split("\n") for word in [*texts.words(line.split("#", 1)[0]), "\n"]]
+    tokens = [
+        word for line in text.split("\n") for word in [*texts.words(line.split("#", 1)[0]), "\n"]
+    ]
     place = 0
 
     def take() -> str:
@@ -116,7 +118,9 @@ def _binary(kind: tuple[bool, int], data: bytes) -> Reading:
     return reading
 
 
-def _add(reading: Reading, vertices: list[list[float]], corners: list[int], homogeneous: bool) -> None:
+def _add(
+    reading: Reading, vertices: list[list[float]], corners: list[int], homogeneous: bool
+) -> None:
     if len(corners) < 3:
         raise Refused(f"a face of {len(corners)} corners")
     if not all(0 <= corner < len(vertices) for corner in corners):

@@ -53,7 +53,9 @@ class Text:
     """Values of a text file, one element a line."""
 
     def __init__(self, data: bytes) -> None:
-        self.lines = [texts.words(line) for line in data.decode("latin-1").replace("\r", "\n").split("\n")]
+        self.lines = [
+            texts.words(line) for line in data.decode("latin-1").replace("\r", "\n").split("\n")
+        ]
         self.lines = [line for line in self.lines if line]
         self.line, self.column = 0, 0
 
@@ -129,7 +131,8 @@ def read(path: Path) -> Reading:
 def _single(polygon: list[list[float]], elements: list[Element]) -> float:
     """Return the rounding to the type that the header states.
 
-    A text may say more digits of a `float` than the type holds: the digits and the type are both right.
+    A text may say more digits of a `float` than the type holds: the digits and the type are both
+    right.
     """
     kinds = {one.name: one.code for element in elements for one in element.properties}
     if kinds["x"] != "f":

@@ -56,11 +56,17 @@ def _dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
 def _without_area(polygon: Floats, left: list[int]) -> list[tuple[int, int, int]]:
     """Clip corners that lie on a line with both neighbors, exactly and in space: spikes, repetitions."""
     ears = []
-    space = [[Fraction(value) for value in corner] for corner in polygon.tolist()] if len(left) > 3 else []
+    space = (
+        [[Fraction(value) for value in corner] for corner in polygon.tolist()]
+        if len(left) > 3
+        else []
+    )
     place = 0
     while len(left) > 3 and place < len(left):
         ear = (left[place - 1], left[place], left[(place + 1) % len(left)])
-        one, other = ([b - a for a, b in zip(space[ear[0]], space[k], strict=True)] for k in ear[1:])
+        one, other = (
+            [b - a for a, b in zip(space[ear[0]], space[k], strict=True)] for k in ear[1:]
+        )
         if not any(_cross(one, other)):
             ears.append(ear)
             del left[place]
@@ -113,8 +119,9 @@ def key(corner: Floats) -> tuple[float, ...]:
 def is_cut_of(triangles: Floats, polygon: Floats) -> bool:
     """Test whether triangles are a cut of a polygon.
 
-    Three conditions: n - 2 triangles; their directed edges, less those that two triangles share, are the
-    polygon's; none is turned against Newell's normal. Areas then add up to the polygon's, without overlap.
+    Three conditions: n - 2 triangles; their directed edges, less those that two triangles share,
+    are the polygon's; none is turned against Newell's normal. Areas then add up to the polygon's,
+    without overlap.
     """
     if len(triangles) != len(polygon) - 2:
         return False
@@ -125,7 +132,9 @@ def is_cut_of(triangles: Floats, polygon: Floats) -> bool:
     normal = newell(polygon)
     size = float(np.linalg.norm(normal))
     # The signs of areas are exact in the cut, and rounded here.
-    slack = 64 * np.spacing(max(size, float(np.ptp(polygon, axis=0).max()) ** 2)) * max(size, 1e-300)
+    slack = (
+        64 * np.spacing(max(size, float(np.ptp(polygon, axis=0).max()) ** 2)) * max(size, 1e-300)
+    )
     return all(float(newell(triangle) @ normal) >= -slack for triangle in triangles)
 
 

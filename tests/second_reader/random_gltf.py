@@ -90,7 +90,9 @@ def instances(file: Gltf, random: Generator) -> dict[str, int]:
 def mesh(file: Gltf, random: Generator, skinned: bool) -> int:
     """Add a mesh of one or two primitives with the same count of morph targets."""
     targets = int(random.integers(0, 3))
-    primitives = [primitive(file, random, targets, skinned) for _ in range(int(random.integers(1, 3)))]
+    primitives = [
+        primitive(file, random, targets, skinned) for _ in range(int(random.integers(1, 3)))
+    ]
     entry: dict[str, Any] = {"primitives": primitives}
     if targets and random.random() < 0.8:
         entry["weights"] = random.normal(size=targets).tolist()
@@ -154,7 +156,9 @@ def sparse(
     places = file.view(chosen.astype(NUMPY[kind]).tobytes())
     replaced = file.view(values[chosen].astype(NUMPY[form[0]]).tobytes())
     indices = {"bufferView": places, "componentType": kind}
-    return {"sparse": {"count": len(chosen), "indices": indices, "values": {"bufferView": replaced}}}
+    return {
+        "sparse": {"count": len(chosen), "indices": indices, "values": {"bufferView": replaced}}
+    }
 
 
 def skin(file: Gltf, random: Generator, nodes: int) -> int:

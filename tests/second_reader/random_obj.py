@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-OTHERS = ["o part", "g a b", "usemtl red", "usemtl blue", "s off", "s 1", "# v 1 2 3", "", "mtllib none.mtl"]
+OTHERS = [
+    "o part",
+    "g a b",
+    "usemtl red",
+    "usemtl blue",
+    "s off",
+    "s 1",
+    "# v 1 2 3",
+    "",
+    "mtllib none.mtl",
+]
 
 
 def random_obj(seed: int) -> bytes:
@@ -54,7 +64,9 @@ def face(random: Generator, places: list[int], counts: dict[str, int]) -> str:
     words = []
     for place in places:
         parts = {"v": place} | {kind: int(random.integers(counts[kind])) for kind in kinds[1:]}
-        texts = {k: str(n + 1 if random.random() < 0.5 else n - counts[k]) for k, n in parts.items()}
+        texts = {
+            k: str(n + 1 if random.random() < 0.5 else n - counts[k]) for k, n in parts.items()
+        }
         words.append("/".join([texts["v"], texts.get("vt", ""), texts.get("vn", "")]).rstrip("/"))
     return " ".join(["f", *words])
 

@@ -40,7 +40,9 @@ def _text(data: bytes) -> Reading:
     def take(*expected: str) -> None:
         nonlocal place
         if tuple(word.lower() for word in words[place : place + len(expected)]) != expected:
-            raise Refused(f"{' '.join(expected)} expected, not {' '.join(words[place : place + 3])}")
+            raise Refused(
+                f"{' '.join(expected)} expected, not {' '.join(words[place : place + 3])}"
+            )
         place += len(expected)
 
     def numbers() -> list[float]:

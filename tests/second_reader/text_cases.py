@@ -19,7 +19,9 @@ LETTER: Floats = np.array(
 )
 #: Quad whose third corner is turned inward: the fan of its first corner has a triangle turned over.
 DART: Floats = np.array([[4, -4], [1, 0], [4, 4], [0, 0]], dtype=np.float64)
-STAIR: Floats = np.array([[0, 0], [4, 0], [4, 1], [3, 1], [3, 2], [2, 2], [2, 3], [0, 3]], dtype=np.float64)
+STAIR: Floats = np.array(
+    [[0, 0], [4, 0], [4, 1], [3, 1], [3, 2], [2, 2], [2, 3], [0, 3]], dtype=np.float64
+)
 
 
 def cases() -> list[Case]:
@@ -45,13 +47,18 @@ def obj_lines() -> Iterator[Case]:
     yield case("bom_crlf.obj", b"\xef\xbb\xbf" + whole.replace("\n", "\r\n").encode())
     yield case("cr.obj", whole.replace("\n", "\r"))
     yield case(
-        "tabs_indents.obj", "\n".join("\t  " + line.replace(" ", "\t ") for line in whole.splitlines())
+        "tabs_indents.obj",
+        "\n".join("\t  " + line.replace(" ", "\t ") for line in whole.splitlines()),
     )
     yield case("no_last_line_end.obj", whole.rstrip("\n"))
-    yield case("continued.obj", whole.replace("f 1 3 2", "f 1 \\\n 3 \\\n2").replace("v 4 0 0", "v 4\\\n0 0"))
+    yield case(
+        "continued.obj",
+        whole.replace("f 1 3 2", "f 1 \\\n 3 \\\n2").replace("v 4 0 0", "v 4\\\n0 0"),
+    )
     yield case("continued_crlf.obj", whole.replace("f 1 3 2", "f 1 \\\n 3 2").replace("\n", "\r\n"))
     yield case(
-        "comments_in_lines.obj", whole.replace("v 4 0 0", "v 4 0 0 # 9 9").replace("f 1 3 2", "f 1 3 2#4")
+        "comments_in_lines.obj",
+        whole.replace("v 4 0 0", "v 4 0 0 # 9 9").replace("f 1 3 2", "f 1 3 2#4"),
     )
     yield case("commented_statements.obj", "# v 9 9 9\n#f 1 1 1\n" + whole)
     yield case("capitals.obj", whole.replace("v ", "V ").replace("f ", "F "), may_refuse=True)
@@ -154,7 +161,9 @@ def obj_hard_polygons() -> Iterator[Case]:
         face = "f " + " ".join(str(k + 1) for k in range(len(corners))) + "\n"
         triangle = "v 0 0 9\nv 1 0 9\nv 0 1 9\nf -3 -2 -1\n"
         alone = np.array([[0.0, 0, 9], [1, 0, 9], [0, 1, 9]])
-        yield case(f"{name}.obj", lines + face + triangle, None if name in crossing else [corners, alone])
+        yield case(
+            f"{name}.obj", lines + face + triangle, None if name in crossing else [corners, alone]
+        )
 
 
 def obj_refusals() -> Iterator[Case]:
@@ -179,9 +188,15 @@ def obj_refusals() -> Iterator[Case]:
     }.items():
         used = "f 1 2 -1\n" if line.startswith("v") else ""
         yield case(f"{name}.obj", POINTS + NAMES + line + "\n" + used, None)
-    yield case("control_byte_in_a_number.obj", (POINTS + NAMES).replace("v 4 0 0", "v \x14.0 0 0"), None)
-    yield case("control_byte_for_a_number.obj", POINTS + NAMES.replace("f 1 3 2", "f 1 3 2 \x1d"), None)
-    yield case("control_byte_for_a_coordinate.obj", (POINTS + NAMES).replace("v 4 0 0", "v 4 0 \x11"), None)
+    yield case(
+        "control_byte_in_a_number.obj", (POINTS + NAMES).replace("v 4 0 0", "v \x14.0 0 0"), None
+    )
+    yield case(
+        "control_byte_for_a_number.obj", POINTS + NAMES.replace("f 1 3 2", "f 1 3 2 \x1d"), None
+    )
+    yield case(
+        "control_byte_for_a_coordinate.obj", (POINTS + NAMES).replace("v 4 0 0", "v 4 0 \x11"), None
+    )
     yield case("cut_off_in_a_face.obj", POINTS + NAMES + "f 1 2", None)
     yield case("empty.obj", "", None)
     yield case("vertices_alone.obj", POINTS, None)
@@ -190,7 +205,8 @@ def obj_refusals() -> Iterator[Case]:
 def off_kinds() -> Iterator[Case]:
     def rows(extra: str, corners: Floats = CORNERS) -> str:
         return "".join(
-            " ".join(f"{value!r}" for value in corner) + f" {extra}\n" for corner in corners.tolist()
+            " ".join(f"{value!r}" for value in corner) + f" {extra}\n"
+            for corner in corners.tolist()
         )
 
     faces = "3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
@@ -227,7 +243,10 @@ def off_layouts() -> Iterator[Case]:
     yield case("crlf.off", whole.replace("\n", "\r\n"))
     yield case("bom.off", b"\xef\xbb\xbf" + whole.encode())
     yield case("a_number_a_line.off", whole.replace(" ", "\n"))
-    yield case("comments.off", "# made\nOFF # by\n4 4 0 # hand 1 2 3\n\n" + tail.replace("\n", " # 1 2 3\n"))
+    yield case(
+        "comments.off",
+        "# made\nOFF # by\n4 4 0 # hand 1 2 3\n\n" + tail.replace("\n", " # 1 2 3\n"),
+    )
     colors = ["", " 7", " 0.1 0.2 0.3", " 255 0 0 255"]
     faces = "".join(
         f"3 {a} {b} {c}{color}\n" for (a, b, c), color in zip(FACES.tolist(), colors, strict=True)
@@ -285,7 +304,9 @@ def ply_kinds() -> Iterator[Case]:
         yield case(f"{name}_letter.ply", ply(order, types[0], polygons, letter), shapes)
     far = CORNERS + np.array([500_000.123456789, 5_412_345.987654321, 431.5])
     for order, name in orders.items():
-        yield case(f"utm_{name}.ply", ply(order, ("double", "uchar", "int"), faces, far), far[FACES])
+        yield case(
+            f"utm_{name}.ply", ply(order, ("double", "uchar", "int"), faces, far), far[FACES]
+        )
     text = ply("", types[0], faces, CORNERS)
     yield case("crlf.ply", text.replace(b"\n", b"\r\n"))
     yield case("vertex_index.ply", text.replace(b"vertex_indices", b"vertex_index"))
@@ -318,7 +339,8 @@ def ply_refusals() -> Iterator[Case]:
     cloud = head + b"property float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
     yield case("cloud.ply", cloud, None)
     splat = cloud.replace(
-        b"end_header", b"property float f_dc_0\nproperty float scale_0\nproperty float rot_0\nend_header"
+        b"end_header",
+        b"property float f_dc_0\nproperty float scale_0\nproperty float rot_0\nend_header",
     )
     yield case("splats.ply", splat.replace(b"0 0 0", b"0 0 0 1 1 1"), None)
     strips = "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"

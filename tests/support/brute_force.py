@@ -1,8 +1,8 @@
 """Truth without any cleverness: every triangle against every line, twice, by textbook formulas.
 
-In double precision by Moeller and Trumbore ("Fast, minimum storage ray-triangle intersection", 1997),
-from an origin at the viewer's end of each line; and in rational numbers by Cramer's rule. Nothing
-here is imported from the code under test: lines are arrays of doubles.
+In double precision by Moeller and Trumbore ("Fast, minimum storage ray-triangle intersection",
+1997), from an origin at the viewer's end of each line; and in rational numbers by Cramer's rule.
+Nothing here is imported from the code under test: lines are arrays of doubles.
 """
 
 from dataclasses import dataclass
@@ -83,8 +83,8 @@ def _dot(a: list[Floats] | Floats, b: list[Floats] | Floats) -> Floats:
 def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:
     """Return s where the line center + s d meets a closed triangle (3, 3), None where it does not.
 
-    Cramer's rule for center + s d = p0 + b (p1 - p0) + c (p2 - p0), in rational numbers. A line in the
-    triangle's plane does not meet it.
+    Cramer's rule for center + s d = p0 + b (p1 - p0) + c (p2 - p0), in rational numbers. A line in
+    the triangle's plane does not meet it.
     """
     p0, p1, p2 = (_rational(p) for p in corners)
     a, ray = _rational(center), _rational(d)

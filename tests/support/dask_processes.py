@@ -40,4 +40,13 @@ def scheduler(port: int) -> tuple[str, ...]:
 def worker(port: int) -> tuple[str, ...]:
     """Return the words that start a worker of one process, which ends when its scheduler is gone for long."""
     address = f"tcp://127.0.0.1:{port}"
-    return ("worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
+    return (
+        "worker",
+        address,
+        "--no-nanny",
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        "--death-timeout",
+        "60",
+    )

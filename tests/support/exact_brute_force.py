@@ -39,7 +39,9 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[Exac
     decided = []
     for start in range(0, len(lines), LINES_AT_ONCE):
         part = lines[start : start + LINES_AT_ONCE]
-        for line, possible in zip(part, possible_pairs(scene.triangles - center, part), strict=True):
+        for line, possible in zip(
+            part, possible_pairs(scene.triangles - center, part), strict=True
+        ):
             numbers = np.flatnonzero(possible)
             s, chosen = exact_first(scene.triangles[numbers], center, line, s_range)
             winners = numbers[chosen].tolist()

@@ -150,7 +150,9 @@ class Faulty:
         )
         if self.shift == (0.0, 0.0) and frustum.screen is None and self.fov == (1.0, 1.0):
             return frustum
-        return replace(frustum, fov=None, screen=Screen(height=height, center=moved, size=(size[0], size[1])))
+        return replace(
+            frustum, fov=None, screen=Screen(height=height, center=moved, size=(size[0], size[1]))
+        )
 
 
 def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
@@ -165,7 +167,9 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
     # Lines run from C*'s center at z = -near along -d, toward the viewer.
-    d = np.stack(np.broadcast_arrays(-(kx + u * tx), -(ky + v * ty)[:, None], 1.0), axis=-1).reshape(-1, 3)
+    d = np.stack(
+        np.broadcast_arrays(-(kx + u * tx), -(ky + v * ty)[:, None], 1.0), axis=-1
+    ).reshape(-1, 3)
     center = np.array([ax + near * kx, ay + near * ky, -near])
     best, number = np.full(len(d), np.inf), np.full(len(d), NOTHING, dtype=np.int32)
     for index, (p, q, r) in enumerate(scene.triangles - center):
@@ -192,7 +196,9 @@ def unconjugated(front: HogelImage) -> Singles:
     normal *= np.where(np.einsum("...i,...i->...", normal, eye) < 0, -1.0, 1.0)[..., None]
     cosine = normal @ light
     mirrored = 2 * np.einsum("...i,...i->...", normal, eye)[..., None] * normal - eye
-    highlight = np.where(cosine > 0, np.maximum(mirrored @ light, 0.0) ** DEFAULT_MATERIAL.exponent, 0.0)
+    highlight = np.where(
+        cosine > 0, np.maximum(mirrored @ light, 0.0) ** DEFAULT_MATERIAL.exponent, 0.0
+    )
     ambient, diffuse, specular = (
         getattr(DEFAULT_MATERIAL, term)[0] for term in ("ambient", "diffuse", "specular")
     )

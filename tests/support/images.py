@@ -26,7 +26,9 @@ def assert_same(one: Any, other: Any, *names: str) -> None:
 def interior(image: HogelImage) -> Mask:
     """Return the pixels that show the triangle of all eight neighbors; the outermost are none of them."""
     height, width = image.triangle.shape
-    shifted = [image.triangle[r : height - 2 + r, c : width - 2 + c] for r in range(3) for c in range(3)]
+    shifted = [
+        image.triangle[r : height - 2 + r, c : width - 2 + c] for r in range(3) for c in range(3)
+    ]
     inside = np.zeros(image.triangle.shape, dtype=np.bool_)
     inside[1:-1, 1:-1] = np.all([shifted[4] == other for other in shifted], axis=0)
     return np.asarray(inside & image.covered)

@@ -1,6 +1,7 @@
 """The light model by its definition (CONVENTIONS.md, "Light"), in numpy and double precision, for tests.
 
-With the true eye vector and no flips, at the surface points that the cameras of the double frustum draw.
+With the true eye vector and no flips, at the surface points that the cameras of the double frustum
+draw.
 """
 
 import functools
@@ -11,7 +12,12 @@ import numpy as np
 from tests.support.views import lines_by_definition, view
 from xfrustum.raster.device.context import describe, open_context
 from xfrustum.scenes import HogelImage, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.appearance import (
+    Appearance,
+    DirectionalLight,
+    Environment,
+    Material,
+)
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.device_model import DeviceModel, model_of
 
@@ -22,7 +28,9 @@ SHINY = Material(
     exponent=12.0,
     reflectivity=(0.3, 0.6, 0.2),
 )
-PLAIN = Material(ambient=(0.2, 0.1, 0.0), diffuse=(0.3, 0.6, 0.5), specular=(0.4, 0.2, 0.1), exponent=75.0)
+PLAIN = Material(
+    ambient=(0.2, 0.1, 0.0), diffuse=(0.3, 0.6, 0.5), specular=(0.4, 0.2, 0.1), exponent=75.0
+)
 LIGHTS = (
     DirectionalLight(direction=(-2.0, 3.0, 1.0), color=(1.0, 0.9, 0.7)),
     DirectionalLight(direction=(1.0, 0.3, 2.0), color=(0.3, 0.5, 0.9)),
@@ -48,7 +56,9 @@ def bilinear(picture: Floats, x: Floats, y: Floats, *, wrap_rows: bool) -> Float
     share_x, share_y = (x - left)[..., None], (y - top)[..., None]
     row = [r % rows if wrap_rows else np.clip(r, 0, rows - 1) for r in (top, top + 1)]
     column = [c % columns for c in (left, left + 1)]
-    upper, lower = (picture[r, column[0]] * (1 - share_x) + picture[r, column[1]] * share_x for r in row)
+    upper, lower = (
+        picture[r, column[0]] * (1 - share_x) + picture[r, column[1]] * share_x for r in row
+    )
     return np.asarray(upper * (1 - share_y) + lower * share_y)
 
 
@@ -66,8 +76,9 @@ def weights_on_triangles(
 ) -> tuple[Floats, Floats]:
     """Return, for the pixels that show a surface, corner weights (N, 3) and unit eye vectors (N, 3).
 
-    Every pixel's line is that of its camera, stepped back by near: parallel to the true one. Weights are
-    those at points beside the pixels' centers, by columns and rows; the eye is that of the centers.
+    Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
+    Weights are those at points beside the pixels' centers, by columns and rows; the eye is that of
+    the centers.
     """
     settings = image.camera.settings
     near = 0.0
@@ -112,7 +123,9 @@ def normals_to_the_viewer(scene: Scene, triangle: Numbers, weight: Floats, eye: 
     flat = scene.normals[triangle]
     normal = flat
     if scene.surface.vertex_normals is not None:
-        smooth = np.einsum("nk,nki->ni", weight, scene.surface.vertex_normals[scene.faces[triangle]])
+        smooth = np.einsum(
+            "nk,nki->ni", weight, scene.surface.vertex_normals[scene.faces[triangle]]
+        )
         has = np.isfinite(smooth).all(axis=1)
         normal = np.where(has[:, None], unit(np.where(has[:, None], smooth, 1.0)), flat)
     back = np.einsum("ni,ni->n", flat, eye) < 0
@@ -137,10 +150,14 @@ def radiance_by_definition(
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     albedo = texture_colors(scene, triangle, weight)
     if scene.surface.vertex_colors is not None:
-        albedo *= np.einsum("nk,nki->ni", weight, scene.surface.vertex_colors[scene.faces[triangle]])
+        albedo *= np.einsum(
+            "nk,nki->ni", weight, scene.surface.vertex_colors[scene.faces[triangle]]
+        )
 
     def coefficient(name: str) -> Floats:
-        return np.array([getattr(m, name) for m in scene.materials])[scene.object_of_triangle[triangle]]
+        return np.array([getattr(m, name) for m in scene.materials])[
+            scene.object_of_triangle[triangle]
+        ]
 
     radiance = coefficient("ambient") * albedo
     for light in scene.appearance.lights:
@@ -162,14 +179,17 @@ def moved_by_snapping(
     """Return how far (H, W, 3) radiance may be off where attributes are interpolated from snapped vertices.
 
     They are exact at a point within half a subpixel step of the pixel's center along each axis
-    (`Planes.varying`). What is nearly linear over that square changes most toward one of its corners.
+    (`Planes.varying`). What is nearly linear over that square changes most toward one of its
+    corners.
     """
     exact = radiance_by_definition(scene, image, reflections=reflections)
     if not model.snaps_depth:
         return np.zeros_like(exact)
     step = model.half_step
     corners = [(-step, -step), (-step, step), (step, -step), (step, step)]
-    moved = [radiance_by_definition(scene, image, reflections=reflections, shift_px=at) for at in corners]
+    moved = [
+        radiance_by_definition(scene, image, reflections=reflections, shift_px=at) for at in corners
+    ]
     return np.asarray(np.abs(np.array(moved) - exact).max(axis=0))
 
 
@@ -210,7 +230,9 @@ def dressed(part: SceneObject, seed: int) -> SceneObject:
     colors = generator.uniform(0.2, 1.0, part.vertices.shape)
     # The texture is projected from the side, so that a texel covers the pixels of a few triangles.
     uv = part.vertices[:, :2] * 0.11 + part.vertices[:, 2:] * [0.05, -0.03]
-    textures = tuple(generator.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4)))
+    textures = tuple(
+        generator.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))
+    )
     number = generator.integers(-1, 2, len(part.faces)).astype(np.int32)
     return replace(
         part,
@@ -231,6 +253,8 @@ def dressed_scene(name: str, resolution: tuple[int, int]) -> Scene:
         for index, part in enumerate(scene.objects)
     )
     look = Appearance(
-        materials={"shiny": SHINY, "plain": PLAIN}, lights=LIGHTS, environment=patterned_environment()
+        materials={"shiny": SHINY, "plain": PLAIN},
+        lights=LIGHTS,
+        environment=patterned_environment(),
     )
     return replace(scene, objects=objects, appearance=look)

@@ -1,7 +1,7 @@
 """Commands under a limit on the size of files, as on a full disk, in a process of their own.
 
-Reads the limits and the command lines as JSON from standard input, runs each line under each limit in an
-empty folder, and prints what became of it as JSON. `run` starts it.
+Reads the limits and the command lines as JSON from standard input, runs each line under each limit
+in an empty folder, and prints what became of it as JSON. `run` starts it.
 """
 
 import contextlib
@@ -34,14 +34,18 @@ def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[O
     asked = json.dumps({"arguments": list(arguments), "limits": list(limits)})
     program = [sys.executable, "-m", "tests.support.limited_disk", str(folder)]
     checkout = Path(__file__).resolve().parents[2]
-    told = subprocess.run(program, input=asked, capture_output=True, text=True, check=True, cwd=checkout)
+    told = subprocess.run(
+        program, input=asked, capture_output=True, text=True, check=True, cwd=checkout
+    )
     return [Outcome(**outcome) for outcome in json.loads(told.stdout)]
 
 
 def hashes(folder: Path) -> dict[str, str]:
     """Return the hash of every file in a folder; folders count as they are left over too."""
     return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else ""
         for path in sorted(folder.rglob("*"))
     }
 
@@ -66,7 +70,8 @@ def _outcome(arguments: list[str], limit: int, folder: Path) -> Outcome:
 
 
 if __name__ == "__main__":
-    # Python does not notice that a compiled module was cut off, and nobody could import that module again.
+    # Python does not notice that a compiled module was cut off, and nobody could import that module
+    # again.
     sys.dont_write_bytecode = True
     asked = json.load(sys.stdin)
     found = [_outcome(asked["arguments"], limit, Path(sys.argv[1])) for limit in asked["limits"]]

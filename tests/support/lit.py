@@ -8,7 +8,12 @@ from numpy.typing import ArrayLike
 
 from tests.support.views import lines_by_definition
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.appearance import (
+    Appearance,
+    DirectionalLight,
+    Environment,
+    Material,
+)
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.plate import Screen
@@ -23,7 +28,9 @@ PLATE = Plate(size=(20.0, 16.0), hogels=(21, 17))
 REACH = (100.0, 120.0)
 CENTERED = Frustum(resolution=(48, 36), reach=REACH, fov=(math.radians(60), math.radians(50)))
 RECENTERED = Frustum(
-    resolution=(48, 36), reach=REACH, screen=Screen(height=70.0, center=(4.0, -6.0), size=(80.0, 60.0))
+    resolution=(48, 36),
+    reach=REACH,
+    screen=Screen(height=70.0, center=(4.0, -6.0), size=(80.0, 60.0)),
 )
 """A recentered frustum, wider than high and off center on both axes."""
 
@@ -36,7 +43,10 @@ GLOW = Material(ambient=(1.0, 1.0, 1.0), diffuse=(0.0, 0.0, 0.0))
 
 
 def quad(
-    corners: ArrayLike, material: str | None = None, uv: ArrayLike | None = None, **attributes: ArrayLike
+    corners: ArrayLike,
+    material: str | None = None,
+    uv: ArrayLike | None = None,
+    **attributes: ArrayLike,
 ) -> SceneObject:
     """Return two triangles between four corners (4, 3), counterclockwise from their front."""
     return SceneObject(
@@ -55,7 +65,9 @@ def card(
     """Return a rectangle parallel to the plate that faces the viewer."""
     x, y, z = center
     w, h = size[0] / 2, size[1] / 2
-    return quad([(x - w, y - h, z), (x + w, y - h, z), (x + w, y + h, z), (x - w, y + h, z)], material)
+    return quad(
+        [(x - w, y - h, z), (x + w, y - h, z), (x + w, y + h, z), (x - w, y + h, z)], material
+    )
 
 
 def ball(
@@ -73,7 +85,9 @@ def ball(
         vertices=vertices + center,
         faces=np.array(mesh.faces),
         material=material,
-        vertex_normals=vertices / np.linalg.norm(vertices, axis=1, keepdims=True) if smooth else None,
+        vertex_normals=vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+        if smooth
+        else None,
     )
 
 
@@ -109,7 +123,9 @@ def sky(width: int = 64, height: int = 32) -> Environment:
 
 def sky_radiance(directions: Floats) -> Floats:
     """Return linear RGB of unit directions (..., 3), another linear function of x, y, z in each channel."""
-    return np.asarray(1.0 + directions @ np.array([(0.5, 0.1, 0.0), (0.2, 0.5, -0.2), (-0.1, 0.2, 0.6)]))
+    return np.asarray(
+        1.0 + directions @ np.array([(0.5, 0.1, 0.0), (0.2, 0.5, -0.2), (-0.1, 0.2, 0.6)])
+    )
 
 
 def eyes(scene: Scene, aperture: Aperture) -> Floats:

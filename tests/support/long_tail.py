@@ -10,14 +10,16 @@ from hypothesis import settings
 def examples(count: int) -> settings:
     """Return how often hypothesis tries: so many times with the slow tests, and else the first of them."""
     usual = settings.get_profile("xfrustum").max_examples
-    return settings(max_examples=max(1, count * usual // settings.get_profile("default").max_examples))
+    return settings(
+        max_examples=max(1, count * usual // settings.get_profile("default").max_examples)
+    )
 
 
 def thinned(cases: Iterable[Any], step: int, first: int = 0) -> list[Any]:
     """Return cases as parameters: each `step`-th from `first` on runs every time, all others are slow.
 
-    With a step that has no common divisor with the lengths of the lists that a product was made of, the cases
-    that run every time go through all values of each list.
+    With a step that has no common divisor with the lengths of the lists that a product was made of,
+    the cases that run every time go through all values of each list.
     """
     return [_parameter(case, number % step == first) for number, case in enumerate(cases)]
 

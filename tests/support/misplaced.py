@@ -1,7 +1,8 @@
 """Pixels whose centers the triangles drawn there do not reach.
 
-Surface points of the raster are computed on the drawn triangle, for the pixel's center (docs/adr/0005): this
-is the other half of the measurement, that the triangle was drawn where its camera puts it.
+Surface points of the raster are computed on the drawn triangle, for the pixel's center
+(docs/adr/0005): this is the other half of the measurement, that the triangle was drawn where its
+camera puts it.
 """
 
 from xfrustum.compare.attribution.budget import drawing_cameras

@@ -15,8 +15,9 @@ def replayed_points(
 ) -> Floats:
     """Return P', on the lines on which an aperture replays drawn points, at the distance at which they cross.
 
-    The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind the plate,
-    where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer sees the points there.
+    The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind
+    the plate, where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer
+    sees the points there.
     """
     shear, _ = film_window(frustum, aperture)
     distance = -side * points[:, 2]
@@ -31,8 +32,8 @@ def replayed_points(
 class MovedScene:
     """The scene that a viewer sees: the moved halves, with the moved reach.
 
-    Its surfaces have their objects' materials, and neither textures nor normals of vertices: it is meant for
-    comparing surfaces.
+    Its surfaces have their objects' materials, and neither textures nor normals of vertices: it is
+    meant for comparing surfaces.
     """
 
     scene: Scene
@@ -108,4 +109,6 @@ def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Ind
     ab, ac = ends
     parts = [np.stack(corners, axis=1) for corners in ((a, ab, ac), (ab, b, c), (ab, c, ac))]
     own = origin[crossing]
-    return np.concatenate((triangles[~crossing], *parts)), np.concatenate((origin[~crossing], own, own, own))
+    return np.concatenate((triangles[~crossing], *parts)), np.concatenate(
+        (origin[~crossing], own, own, own)
+    )

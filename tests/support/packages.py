@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-DASSAULT = 'xmlns="http://www.3ds.com/xsd/3DXML" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+DASSAULT = (
+    'xmlns="http://www.3ds.com/xsd/3DXML" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+)
 _START = (
     '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
     '<Relationship Id="r" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" '
@@ -30,7 +32,10 @@ def threemf(model: str, parts: Mapping[str, str] | None = None, attributes: str 
     return zipped(
         {
             "_rels/.rels": _START,
-            **{name: f"<model {spaces} {attributes}>{content}</model>" for name, content in models.items()},
+            **{
+                name: f"<model {spaces} {attributes}>{content}</model>"
+                for name, content in models.items()
+            },
         }
     )
 

@@ -55,7 +55,11 @@ def comparison_numbers(
     judged: int, covered: int, surface: float, p99: float | None, wrong_colors: float | None = None
 ) -> ComparisonNumbers:
     """Return a comparison with a share of wrong surfaces, a displacement, and a share of wrong colors."""
-    spread = None if p99 is None else Spread(rms=p99 / 2, p50=p99 / 3, p95=p99 / 1.5, p99=p99, max=2 * p99)
+    spread = (
+        None
+        if p99 is None
+        else Spread(rms=p99 / 2, p50=p99 / 3, p95=p99 / 1.5, p99=p99, max=2 * p99)
+    )
     return ComparisonNumbers(
         pixels=judged,
         judged=judged,

@@ -6,7 +6,11 @@ Numbers = tuple[float, ...]
 
 
 def film(
-    plate: Numbers, hogels: tuple[int, int], resolution: tuple[int, int], fov_deg: Numbers, reach: Numbers
+    plate: Numbers,
+    hogels: tuple[int, int],
+    resolution: tuple[int, int],
+    fov_deg: Numbers,
+    reach: Numbers,
 ) -> str:
     """Return the tables of a plate and of its centered frustum; objects follow."""
     return (

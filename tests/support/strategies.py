@@ -17,7 +17,9 @@ REACH = 12.0
 
 def apertures() -> st.SearchStrategy[Aperture]:
     """Return apertures on the plate of `views.soup`."""
-    return st.builds(at, st.integers(-32, 32).map(lambda n: n / 4), st.integers(-32, 32).map(lambda n: n / 4))
+    return st.builds(
+        at, st.integers(-32, 32).map(lambda n: n / 4), st.integers(-32, 32).map(lambda n: n / 4)
+    )
 
 
 @st.composite
@@ -27,21 +29,28 @@ def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
     Parameters
     ----------
     exact
-        Whether all slopes are whole multiples of 1/64, so that nothing is rounded before a line begins.
+        Whether all slopes are whole multiples of 1/64, so that nothing is rounded before a line
+        begins.
     """
     resolution = (draw(st.sampled_from([4, 8, 16])), draw(st.sampled_from([4, 8])))
     reach = (draw(st.sampled_from([REACH, 5.0])), draw(st.sampled_from([REACH, 7.0])))
     if not exact and draw(st.booleans()):
         angles = (draw(st.floats(20, 120)), draw(st.floats(20, 120)))
         return Frustum(
-            resolution=resolution, reach=reach, fov=(math.radians(angles[0]), math.radians(angles[1]))
+            resolution=resolution,
+            reach=reach,
+            fov=(math.radians(angles[0]), math.radians(angles[1])),
         )
     height = draw(
-        st.sampled_from([-8.0, -4.0, 4.0, 8.0]) if exact else st.sampled_from([-9.0, -3.5, 2.5, 11.0])
+        st.sampled_from([-8.0, -4.0, 4.0, 8.0])
+        if exact
+        else st.sampled_from([-9.0, -3.5, 2.5, 11.0])
     )
     center = (draw(st.integers(-8, 8)) / 4, draw(st.integers(-8, 8)) / 4)
     size = (draw(st.sampled_from([8.0, 16.0])), draw(st.sampled_from([4.0, 16.0])))
-    return Frustum(resolution=resolution, reach=reach, screen=Screen(height=height, center=center, size=size))
+    return Frustum(
+        resolution=resolution, reach=reach, screen=Screen(height=height, center=center, size=size)
+    )
 
 
 @st.composite
@@ -55,8 +64,8 @@ def triangles(draw: st.DrawFn, *, coordinates: st.SearchStrategy[float] = EIGHTH
 def near_misses(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
     """Return triangles whose corners lie on lines but for the last bit: (F, 3, 3).
 
-    Lines pass their edges and corners, and surfaces each other, at a distance of about one rounding,
-    on either side: what floating point alone gets wrong.
+    Lines pass their edges and corners, and surfaces each other, at a distance of about one
+    rounding, on either side: what floating point alone gets wrong.
     """
     line, s = st.integers(0, len(lines) - 1), st.sampled_from([-7.3, -3.1, -1.7, 0.6, 2.3, 3.9])
     on_a_line = st.builds(lambda n, s: tuple((center + s * lines[n]).tolist()), line, s)
@@ -87,7 +96,9 @@ def coincidences(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
     )
     anywhere = st.tuples(EIGHTHS, EIGHTHS, EIGHTHS)
     level = st.tuples(EIGHTHS, EIGHTHS, st.just(-2.0))
-    points = draw(st.lists(st.one_of(on_a_line, on_a_line, anywhere, level), min_size=3, max_size=9))
+    points = draw(
+        st.lists(st.one_of(on_a_line, on_a_line, anywhere, level), min_size=3, max_size=9)
+    )
     corner = st.sampled_from(points)
     drawn = draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=7))
     again = draw(st.lists(st.sampled_from(drawn), max_size=2))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from xfrustum.reports.blocks import Job
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.scenes import InputError
 
 LOG = "made.log"
@@ -29,16 +29,18 @@ class ToyRow:
 class ToyJob(Job):
     """Blocks of a row each; `deadly` is the one that kills its process, `bad` the one that raises."""
 
-    parts: Parts
+    parts: ParquetParts
     seconds: float = 0.0
     deadly: int | None = None
     bad: int | None = None
     draws = False
 
     @classmethod
-    def at(cls, out: Path, seconds: float = 0.0, deadly: int | None = None, bad: int | None = None) -> ToyJob:
+    def at(
+        cls, out: Path, seconds: float = 0.0, deadly: int | None = None, bad: int | None = None
+    ) -> ToyJob:
         """Return a job with its folder made."""
-        job = cls(parts=Parts(out=out, name="toy"), seconds=seconds, deadly=deadly, bad=bad)
+        job = cls(parts=ParquetParts(out=out, name="toy"), seconds=seconds, deadly=deadly, bad=bad)
         job.parts.open({"numbers": len(NUMBERS)})
         return job
 

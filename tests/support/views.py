@@ -29,7 +29,9 @@ def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
     if name in SHARED_SCENES:
         path = SHARED / "scenes" / f"{name}.toml"
         if not path.exists():
-            pytest.skip(f"needs ../shared/scenes/{name}.toml, in the folder of test data beside the checkout")
+            pytest.skip(
+                f"needs ../shared/scenes/{name}.toml, in the folder of test data beside the checkout"
+            )
         name = str(path)
     scene = open_scene(name)
     if resolution is None:
@@ -45,10 +47,15 @@ def reversed_d32f(near: float) -> DoubleFrustum:
 def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
     """Return a scene of loose triangles (F, 3, 3), all one object, about a plate of some size."""
     part = SceneObject(
-        name="soup", vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3)
+        name="soup",
+        vertices=triangles.reshape(-1, 3),
+        faces=np.arange(3 * len(triangles)).reshape(-1, 3),
     )
     return Scene(
-        name="soup", plate=Plate(size=(size, size), hogels=(16, 16)), frustum=frustum, objects=(part,)
+        name="soup",
+        plate=Plate(size=(size, size), hogels=(16, 16)),
+        frustum=frustum,
+        objects=(part,),
     )
 
 

@@ -10,7 +10,8 @@ from tests.wrong_renderers.worlds import Ints, World
 
 Mask = NDArray[np.bool_]
 
-COLOR = 0.1  # Difference in linear radiance above which colors show different surfaces; rounding is 1/510
+# Difference in linear radiance above which colors show different surfaces; rounding is 1/510
+COLOR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,8 @@ class Difference:
     """Share of pixels that are not what they should be, by however little (colors: by more than rounding)."""
     wrong: float
     """Share of pixels whose object is another (or none, or invalid), or whose triangle their line meets
-    elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over `COLOR`
+    elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over
+    `COLOR`
     apart."""
     pixels: int  # Number of wrong pixels in all hogels
 
@@ -36,7 +38,9 @@ def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding:
     )
 
 
-def _of_hogel(world: World, i: int, j: int, made: Picture, encoding: str) -> tuple[Mask, Mask, Mask]:
+def _of_hogel(
+    world: World, i: int, j: int, made: Picture, encoding: str
+) -> tuple[Mask, Mask, Mask]:
     if encoding in ("rgb", "srgb"):
         right = picture(world, i, j, encoding)
         apart = np.abs(made.astype(int) - right).max(axis=2)
@@ -46,7 +50,11 @@ def _of_hogel(world: World, i: int, j: int, made: Picture, encoding: str) -> tup
     truth = numbers(world, draw(world, i, j), encoding)
     claims = (made.astype(int) * [65536, 256, 1]).sum(axis=2)
     shown, different = (claims != 0) | (truth != 0), claims != truth
-    wrong = different if encoding == "object-id" else different & ~_misplaced(world, i, j, claims, truth)
+    wrong = (
+        different
+        if encoding == "object-id"
+        else different & ~_misplaced(world, i, j, claims, truth)
+    )
     return different, wrong, shown
 
 

@@ -1,6 +1,7 @@
 """More wrong renderers, each a mistake that developers make, and pairs of two at once.
 
-They were written without a look at the diagnosis. Names of faults follow docs/verify.md, as in `toys`.
+They were written without a look at the diagnosis. Names of faults follow docs/verify.md, as in
+`toys`.
 """
 
 from collections.abc import Callable
@@ -10,7 +11,15 @@ import numpy as np
 from PIL import Image
 
 from tests.wrong_renderers import ray_caster
-from tests.wrong_renderers.ray_caster import RIGHT, Mistakes, Picture, eight_bits, linear, picture, srgb
+from tests.wrong_renderers.ray_caster import (
+    RIGHT,
+    Mistakes,
+    Picture,
+    eight_bits,
+    linear,
+    picture,
+    srgb,
+)
 from tests.wrong_renderers.toys import (
     ENCODINGS,
     RGB,
@@ -94,7 +103,9 @@ def one_object(names: str, change: Callable[[Part], Part]) -> Callable[[World], 
     return world
 
 
-def about_middle(matrix: Floats, move: tuple[float, float, float] = (0, 0, 0)) -> Callable[[Part], Part]:
+def about_middle(
+    matrix: Floats, move: tuple[float, float, float] = (0, 0, 0)
+) -> Callable[[Part], Part]:
     """Return what turns or scales an object about the middle of its bounding box, and moves it."""
 
     def part(of: Part) -> Part:
@@ -157,7 +168,9 @@ SAME = np.eye(3)
 
 SLIPS: dict[str, Slip] = {
     # Axes.
-    "z-negated": Slip(words="z is negated", names="z-negated", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+    "z-negated": Slip(
+        words="z is negated", names="z-negated", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))
+    ),
     "yz-exchanged": Slip(
         words="y and z are exchanged, which mirrors the scene",
         names="axes-exchanged",
@@ -211,10 +224,14 @@ SLIPS: dict[str, Slip] = {
         mistakes=Mistakes(angles="radial"),
     ),
     "barrel-weak": Slip(
-        words="barrel distortion, 3 % in the corners", names="distortion", mistakes=Mistakes(distortion=0.03)
+        words="barrel distortion, 3 % in the corners",
+        names="distortion",
+        mistakes=Mistakes(distortion=0.03),
     ),
     "barrel": Slip(
-        words="barrel distortion, 12 % in the corners", names="distortion", mistakes=Mistakes(distortion=0.12)
+        words="barrel distortion, 12 % in the corners",
+        names="distortion",
+        mistakes=Mistakes(distortion=0.12),
     ),
     "pincushion": Slip(
         words="pincushion distortion, 6 % in the corners",
@@ -225,15 +242,26 @@ SLIPS: dict[str, Slip] = {
     "linear-for-srgb": Slip(
         words="linear, read as sRGB", names=TRANSFER, encodings=(SRGB,), radiance=lambda x: x
     ),
-    "srgb-for-linear": Slip(words="sRGB, read as linear", names=TRANSFER, encodings=COLORS, radiance=srgb),
+    "srgb-for-linear": Slip(
+        words="sRGB, read as linear", names=TRANSFER, encodings=COLORS, radiance=srgb
+    ),
     "gamma-for-srgb": Slip(
-        words="gamma 2.2 for sRGB", names=TRANSFER, encodings=(SRGB,), radiance=lambda x: x ** (1 / 2.2)
+        words="gamma 2.2 for sRGB",
+        names=TRANSFER,
+        encodings=(SRGB,),
+        radiance=lambda x: x ** (1 / 2.2),
     ),
     "gamma-for-linear": Slip(
-        words="gamma 2.2 for linear", names=TRANSFER, encodings=COLORS, radiance=lambda x: x ** (1 / 2.2)
+        words="gamma 2.2 for linear",
+        names=TRANSFER,
+        encodings=COLORS,
+        radiance=lambda x: x ** (1 / 2.2),
     ),
     "encoded-twice": Slip(
-        words="sRGB encoded twice", names=TRANSFER, encodings=(SRGB,), radiance=lambda x: srgb(srgb(x))
+        words="sRGB encoded twice",
+        names=TRANSFER,
+        encodings=(SRGB,),
+        radiance=lambda x: srgb(srgb(x)),
     ),
     "decoded": Slip(
         words="linear values decoded like sRGB", names=TRANSFER, encodings=COLORS, radiance=linear
@@ -278,9 +306,13 @@ SLIPS: dict[str, Slip] = {
         names="rows-shifted columns-shifted",
         mistakes=lambda w, i, j: Mistakes(aperture=(0.0, 0.5 * (i % 2))),
     ),
-    "jitter": Slip(words="apertures are off at random by 0.2 hogels", names="jitter", mistakes=jittered),
+    "jitter": Slip(
+        words="apertures are off at random by 0.2 hogels", names="jitter", mistakes=jittered
+    ),
     # Pixels.
-    "odd-rows": Slip(words="odd rows are shifted by one pixel", names="rows-shifted", change=odd_rows),
+    "odd-rows": Slip(
+        words="odd rows are shifted by one pixel", names="rows-shifted", change=odd_rows
+    ),
     "three-quarters-nearest": Slip(
         words="drawn at 0.75 of the size, nearest",
         names="resampled",
@@ -334,12 +366,16 @@ SLIPS: dict[str, Slip] = {
 
 CLASSIC: dict[str, Slip] = {
     "near": Slip(words="both cameras step back by 2", names="near", mistakes=Mistakes(near=2.0)),
-    "fov": Slip(words="the film is 5 % too wide and high", names="fov", mistakes=Mistakes(film=(1.05, 1.05))),
+    "fov": Slip(
+        words="the film is 5 % too wide and high", names="fov", mistakes=Mistakes(film=(1.05, 1.05))
+    ),
     "half-pixel": Slip(
         words="sampled at pixel corners", names="shift", mistakes=Mistakes(sample=(-0.5, -0.5))
     ),
     "no-front": Slip(
-        words="the viewer's half is missing", names="front-missing", mistakes=Mistakes(winner="no front")
+        words="the viewer's half is missing",
+        names="front-missing",
+        mistakes=Mistakes(winner="no front"),
     ),
     "mirrored": Slip(words="mirrored", names="orientation", change=lambda p: p[:, ::-1]),
     "rows-from-below": Slip(
@@ -382,7 +418,9 @@ PAIRS = (
 
 def add_slips(name: str, group: str, *slips: Slip) -> None:
     """Add the renderer that makes these mistakes."""
-    encodings = tuple(of for of in (*ENCODINGS, SRGB) if all(of in slip.encodings for slip in slips))
+    encodings = tuple(
+        of for of in (*ENCODINGS, SRGB) if all(of in slip.encodings for slip in slips)
+    )
     scene = next((slip.scene for slip in slips if slip.scene), None)
     add(name, "; ".join(slip.words for slip in slips), drawn_by(*slips), {}, encodings, scene)
     causes = tuple(frozenset(slip.names.split()) for slip in slips)

@@ -71,7 +71,10 @@ def sizes_of(toy: str, world: World) -> Sizes:
     """Return the sizes that must be told of a renderer's faults from triangle numbers."""
     (width, height), (columns, rows), reach = world.size, world.hogels, world.reach
     of_world: dict[str, Sizes] = {
-        "corners": {"aperture-offset-x": -width / columns / 2, "aperture-offset-y": height / rows / 2},
+        "corners": {
+            "aperture-offset-x": -width / columns / 2,
+            "aperture-offset-y": height / rows / 2,
+        },
         "starved": {"starved-depth": 1e-5 * max(reach)},
         "clipped": {"reach-front": 0.6 * reach[0], "reach-back": 0.5 * reach[1]},
     }
@@ -98,7 +101,9 @@ class Finding:
     """One printed reason."""
 
     name: str
-    explains: float | None  # Share of the wrong pixels, as `verify` says; None where it does not say
+    explains: (
+        float | None
+    )  # Share of the wrong pixels, as `verify` says; None where it does not say
     alternatives: tuple[str, ...]
     value: float | str
     interval: tuple[float | None, float | None]
@@ -130,12 +135,16 @@ class Outcome:
     wrong: int  # Number of pixels that `verify` counts as wrong in the images as found
     residual: int  # Number of wrong pixels after correction, except those that rounding explains
     displacement: float | None  # Largest 99th percentile of displacement of a hogel by `verify`, px
-    left: float  # Share of wrong pixels in the worst hogel after correction, except those by rounding
+    left: (
+        float  # Share of wrong pixels in the worst hogel after correction, except those by rounding
+    )
 
     @property
     def names(self) -> frozenset[str]:
         """All faults that were named, alternatives included."""
-        return frozenset(name for found in self.findings for name in (found.name, *found.alternatives))
+        return frozenset(
+            name for found in self.findings for name in (found.name, *found.alternatives)
+        )
 
     @property
     def explained(self) -> float | None:
@@ -156,7 +165,9 @@ class Outcome:
         """Names of findings with another size than the renderer's mistake has."""
         sizes = sizes_of(self.case.toy, world_of(self.case.scene))
         return tuple(
-            one.name for one in self.findings if one.name in sizes and not one.tells(sizes[one.name])
+            one.name
+            for one in self.findings
+            if one.name in sizes and not one.tells(sizes[one.name])
         )
 
     @property
@@ -194,7 +205,12 @@ def matches(said: Iterable[str], names: Iterable[str]) -> bool:
     return any(one == name or one.startswith(f"{name}-") for one in said for name in names)
 
 
-SCENES = {"harbor": worlds.harbor, "attic": worlds.attic, "crowd": worlds.crowd, "cove": worlds.cove}
+SCENES = {
+    "harbor": worlds.harbor,
+    "attic": worlds.attic,
+    "crowd": worlds.crowd,
+    "cove": worlds.cove,
+}
 
 
 @cache
@@ -228,7 +244,9 @@ class Studio:
         if case not in self.done:
             pattern, made = self.pictures(case)
             truth = difference(world_of(case.scene), made, case.encoding)
-            found = xfrustum.verify(str(self.scene_file(case.scene)), pattern, encoding=case.encoding)
+            found = xfrustum.verify(
+                str(self.scene_file(case.scene)), pattern, encoding=case.encoding
+            )
             self.done[case] = read(case, truth, found.summary())
         return self.done[case]
 
@@ -259,7 +277,10 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
         wrong=said["as_found"]["wrong"],
         residual=causes["unexplained"] if causes else said["corrected"]["wrong"],
         displacement=displacement["worst_p99"] if displacement else None,
-        left=max((_left(hogel["corrected"]) for hogel in said["hogels"] if hogel["corrected"]), default=0.0),
+        left=max(
+            (_left(hogel["corrected"]) for hogel in said["hogels"] if hogel["corrected"]),
+            default=0.0,
+        ),
     )
 
 
@@ -278,7 +299,9 @@ def _names(entries: Sequence[Any]) -> list[str]:
     return [entry if isinstance(entry, str) else entry["fault"] for entry in entries]
 
 
-def cases(scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOYS.values())) -> list[Case]:
+def cases(
+    scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOYS.values())
+) -> list[Case]:
     """Return all sensible cases: a toy for one scene with that scene, all others with two."""
     return [
         Case(scene=scene, toy=toy.name, encoding=encoding)
@@ -302,13 +325,20 @@ def row(outcome: Outcome) -> str:
     """
     case = outcome.case
     found = ", ".join(
-        f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "") for f in outcome.findings
+        f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "")
+        for f in outcome.findings
     )
     alternatives = ", ".join(name for f in outcome.findings for name in f.alternatives) or (
         "said in words" if any(f.ambiguous for f in outcome.findings) else ""
     )
-    taken = "" if outcome.explained is None or not outcome.findings else f"{100 * outcome.explained:.0f} %"
-    truth = " and ".join(" or ".join(sorted(names)) for names in TOYS[case.toy].causes(case.encoding))
+    taken = (
+        ""
+        if outcome.explained is None or not outcome.findings
+        else f"{100 * outcome.explained:.0f} %"
+    )
+    truth = " and ".join(
+        " or ".join(sorted(names)) for names in TOYS[case.toy].causes(case.encoding)
+    )
     cells = (
         case.scene,
         f"{case.toy}: {TOYS[case.toy].words}",

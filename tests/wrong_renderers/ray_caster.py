@@ -1,6 +1,7 @@
 """The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's first wins.
 
-What the toys get wrong is a setting here where it concerns geometry; by default everything is right.
+What the toys get wrong is a setting here where it concerns geometry; by default everything is
+right.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from tests.wrong_renderers.worlds import Floats, Ints, World
 
 Picture = NDArray[np.uint8]
-BLOCK = 24  # Number of pixels cast together: their products with all triangles fit the processor's cache
+# Number of pixels cast together: their products with all triangles fit the processor's cache
+BLOCK = 24
 
 
 FRONT = 1e6  # Offset of ranks, mm: more than any reach, so that one half comes before the other
@@ -24,15 +26,26 @@ class Mistakes:
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Translation of the scene, mm
     scale: float = 1.0  # Factor of the scene about the plate's center, while the plate stays
     any_reach: bool = False  # Whether surfaces out of reach are drawn too
-    reach: tuple[float, float] = (1.0, 1.0)  # Factors of the reach toward the viewer and behind the plate
-    aperture: tuple[float, float] = (0.0, 0.0)  # Offset of each aperture to the right and up, in hogels
+    reach: tuple[float, float] = (
+        1.0,
+        1.0,
+    )  # Factors of the reach toward the viewer and behind the plate
+    aperture: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # Offset of each aperture to the right and up, in hogels
     plate: tuple[float, float] = (1.0, 1.0)  # Factors of the distances between apertures
     film: tuple[float, float] = (1.0, 1.0)  # Factors of the film's extent
-    angles: str = ""  # Axes whose pixels have equal angles: `x`, `y`, `xy`; `radial` for a fisheye lens
+    angles: str = (
+        ""  # Axes whose pixels have equal angles: `x`, `y`, `xy`; `radial` for a fisheye lens
+    )
     distortion: float = (
         0.0  # Share by which the film's corners lie farther out: above 0 barrel, below pincushion
     )
-    sample: tuple[float, float] = (0.0, 0.0)  # Offset of a pixel's sampling point to the right and down, px
+    sample: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # Offset of a pixel's sampling point to the right and down, px
     near: float = 0.0  # Distance by which both cameras step back, mm
     screen_height: float = 1.0  # Factor of the projection screen's height; its size stays
     screen_center: tuple[float, float] = (0.0, 0.0)  # Offset of the projection screen's center, mm
@@ -66,7 +79,9 @@ class Hits:
 
     def of(self, keep: NDArray[np.bool_] | Ints, further: float = 0.0) -> "Hits":
         """Return some of the meetings, with s from a center that lies `further` back."""
-        return Hits(self.pixel[keep], self.triangle[keep], self.s[keep] + further, self.weights[keep])
+        return Hits(
+            self.pixel[keep], self.triangle[keep], self.s[keep] + further, self.weights[keep]
+        )
 
 
 def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
@@ -94,7 +109,8 @@ def lines(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md.
 
-    The lines are those of C (camera 0) or of C* (camera 1), which are the same where nothing is wrong.
+    The lines are those of C (camera 0) or of C* (camera 1), which are the same where nothing is
+    wrong.
     """
     (columns, rows), (width, height) = world.hogels, world.resolution
     sx, sy = world.size
@@ -104,7 +120,11 @@ def lines(
     k, t = np.zeros(2), np.tan(np.radians(world.fov_deg) / 2)
     if world.screen:
         z, mx, my, full_x, full_y = world.screen
-        z, mx, my = z * wrong.screen_height, mx + wrong.screen_center[0], my + wrong.screen_center[1]
+        z, mx, my = (
+            z * wrong.screen_height,
+            mx + wrong.screen_center[0],
+            my + wrong.screen_center[1],
+        )
         k = wrong.shear[camera] * (np.array([mx, my]) - [x, y]) / -z
         t = np.array([full_x, full_y]) / 2 / abs(z)
     t = t * wrong.film
@@ -112,7 +132,11 @@ def lines(
     v = 1 - (2 * (np.arange(height) + wrong.sample[1]) + 1) / height
     across, up = slopes(u[None, :], v[:, None], t, wrong)
     grid = np.broadcast_arrays(k[0] + across, k[1] + up, -1.0)
-    return np.array([x, y, 0.0]), np.stack(grid, axis=-1).reshape(-1, 3), np.array([k[0], k[1], 0.0])
+    return (
+        np.array([x, y, 0.0]),
+        np.stack(grid, axis=-1).reshape(-1, 3),
+        np.array([k[0], k[1], 0.0]),
+    )
 
 
 def slopes(u: Floats, v: Floats, t: Floats, wrong: Mistakes) -> tuple[Floats, Floats]:
@@ -151,7 +175,9 @@ def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hit
             cast(triangles, center - n_star * (up - shear_star), directions_star),
         )
         behind, before = behind.of(behind.s > n, -n), before.of(before.s < -n_star, n_star)
-        hits = Hits(*(np.concatenate(both) for both in zip(behind.fields, before.fields, strict=True)))
+        hits = Hits(
+            *(np.concatenate(both) for both in zip(behind.fields, before.fields, strict=True))
+        )
     s = hits.s
     front, back = np.multiply(world.reach, wrong.reach)
     keep = (s != 0) & (wrong.any_reach | ((s >= -front) & (s <= back)))
@@ -185,20 +211,20 @@ def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shown:
+class NotebookRepr:
     """The image of one aperture: triangle numbers, -1 for none, and linear radiance, not rounded."""
 
     triangle: Ints  # (H, W) triangle numbers
     radiance: Floats  # (H, W, 3) linear radiance
 
 
-def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:
+def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> NotebookRepr:
     """Draw one hogel, once."""
     key = (i, j, wrong)
     if key not in world.drawn:
         world.drawn[key] = _draw(world, i, j, wrong)
     shown = world.drawn[key]
-    assert isinstance(shown, Shown)
+    assert isinstance(shown, NotebookRepr)
     return shown
 
 
@@ -213,7 +239,7 @@ def met(world: World, i: int, j: int) -> Ints:
     return keys
 
 
-def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
+def _draw(world: World, i: int, j: int, wrong: Mistakes) -> NotebookRepr:
     hits, along = all_hits(world, i, j, wrong)
     first = rank(coarse(hits.s, world, wrong) if wrong.depth_bits else hits.s, wrong.winner)
     order = np.lexsort((first, hits.pixel))
@@ -223,7 +249,9 @@ def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
     triangle, radiance = np.full(height * width, -1), np.zeros((height * width, 3))
     triangle[pixel] = hits.triangle[order][at]
     radiance[pixel] = shade(world, hits.of(order[at]), along[order][at], wrong)
-    return Shown(triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3))
+    return NotebookRepr(
+        triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3)
+    )
 
 
 def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floats:
@@ -233,7 +261,9 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
     flat = np.cross(b - a, c - a)
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     normal = np.einsum("nc,nci->ni", hits.weights, world.normals[hits.triangle])
-    normal = flat if wrong.normals == "flat" else normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = (
+        flat if wrong.normals == "flat" else normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    )
     turned = np.where(np.einsum("ni,ni->n", flat, eye) < 0, -1.0, 1.0)[:, None]
     normal = normal * (-turned if wrong.normals == "inverted" else turned)
     light = np.broadcast_to(np.array(world.light) / np.linalg.norm(world.light), eye.shape)
@@ -254,7 +284,7 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
     return np.asarray((around + shine)[:, None] + diffuse * np.maximum(facing, 0)[:, None])
 
 
-def numbers(world: World, shown: Shown, encoding: str) -> Ints:
+def numbers(world: World, shown: NotebookRepr, encoding: str) -> Ints:
     """Return ids: the triangle's or the object's number + 1, 0 for none."""
     if encoding == "triangle-id":
         return shown.triangle + 1

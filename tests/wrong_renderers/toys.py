@@ -1,9 +1,8 @@
 """The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it would write.
 
-`expected` has, by encoding, the mistakes, each with the names of faults of which one must be found, or be
-among the alternatives; an encoding without names asks only that nothing false is said. Names are those of
-docs/verify.md.
-The classic renderers are here; `new_toys` adds the others.
+`expected` has, by encoding, the mistakes, each with the names of faults of which one must be found,
+or be among the alternatives; an encoding without names asks only that nothing false is said. Names
+are those of docs/verify.md. The classic renderers are here; `new_toys` adds the others.
 """
 
 import io
@@ -34,7 +33,9 @@ class Toy:
     draw: Draw
     encodings: tuple[str, ...] = ENCODINGS
     expected: Mapping[str, tuple[frozenset[str], ...]] = field(default_factory=dict)
-    scene: str | None = None  # Name of the only scene for the renderer; None for `harbor` and `attic`
+    scene: str | None = (
+        None  # Name of the only scene for the renderer; None for `harbor` and `attic`
+    )
     group: str = "classic"  # One of `GROUPS`
 
     def causes(self, encoding: str) -> tuple[frozenset[str], ...]:
@@ -77,12 +78,16 @@ def add(
 
     by_encoding = {TRIANGLES: expected} if isinstance(expected, str) else expected
     names = {encoding: (frozenset(of.split()),) for encoding, of in by_encoding.items() if of}
-    TOYS[name] = Toy(name=name, words=words, draw=draw, encodings=encodings, expected=names, scene=scene)
+    TOYS[name] = Toy(
+        name=name, words=words, draw=draw, encodings=encodings, expected=names, scene=scene
+    )
 
 
 def changed(change: Callable[[Picture], Picture]) -> Draw:
     """Return a renderer whose right picture is changed afterwards."""
-    return lambda world, i, j, encoding: np.ascontiguousarray(change(picture(world, i, j, encoding)))
+    return lambda world, i, j, encoding: np.ascontiguousarray(
+        change(picture(world, i, j, encoding))
+    )
 
 
 def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
@@ -102,7 +107,9 @@ def other_order(world: World, i: int, j: int, encoding: str) -> Picture:
     count = np.bincount(world.object_of)
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     first_new = np.concatenate([[0], np.cumsum(count[::-1])[:-1]])[::-1]
-    claims = shown.triangle - first[of] + first_new[of] if encoding == TRIANGLES else len(count) - 1 - of
+    claims = (
+        shown.triangle - first[of] + first_new[of] if encoding == TRIANGLES else len(count) - 1 - of
+    )
     return packed(np.where(shown.triangle < 0, 0, claims + 1))
 
 
@@ -124,7 +131,9 @@ def scaled_up(how: Image.Resampling) -> Draw:
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         small = drawn_with(world, "small", lambda of: ray_caster.resized(of, 0.5))
-        return np.asarray(Image.fromarray(picture(small, i, j, encoding)).resize(world.resolution, how))
+        return np.asarray(
+            Image.fromarray(picture(small, i, j, encoding)).resize(world.resolution, how)
+        )
 
     return draw
 
@@ -199,7 +208,12 @@ add(
 )
 
 # Numbers.
-add("blue-red", "blue and red are exchanged", changed(lambda p: p[..., ::-1]), alike("channel-order", IDS))
+add(
+    "blue-red",
+    "blue and red are exchanged",
+    changed(lambda p: p[..., ::-1]),
+    alike("channel-order", IDS),
+)
 add(
     "green-red",
     "green and red are exchanged",
@@ -213,7 +227,13 @@ add(
     alike("id-offset", IDS),
     IDS,
 )
-add("plus-two", "numbers + 2", renumbered(lambda w, n: np.where(n, n + 1, 0)), alike("id-offset", IDS), IDS)
+add(
+    "plus-two",
+    "numbers + 2",
+    renumbered(lambda w, n: np.where(n, n + 1, 0)),
+    alike("id-offset", IDS),
+    IDS,
+)
 add("low-byte", "the low 8 bits alone", renumbered(lambda w, n: n & 255), "8-bit-overflow", IDS)
 add(
     "restarting",
@@ -279,7 +299,12 @@ add(
     changed(lambda p: np.roll(p, 5, axis=1)),
     alike("wrapped shift-x does-not-explain"),
 )
-add("resampled-nearest", "drawn at half the size, nearest", scaled_up(Image.Resampling.NEAREST), "resampled")
+add(
+    "resampled-nearest",
+    "drawn at half the size, nearest",
+    scaled_up(Image.Resampling.NEAREST),
+    "resampled",
+)
 add(
     "resampled-bilinear",
     "drawn at half the size, bilinear",
@@ -310,17 +335,32 @@ add(
     "every second hogel is a copy",
     elsewhere(lambda w, i, j: (i - (i + j) % 2 * (1 if i else -1), j)),
 )
-add("one-hogel", "one hogel is another's", elsewhere(lambda w, i, j: (2, 1) if (i, j) == (1, 1) else (i, j)))
-add("corners", "apertures at their hogels' corners", Mistakes(aperture=(-0.5, 0.5)), "aperture-offset")
+add(
+    "one-hogel",
+    "one hogel is another's",
+    elsewhere(lambda w, i, j: (2, 1) if (i, j) == (1, 1) else (i, j)),
+)
+add(
+    "corners",
+    "apertures at their hogels' corners",
+    Mistakes(aperture=(-0.5, 0.5)),
+    "aperture-offset",
+)
 add("edge-to-edge", "outer apertures on the plate's edges", outer_edges, "pitch-x pitch-y")
 
 # The scene.
 add("moved-x", "the scene moved by x = 0.8", Mistakes(move=(0.8, 0.0, 0.0)), "scene-offset")
 add("moved-y", "the scene moved by y = -1.5", Mistakes(move=(0.0, -1.5, 0.0)), "scene-offset")
 add("moved-z", "the scene moved by z = 2", Mistakes(move=(0.0, 0.0, 2.0)), "scene-offset")
-add("moved-all", "the scene moved by (1, 0.7, -1.5)", Mistakes(move=(1.0, 0.7, -1.5)), "scene-offset")
+add(
+    "moved-all",
+    "the scene moved by (1, 0.7, -1.5)",
+    Mistakes(move=(1.0, 0.7, -1.5)),
+    "scene-offset",
+)
 add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
-# There is no reach, a second fault without a name; where a smaller plate looks the same, that explains.
+# There is no reach, a second fault without a name; where a smaller plate looks the same, that
+# explains.
 add(
     "tenfold",
     "ten times as large, without a reach",
@@ -333,8 +373,18 @@ add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale", scene="attic"
 # Halves.
 add("nearest", "the nearest surface wins in C*", Mistakes(winner="nearest in C*"), "front-nearest")
 add("no-front", "the viewer's half is missing", Mistakes(winner="no front"), alike("front-missing"))
-add("no-back", "the half behind the plate is missing", Mistakes(winner="no back"), alike("back-missing"))
-add("back-over-front", "C is drawn over C*", Mistakes(winner="back over front"), alike("not-overlaid"))
+add(
+    "no-back",
+    "the half behind the plate is missing",
+    Mistakes(winner="no back"),
+    alike("back-missing"),
+)
+add(
+    "back-over-front",
+    "C is drawn over C*",
+    Mistakes(winner="back over front"),
+    alike("not-overlaid"),
+)
 add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"), "back-farthest")
 add("culled", "faces seen counterclockwise are culled", Mistakes(cull=1))
 add("culled-back", "faces seen clockwise are culled", Mistakes(cull=-1))
@@ -363,7 +413,10 @@ for _camera, _half, _which in ((0, "back", "C"), (1, "front", "C*")):
 # The projection screen, which only a recentered frustum has.
 SCREEN_MISTAKES = {
     "screen-height": ("the projection screen is 1.25 times as high", Mistakes(screen_height=1.25)),
-    "screen-center": ("the projection screen is moved by (4, -3)", Mistakes(screen_center=(4.0, -3.0))),
+    "screen-center": (
+        "the projection screen is moved by (4, -3)",
+        Mistakes(screen_center=(4.0, -3.0)),
+    ),
     "not-recentered": ("no camera is sheared", Mistakes(shear=(0.0, 0.0))),
     "shear-sign": ("C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
 }
@@ -374,7 +427,9 @@ for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
     add(f"{_fault}-near", _both, replace(_mistakes, near=2.0), _fault, scene="attic")
 
 # Light.
-add("lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,))
+add(
+    "lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,)
+)
 add("gamma", "sRGB given as linear", changed(gamma), {RGB: "srgb-read-as-linear"}, (RGB,))
 add("headlight", "another light, no ambient", Mistakes(light="head"), {}, (RGB,))
 add("relit", "another light", Mistakes(light="other"), {}, (RGB,))

@@ -27,7 +27,9 @@ class Part:
     specular: float = 0.2
     exponent: float = 8.0
     hidden: bool = False
-    smooth: bool = False  # Whether the normals at corners are those of the vertices, and not the triangle's
+    smooth: bool = (
+        False  # Whether the normals at corners are those of the vertices, and not the triangle's
+    )
 
     @cached_property
     def normals(self) -> Floats:
@@ -62,7 +64,9 @@ class World:
     fov_deg: tuple[float, float] = (0.0, 0.0)
     screen: tuple[float, float, float, float, float] | None = None
     """Screen: height, center x and y, full width and height."""
-    drawn: dict[object, object] = field(default_factory=dict)  # Pictures that the toys have drawn already
+    drawn: dict[object, object] = field(
+        default_factory=dict
+    )  # Pictures that the toys have drawn already
 
     @cached_property
     def triangles(self) -> Floats:
@@ -105,7 +109,9 @@ class World:
         frustum = f"fov_deg = {list(self.fov_deg)}"
         if self.screen:
             z, x, y, width, height = self.screen
-            frustum = f"screen = {{ height = {z}, center = [{x}, {y}], size = [{width}, {height}] }}"
+            frustum = (
+                f"screen = {{ height = {z}, center = [{x}, {y}], size = [{width}, {height}] }}"
+            )
         text = (
             f'name = "{self.name}"\nunits = "mm"\n'
             f"[plate]\nsize = {list(self.size)}\nhogels = {list(self.hogels)}\n"
@@ -127,8 +133,12 @@ def sheet(
 ) -> tuple[Floats, Ints]:
     """Return a grid of corners over the unit square, placed by `point`, and two triangles for each cell."""
     p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
-    corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(-1, 3)
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
+    corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(
+        -1, 3
+    )
+    i, j = (
+        index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    )
     first = i * (rows + 1) + j
     faces = np.concatenate(
         [
@@ -208,7 +218,9 @@ def harbor() -> World:
 def cove() -> World:
     """The harbor with smooth normals."""
     world = harbor()
-    return replace(world, name="cove", parts=tuple(replace(part, smooth=True) for part in world.parts))
+    return replace(
+        world, name="cove", parts=tuple(replace(part, smooth=True) for part in world.parts)
+    )
 
 
 def attic() -> World:

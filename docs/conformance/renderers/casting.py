@@ -5,8 +5,8 @@
     xfrustum conformance run --python casting:by_mitsuba
     xfrustum conformance run --python casting:mitsuba_sensor
 
-Embree and Mitsuba round to float32; trimesh's own search is in NumPy, in doubles. The last one takes
-Mitsuba's own sensors: the two offset cameras of a case as `camera --for mitsuba` writes them.
+Embree and Mitsuba round to float32; trimesh's own search is in NumPy, in doubles. The last one
+takes Mitsuba's own sensors: the two offset cameras of a case as `camera --for mitsuba` writes them.
 """
 
 import json
@@ -32,7 +32,9 @@ def embree(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
 
     origins, directions = lines(asked, hogel)
     check_float32(np.load(folder / "scene.npz"), origins)
-    first = RayMeshIntersector(_mesh(folder), scale_to_box=False).intersects_first(origins, directions)
+    first = RayMeshIntersector(_mesh(folder), scale_to_box=False).intersects_first(
+        origins, directions
+    )
     return numbers(folder, asked, hogel, first)
 
 
@@ -54,7 +56,8 @@ def by_mitsuba(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> A
     check_float32(np.load(folder / "scene.npz"), origins)
     length = np.linalg.norm(directions, axis=1, keepdims=True)
     ray = mi.Ray3f(
-        mi.Point3f(origins.T.astype(np.float32)), mi.Vector3f((directions / length).T.astype(np.float32))
+        mi.Point3f(origins.T.astype(np.float32)),
+        mi.Vector3f((directions / length).T.astype(np.float32)),
     )
     return numbers(folder, asked, hogel, _first(folder, ray))
 
@@ -81,7 +84,9 @@ def mitsuba_sensor(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) 
     for one in sensors:
         if tuple(one["aperture"]) != tuple(hogel):
             continue
-        sensor = mi.load_dict(one["sensor"] | {"to_world": mi.ScalarTransform4f(one["sensor"]["to_world"])})
+        sensor = mi.load_dict(
+            one["sensor"] | {"to_world": mi.ScalarTransform4f(one["sensor"]["to_world"])}
+        )
         down = v if one["rows_reversed"] else -v
         place = mi.Point2f(((u + 1) / 2).ravel(), ((down + 1) / 2).ravel())
         ray, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))

@@ -1,8 +1,9 @@
 """Frames that were recorded on a graphics card, judged by the suite's rule: python frames.py FRAMES.npz.
 
-They were recorded before the suite, on films of 192 x 144 pixels that no case has. So this asks the questions
-of L2 about them, each frame with its own near offset and depth buffer; and, of those whose offset is that of
-the cameras which cases without a stated one hand out, the question of L1, L3 and L5: the true frustum.
+They were recorded before the suite, on films of 192 x 144 pixels that no case has. So this asks the
+questions of L2 about them, each frame with its own near offset and depth buffer; and, of those
+whose offset is that of the cameras which cases without a stated one hand out, the question of L1,
+L3 and L5: the true frustum.
 """
 
 import sys
@@ -52,7 +53,9 @@ def main() -> None:
             if not pixels.within(one):
                 sys.stdout.write(f"{frame.name}, {question}: {pixels.words}\n")
     for question, count in asked.items():
-        sys.stdout.write(f"{device['renderer']}, {question}: {passed[question]} of {count} frames pass\n")
+        sys.stdout.write(
+            f"{device['renderer']}, {question}: {passed[question]} of {count} frames pass\n"
+        )
     sys.stdout.write(", ".join(f"{count:,} {name}" for name, count in total.items()) + "\n")
 
 

@@ -45,7 +45,11 @@ def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: 
 
 def asked_for(scene: Any, asked: dict[str, Any], shown: Any) -> Any:
     """Return what a case asks for (H, W), from numbers of triangles plus one."""
-    return np.append(-1, scene["object_of_triangle"])[shown] + 1 if asked["asked"] == "object-id" else shown
+    return (
+        np.append(-1, scene["object_of_triangle"])[shown] + 1
+        if asked["asked"] == "object-id"
+        else shown
+    )
 
 
 def check_numbers(asked: dict[str, Any]) -> None:
@@ -70,9 +74,9 @@ def check_float32(scene: Any, origins: Any = 0.0) -> None:
 def check_two_cameras(scene: Any, asked: dict[str, Any], cameras: dict[str, Any]) -> None:
     """Raise NotImplementedError where two cameras a step n away, in float32, cannot show the true frustum.
 
-    They draw a point at height z at |z| / (|z| + n) of its distance from the film's middle. So they show
-    next to nothing of a triangle that is nearer to the plate than n, nor anything where the film is wider
-    than the scene already at the distance n.
+    They draw a point at height z at |z| / (|z| + n) of its distance from the film's middle. So they
+    show next to nothing of a triangle that is nearer to the plate than n, nor anything where the
+    film is wider than the scene already at the distance n.
     """
     check_float32(scene)
     if asked["near"]:
@@ -84,4 +88,6 @@ def check_two_cameras(scene: Any, asked: dict[str, Any], cameras: dict[str, Any]
                 raise NotImplementedError("triangles nearer to the plate than the cameras' step")
             extent = np.abs(scene["vertices"][:, :2] - aperture["center"][:2]).max()
             if max(one["half_extent"]) * one["near"] > extent:
-                raise NotImplementedError("a film that is wider than the scene at the cameras' step")
+                raise NotImplementedError(
+                    "a film that is wider than the scene at the cameras' step"
+                )

@@ -3,8 +3,9 @@
     xfrustum conformance run --python rasterizer:draw
     xfrustum conformance run --python rasterizer:d24_standard
 
-`draw` takes the cameras that each case hands out. `d24_standard` draws the cases that state no offset with
-the depth buffer of most programs and the offset of 1e-3 of the reach that it needs: it shows what that costs.
+`draw` takes the cameras that each case hands out. `d24_standard` draws the cases that state no
+offset with the depth buffer of most programs and the offset of 1e-3 of the reach that it needs: it
+shows what that costs.
 """
 
 import json
@@ -28,10 +29,15 @@ def opened(name: str) -> tuple[Any, Any, Rasterizer]:
 
 
 def draw(
-    folder: Path, asked: dict[str, Any], hogel: tuple[int, int], settings: DoubleFrustum | None = None
+    folder: Path,
+    asked: dict[str, Any],
+    hogel: tuple[int, int],
+    settings: DoubleFrustum | None = None,
 ) -> Any:
     """Draw a hogel with the two cameras of the case, or with others."""
-    check_two_cameras(np.load(folder / "scene.npz"), asked, json.loads((folder / "cameras.json").read_text()))
+    check_two_cameras(
+        np.load(folder / "scene.npz"), asked, json.loads((folder / "cameras.json").read_text())
+    )
     case, scene, rasterizer = opened(asked["name"])
     settings = settings or case.settings(scene)
     image = rasterizer.render(scene.plate.aperture(*hogel), settings)

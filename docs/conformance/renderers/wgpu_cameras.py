@@ -71,7 +71,9 @@ def pipeline_of(depth: dict[str, Any]) -> Any:
 def uniforms(one: dict[str, Any]) -> Any:
     """Return matrix and planes of a pass as the shader has them: columns first."""
     matrix = np.array(one["clip_from_scene"])
-    if one["depth"]["clip_range"][0] < 0:  # WebGPU keeps clip depths from 0 to 1, which are stored alike
+    if (
+        one["depth"]["clip_range"][0] < 0
+    ):  # WebGPU keeps clip depths from 0 to 1, which are stored alike
         matrix[2] = (matrix[2] + matrix[3]) / 2
     return np.concatenate((matrix.T.ravel(), [one["near"], one["far"], 0, 0])).astype(np.float32)
 
@@ -88,7 +90,9 @@ def draw(corners: Any, passes: list[dict[str, Any]], size: tuple[int, int]) -> A
         depth = one["depth"]
         pipeline = pipeline_of(depth)
         buffer = device.create_buffer_with_data(data=uniforms(one), usage=wgpu.BufferUsage.UNIFORM)
-        kept = device.create_texture(size=(width, height, 1), format=FORMATS[depth["format"]], usage=TARGET)
+        kept = device.create_texture(
+            size=(width, height, 1), format=FORMATS[depth["format"]], usage=TARGET
+        )
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
@@ -146,7 +150,9 @@ def main() -> None:
             if aperture["passes"]:
                 shown = draw(corners, aperture["passes"], asked["resolution"])
             number, (i, j) = asked_for(scene, asked, shown), aperture["aperture"]
-            rgb = np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
+            rgb = np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(
+                np.uint8
+            )
             Image.fromarray(rgb).save(folder / f"hogel_{i}x{j}.png")
 
 

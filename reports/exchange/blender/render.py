@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
 """A program of its own, run by Blender: renders hogels of a plate with Cycles.
 
-    python render.py --out HOGELS                        with the package bpy, 4.5 or newer
-    blender -b -P render.py -- --out HOGELS              in Blender 4.5 or newer
-    blender -b MINE.blend -P render.py -- --out HOGELS   a scene of yours, its materials and lights untouched
+    python render.py --out HOGELS                        with the package bpy, 4.5 or newer blender
+    -b -P render.py -- --out HOGELS              in Blender 4.5 or newer blender -b MINE.blend -P
+    render.py -- --out HOGELS   a scene of yours, its materials and lights untouched
 
-It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote beside it, and needs
-nothing of xfrustum. What is finished in HOGELS is kept: stopped and called again, it goes on where it was.
+It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote beside it, and
+needs nothing of xfrustum. What is finished in HOGELS is kept: stopped and called again, it goes on
+where it was.
 
-The camera is the crossed frustum itself. Each ray starts at the viewer's end of its pixel's line,
-a - reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. So the first surface that
-it meets is what the hogel shows, in one pass and without a near plane.
+The camera is the crossed frustum itself. Each ray starts at the viewer's end of its pixel's line, a
+- reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. So the first
+surface that it meets is what the hogel shows, in one pass and without a near plane.
 """
 
 import argparse
@@ -107,7 +108,9 @@ def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[fl
     if screen is None:
         return [0.0, 0.0], [math.tan(angle / 2) for angle in plate["fov"]]
     behind = -screen["height"]
-    shear = [(middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)]
+    shear = [
+        (middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)
+    ]
     return shear, [size / 2 / abs(behind) for size in screen["size"]]
 
 
@@ -142,7 +145,11 @@ def png(pixels: Array) -> bytes:
     height, width, _ = pixels.shape
     rows = np.concatenate([np.zeros((height, 1), np.uint8), pixels.reshape(height, -1)], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    parts = chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)), chunk(b"IEND", b"")
+    parts = (
+        chunk(b"IHDR", header),
+        chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)),
+        chunk(b"IEND", b""),
+    )
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
@@ -151,7 +158,9 @@ def exr(planes: Mapping[str, Array]) -> bytes:
     names = sorted(planes)
     height, width = planes[names[0]].shape
     kinds = {name: 0 if planes[name].dtype == np.uint32 else 2 for name in names}
-    channels = b"".join(name.encode() + b"\0" + struct.pack("<IIII", kinds[name], 0, 1, 1) for name in names)
+    channels = b"".join(
+        name.encode() + b"\0" + struct.pack("<IIII", kinds[name], 0, 1, 1) for name in names
+    )
     window = struct.pack("<iiii", 0, 0, width - 1, height - 1)
     attributes = (
         ("channels", "chlist", channels + b"\0"),
@@ -167,7 +176,10 @@ def exr(planes: Mapping[str, Array]) -> bytes:
     for name, kind, content in attributes:
         header += f"{name}\0{kind}\0".encode() + struct.pack("<I", len(content)) + content
     lines = [
-        b"".join(planes[name][row].astype("<u4" if kinds[name] == 0 else "<f4").tobytes() for name in names)
+        b"".join(
+            planes[name][row].astype("<u4" if kinds[name] == 0 else "<f4").tobytes()
+            for name in names
+        )
         for row in range(height)
     ]
     start = len(header) + 1 + 8 * height
@@ -206,20 +218,26 @@ def exr_planes(content: bytes) -> dict[str, Array]:
     return {name: rows[name].astype(np.float32) for name in types}
 
 
-def encoded(planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Array, encoding: str) -> bytes:
+def encoded(
+    planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Array, encoding: str
+) -> bytes:
     """Return a hogel's file from the passes that Cycles wrote, by the names of their channels.
 
-    It is PNG for the encoding `triangle-id`, OpenEXR for `exr`; `to_plate` takes the world to the plate's
-    frame. Surfaces beyond the reach are left out: no other surface can lie before them on the pixel's line.
+    It is PNG for the encoding `triangle-id`, OpenEXR for `exr`; `to_plate` takes the world to the
+    plate's frame. Surfaces beyond the reach are left out: no other surface can lie before them on
+    the pixel's line.
     """
 
     def named(*channels: str) -> Array:  # (channels, H, W), whatever the view layer is called
         found = (
-            next(plane for name, plane in planes.items() if name.endswith(f".{end}")) for end in channels
+            next(plane for name, plane in planes.items() if name.endswith(f".{end}"))
+            for end in channels
         )
         return np.stack(list(found)).astype(np.float64)
 
-    position = np.moveaxis(named("Position.X", "Position.Y", "Position.Z"), 0, -1) @ to_plate[:3, :3].T
+    position = (
+        np.moveaxis(named("Position.X", "Position.Y", "Position.Z"), 0, -1) @ to_plate[:3, :3].T
+    )
     position += to_plate[:3, 3]
     shown = (named("Combined.A")[0] > 0) & (position[..., 2] >= -plate["reach"][1])
     numbers = {
@@ -234,16 +252,22 @@ def encoded(planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Arr
                 "only the mesh of the scene file has numbers of triangles; use --encoding exr"
             )
         number = numbers[TRIANGLE]
-        return png(np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8))
+        return png(
+            np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
+        )
     points = np.where(shown, np.moveaxis(position, -1, 0), np.nan)
-    written: dict[str, Array] = dict(zip(("P.X", "P.Y", "P.Z", "Z"), (*points, points[2]), strict=True))
+    written: dict[str, Array] = dict(
+        zip(("P.X", "P.Y", "P.Z", "Z"), (*points, points[2]), strict=True)
+    )
     if numbers:  # normals of triangles by their winding, NaN where there is none
         with np.load(HERE / "scene.npz") as stored:
             corners = stored["vertices"][stored["faces"]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         with np.errstate(invalid="ignore", divide="ignore"):
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        normals = np.moveaxis(np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]], -1, 0)
+        normals = np.moveaxis(
+            np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]], -1, 0
+        )
     else:  # the normals and colors that Cycles saw
         seen = np.moveaxis(named("Normal.X", "Normal.Y", "Normal.Z"), 0, -1)
         seen = seen @ (to_plate[:3, :3] / np.linalg.norm(to_plate[:3, 0])).T
@@ -251,7 +275,9 @@ def encoded(planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Arr
         colors = np.where(shown, named("Combined.R", "Combined.G", "Combined.B"), 0)
         written |= dict(zip("RGB", colors, strict=True))
     written |= dict(zip(("N.X", "N.Y", "N.Z"), normals, strict=True))
-    stored_planes: dict[str, Array] = {name: plane.astype(np.float32) for name, plane in written.items()}
+    stored_planes: dict[str, Array] = {
+        name: plane.astype(np.float32) for name, plane in written.items()
+    }
     if numbers:
         stored_planes |= {"id.triangle": numbers[TRIANGLE], "id.object": numbers[OBJECT]}
     return exr(stored_planes)
@@ -270,7 +296,8 @@ def put(path: Path, content: bytes) -> None:
 def interruptions() -> list[int]:
     """Return a list that Ctrl-C adds to from now on, and ends nothing by itself.
 
-    Cycles calls back into Python while it renders, and a KeyboardInterrupt that is raised there is lost.
+    Cycles calls back into Python while it renders, and a KeyboardInterrupt that is raised there is
+    lost.
     """
     pressed: list[int] = []
 
@@ -285,8 +312,8 @@ def interruptions() -> list[int]:
 def hide_known_complaints() -> None:
     """Leave out two harmless tracebacks of Blender as a Python module.
 
-    It lacks oslquery, which finds parameters of shaders, of which the camera has none; and renderers are
-    asked for a session after they were removed.
+    It lacks oslquery, which finds parameters of shaders, of which the camera has none; and
+    renderers are asked for a session after they were removed.
     """
     shown, unraisable = sys.excepthook, sys.unraisablehook
 
@@ -295,7 +322,9 @@ def hide_known_complaints() -> None:
             shown(kind, error, trace)
 
     def show_unraisable(told: Any) -> None:
-        if not (isinstance(told.exc_value, ReferenceError) and "CyclesRender" in str(told.exc_value)):
+        if not (
+            isinstance(told.exc_value, ReferenceError) and "CyclesRender" in str(told.exc_value)
+        ):
             unraisable(told)
 
     sys.excepthook, sys.unraisablehook = show, show_unraisable
@@ -344,7 +373,10 @@ def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
         made.loops.foreach_set("vertex_index", faces.astype(np.int32).ravel())
         made.polygons.add(len(faces))
         made.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
-        for attribute, values in ((TRIANGLE, np.arange(first, last)), (OBJECT, np.full(len(faces), number))):
+        for attribute, values in (
+            (TRIANGLE, np.arange(first, last)),
+            (OBJECT, np.full(len(faces), number)),
+        ):
             numbers = made.attributes.new(attribute, "FLOAT", "FACE")
             numbers.data.foreach_set("value", (values + 1).astype(np.float32))
         made.update()
@@ -355,7 +387,9 @@ def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
         strength = max(*light["color"], 1e-9)
         sun.energy, sun.color = math.pi * strength, [part / strength for part in light["color"]]
         lamp = bpy.data.objects.new(sun.name, sun)
-        lamp.rotation_euler = mathutils.Vector(light["direction"]).to_track_quat("Z", "Y").to_euler()
+        lamp.rotation_euler = (
+            mathutils.Vector(light["direction"]).to_track_quat("Z", "Y").to_euler()
+        )
         collection.objects.link(lamp)
     for layer in bpy.context.scene.view_layers:
         for name in (TRIANGLE, OBJECT):
@@ -374,7 +408,10 @@ def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
     matte.inputs["Color"].default_value = (*(min(part, 1.0) for part in color), 1.0)
     tree.links.new(matte.outputs[0], out.inputs["Surface"])
     for attribute in (TRIANGLE, OBJECT):
-        number, written = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeOutputAOV")
+        number, written = (
+            tree.nodes.new("ShaderNodeAttribute"),
+            tree.nodes.new("ShaderNodeOutputAOV"),
+        )
         number.attribute_name, number.attribute_type = attribute, "GEOMETRY"
         written.aov_name = attribute
         tree.links.new(number.outputs["Fac"], written.inputs["Value"])
@@ -398,7 +435,9 @@ def placed(empty: Any) -> tuple[Array, float]:
     scales = np.linalg.norm(matrix[:3, :3], axis=0)
     gram = matrix[:3, :3].T @ matrix[:3, :3]
     if not np.allclose(gram, np.diag([scales[0] ** 2] * 3), rtol=1e-5, atol=1e-5 * scales[0] ** 2):
-        raise UnusableError(f"the empty {PLATE_EMPTY!r} must be scaled by the same factor along x, y and z")
+        raise UnusableError(
+            f"the empty {PLATE_EMPTY!r} must be scaled by the same factor along x, y and z"
+        )
     if np.linalg.det(matrix[:3, :3]) < 0:
         raise UnusableError(f"the empty {PLATE_EMPTY!r} must not be mirrored")
     return matrix, float(scales[0])
@@ -497,7 +536,9 @@ def render_hogels(
             source, compiled = Path(scratch, f"{number}.osl"), Path(scratch, f"{number}.oso")
             source.write_text(shader_of(plate, index, scale, **how), encoding="ascii")
             if not cycles.osl_compile(str(source), str(compiled)):
-                raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
+                raise UnusableError(
+                    "Cycles cannot compile the camera's shader: is it built with OSL?"
+                )
             eye = bpy.context.scene.camera
             eye.matrix_world = mathutils.Matrix(stands.tolist())
             eye.data.custom_mode, eye.data.custom_filepath = "EXTERNAL", str(compiled)
@@ -510,20 +551,31 @@ def render_hogels(
             paths[index].parent.mkdir(parents=True, exist_ok=True)
             put(paths[index], content)
             now, more = time.monotonic(), len(wanted) - number - 1
-            left = f", about {(now - start) / (number + 1) * more:.0f} s for {more} more" if more else ""
+            left = (
+                f", about {(now - start) / (number + 1) * more:.0f} s for {more} more"
+                if more
+                else ""
+            )
             say(f"hogel {index[0]},{index[1]}: {now - began:.3f} s{left}  {paths[index]}")
 
 
 def files_of(
-    arguments: argparse.Namespace, plate: Mapping[str, Any], apertures: Sequence[tuple[int, int]], suffix: str
+    arguments: argparse.Namespace,
+    plate: Mapping[str, Any],
+    apertures: Sequence[tuple[int, int]],
+    suffix: str,
 ) -> dict[tuple[int, int], Path]:
     """Return the files of apertures' hogels; a name with a suffix is that of a single file."""
     out = arguments.out
     if out.suffix.lower() in FILE_SUFFIXES:
         if len(apertures) > 1:
-            raise UnusableError(f"--out {out} is one file for {len(apertures)} apertures: give a folder")
+            raise UnusableError(
+                f"--out {out} is one file for {len(apertures)} apertures: give a folder"
+            )
         if out.suffix.lower() != suffix:
-            raise UnusableError(f"--out {out}: this encoding is written to files that end in {suffix}")
+            raise UnusableError(
+                f"--out {out}: this encoding is written to files that end in {suffix}"
+            )
         return {apertures[0]: out}
     (columns, rows), pattern = plate["hogels"], LAYOUTS[arguments.layout] + suffix
     return {
@@ -534,10 +586,14 @@ def files_of(
 
 def parsed(argv: Sequence[str]) -> argparse.Namespace:
     """Return the options of a command line."""
-    parser = argparse.ArgumentParser(prog="render.py", description="Render hogels of a plate with Cycles.")
+    parser = argparse.ArgumentParser(
+        prog="render.py", description="Render hogels of a plate with Cycles."
+    )
     parser.add_argument("--apertures", metavar="I,J;I,J", help="column,row of each [default: all]")
     parser.add_argument("--out", type=Path, help="folder of the hogels, or one hogel's file")
-    parser.add_argument("--encoding", choices=ENCODINGS, help="[default: triangle-id; picture for a .blend]")
+    parser.add_argument(
+        "--encoding", choices=ENCODINGS, help="[default: triangle-id; picture for a .blend]"
+    )
     parser.add_argument(
         "--layout", choices=LAYOUTS, default="hogels", help="names and orientation of the files"
     )
@@ -545,8 +601,12 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         "--samples", type=int, help="samples per pixel [default: 1 for numbers; else the scene's]"
     )
-    parser.add_argument("--save", type=Path, help="write the scene with the plate's empty as a .blend file")
-    parser.add_argument("--again", action="store_true", help="render hogels anew that are there already")
+    parser.add_argument(
+        "--save", type=Path, help="write the scene with the plate's empty as a .blend file"
+    )
+    parser.add_argument(
+        "--again", action="store_true", help="render hogels anew that are there already"
+    )
     arguments = parser.parse_args(argv)
     if arguments.out is None and arguments.save is None:
         parser.error("give --out, --save or both")
@@ -563,10 +623,14 @@ def chosen(plate: Mapping[str, Any], text: str | None) -> list[tuple[int, int]]:
         pairs = [tuple(int(part) for part in pair.split(",")) for pair in text.split(";")]
         found = [(i, j) for i, j in pairs]
     except ValueError as error:
-        raise UnusableError(f"--apertures {text!r} is not a list of column,row such as 40,30;0,0") from error
+        raise UnusableError(
+            f"--apertures {text!r} is not a list of column,row such as 40,30;0,0"
+        ) from error
     for i, j in found:
         if not (0 <= i < columns and 0 <= j < rows):
-            raise UnusableError(f"aperture {i},{j} lies outside the plate of {columns} x {rows} hogels")
+            raise UnusableError(
+                f"aperture {i},{j} lies outside the plate of {columns} x {rows} hogels"
+            )
     return found
 
 

@@ -48,7 +48,9 @@ class Commands(click.Group):
         for title, (_, names) in USES.items():
             commands = [(name, self.get_command(ctx, name)) for name in names.split()]
             with formatter.section(title):
-                formatter.write_dl([(name, one.get_short_help_str(150)) for name, one in commands if one])
+                formatter.write_dl(
+                    [(name, one.get_short_help_str(150)) for name, one in commands if one]
+                )
 
 
 def _size(text: str) -> int:
@@ -82,7 +84,9 @@ def _size(text: str) -> int:
     type=click.Choice(["auto", "llvm", "cuda"]),
     help="Where the truth is computed: on processors or a card.  [default: XFRUSTUM_DEVICE, or auto]",
 )
-@click.option("--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings.")
+@click.option(
+    "--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings."
+)
 @click.pass_context
 def cli(
     context: click.Context,

@@ -51,9 +51,12 @@ class Light(Asked):
     supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")
     multisample = option(_SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}")
     aperture_samples = option(
-        _POINTS, f"Points of the aperture's area; P%: edges are off by no more; auto: 1/255.{_OF_SCENE}"
+        _POINTS,
+        f"Points of the aperture's area; P%: edges are off by no more; auto: 1/255.{_OF_SCENE}",
     )
-    shadows = flag(f"Shadows, traced by Mitsuba.{_OF_SCENE}", "--shadows/--no-shadows", default=None)
+    shadows = flag(
+        f"Shadows, traced by Mitsuba.{_OF_SCENE}", "--shadows/--no-shadows", default=None
+    )
     interreflection = flag(
         f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",
         "--interreflection/--no-interreflection",
@@ -72,24 +75,33 @@ class Light(Asked):
             points = needed_sub_apertures(scene, error=LEVEL if auto else points)
             told = f"--aperture-samples {said}: {points} points stand for the area of each hogel"
             if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
-                told += (
-                    f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
-                )
+                told += f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
                 told += "(--aperture-samples 5%)"
             options.note(told)
-        paths = {"shadows": self.shadows, "interreflection": self.interreflection, "samples": self.samples}
-        sampling = present(supersample=self.supersample, multisample=self.multisample, aperture=points)
+        paths = {
+            "shadows": self.shadows,
+            "interreflection": self.interreflection,
+            "samples": self.samples,
+        }
+        sampling = present(
+            supersample=self.supersample, multisample=self.multisample, aperture=points
+        )
         changed = replace(
             scene,
             sampling=replace(scene.sampling, **sampling),
             transport=replace(scene.transport, **present(**paths)),
         )
         if self.samples is not None and not changed.transport.simulated:
-            raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
+            raise click.UsageError(
+                "--samples are light paths: ask for --shadows or --interreflection too"
+            )
         return changed
 
     def chosen(
-        self, scene: Scene, apertures: tuple[Aperture, ...] | None = None, drawn: DoubleFrustum | None = None
+        self,
+        scene: Scene,
+        apertures: tuple[Aperture, ...] | None = None,
+        drawn: DoubleFrustum | None = None,
     ) -> frozenset[Effect]:
         """Return the effects that are asked for, of images of apertures (None: all), drawn or traced."""
         from xfrustum.scenes.model.effects import Question, chosen

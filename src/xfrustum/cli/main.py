@@ -1,8 +1,8 @@
 """The command line as a process: from arguments to an exit status, whatever happens on the way.
 
-Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
-a signal; all but the first two say why in one line on standard error. Nothing heavy is imported before
-signals are obeyed.
+Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143
+ended by a signal; all but the first two say why in one line on standard error. Nothing heavy is
+imported before signals are obeyed.
 """
 
 import errno
@@ -22,7 +22,10 @@ BAD_INPUT, UNEXPECTED_ERROR = 2, 70
 
 TRACEBACK_OPTION = "--traceback"
 
-_FREE, _PERMISSION = "free some space or choose another place", "choose another place, or ask for permission"
+_FREE, _PERMISSION = (
+    "free some space or choose another place",
+    "choose another place, or ask for permission",
+)
 ADVICE = {
     errno.ENAMETOOLONG: "give a shorter name",
     errno.ENOSPC: _FREE,
@@ -44,7 +47,8 @@ def run() -> int:
             os.fstat(descriptor)
         except OSError:  # it is closed: libraries would write to a file that got such a number
             os.open(os.devnull, os.O_RDWR)
-    # To the true standard error, also where a library has taken its descriptor. Child processes inherit this.
+    # To the true standard error, also where a library has taken its descriptor. Child processes
+    # inherit this.
     faulthandler.enable(os.dup(2))
     os.environ.setdefault("PYTHONFAULTHANDLER", "1")
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream is not None]
@@ -78,7 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             status = invoke(given)
     except BaseException as error:
         # After a signal, a library that was interrupted may raise any exception.
-        status = 0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in given[:1])
+        status = (
+            0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in given[:1])
+        )
     if interrupts.received is not None:
         say(interrupts.WORDS[interrupts.received])
         status = 128 + interrupts.received
@@ -101,7 +107,9 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
         # Files of ours have names: without one it is what was printed.
         place = "standard output" if error.filename is None else os.fsdecode(error.filename)
         say(f"error: {place}: {os.strerror(error.errno)}; {ADVICE[error.errno]}")
-    elif isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
+    elif isinstance(
+        error, KeyboardInterrupt | click.Abort
+    ):  # the program around this handles its signals
         say(interrupts.WORDS[signal.SIGINT])
         return 128 + signal.SIGINT
     else:

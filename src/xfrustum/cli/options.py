@@ -1,8 +1,9 @@
 """Options that commands share, the kinds of values that they take, and how commands print.
 
-The options of a command are the attributes of a class (`Asked`), each stated once: its name, its kind and its
-help. The command gets one object with their values, whose types follow from the kinds. A kind is a function
-that reads text (`Read`). Nothing heavy is imported before a command runs, so that `--help` answers at once.
+The options of a command are the attributes of a class (`Asked`), each stated once: its name, its
+kind and its help. The command gets one object with their values, whose types follow from the kinds.
+A kind is a function that reads text (`Read`). Nothing heavy is imported before a command runs, so
+that `--help` answers at once.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class Declared:
 @overload
 def option(kind: click.ParamType[T], words: str, *flags: str, required: Literal[True]) -> T: ...
 @overload
-def option(kind: click.ParamType[T], words: str, *flags: str, default: Any, **settings: Any) -> T: ...
+def option(
+    kind: click.ParamType[T], words: str, *flags: str, default: Any, **settings: Any
+) -> T: ...
 @overload
 def option(kind: click.ParamType[T], words: str, *flags: str) -> T | None: ...
 def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
@@ -149,7 +152,9 @@ def present(**given: Any) -> dict[str, Any]:
 
 def is_given(parameter: str) -> bool:
     """Return whether the current command's parameter of that name was given, and has not its default."""
-    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
+    return (
+        click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
+    )
 
 
 def flag_of(parameter: str) -> str:
@@ -205,7 +210,9 @@ def one_of(names: Iterable[S]) -> Read[S]:
     return Read(f"[{'|'.join(known)}]", lambda text: known[known.index(text.lower())], words)
 
 
-def number(text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf) -> Any:
+def number(
+    text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf
+) -> Any:
     """Return a number of a range, without its upper end; ValueError of any other."""
     value = kind(text)
     if not least <= value < below:
@@ -268,7 +275,9 @@ def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
 _LEAST = math.nextafter(0.0, 1.0)
 POSITIVE = Read("FLOAT", functools.partial(number, least=_LEAST), "a positive, finite number")
 BELOW_1 = Read(
-    "FLOAT", functools.partial(number, least=_LEAST, below=1.0), "a number between 0 and 1, without both"
+    "FLOAT",
+    functools.partial(number, least=_LEAST, below=1.0),
+    "a number between 0 and 1, without both",
 )
 SHARE = Read("SHARE", _share, "a share such as 1% or 0.01")
 LENGTH = Read("LENGTH", _length, "a length such as 600 or 600mm")
@@ -278,7 +287,9 @@ COUNT = Read("N", functools.partial(number, kind=int, least=1), "a number of at 
 SIZES = list_of(COUNT, wants="a list of positive whole numbers such as 512,1024")
 INDEX = Read("I,J", pair, "column,row such as 40,30")
 INDICES = list_of(INDEX, ";", "I,J;I,J", "a list of column,row such as 40,30;0,0")
-BLOCKS = list_of(Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5")
+BLOCKS = list_of(
+    Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5"
+)
 RESOLUTION = Read("W,H", functools.partial(pair, least=1), "W,H such as 400,300")
 TILES = Read("CxR", functools.partial(pair, by="x", least=1), "COLUMNSxROWS such as 8x6")
 FIT: Read[Fit | float] = Read(
@@ -327,7 +338,9 @@ def settings_of(**given: Any) -> DoubleFrustum | None:
     """Return the settings that options name; None where none does."""
     named = present(**given)
     if named and "near" not in named:
-        raise click.UsageError(f"--{next(iter(named))} is a setting of the two cameras: give --near too")
+        raise click.UsageError(
+            f"--{next(iter(named))} is a setting of the two cameras: give --near too"
+        )
     return DoubleFrustum(**named) if named else None
 
 
@@ -359,7 +372,9 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
         "devices": option(_DEVICES, "EGL devices by index, taken in turn.  [default: GPUs]"),
         "part": option(_PART, "Do one of N parts, without Dask: for job arrays."),
     }
-    return group(engine_of, **{name: one for name, one in members.items() if draws or name != "devices"})
+    return group(
+        engine_of, **{name: one for name, one in members.items() if draws or name != "devices"}
+    )
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -382,7 +397,11 @@ def _accepted(text: str) -> tuple[str, ...]:
     from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 
     kind = one_of((*ACCEPTABLE, "all"))
-    return ACCEPTABLE if text == "all" else tuple(kind.convert(part, None, None) for part in text.split(","))
+    return (
+        ACCEPTABLE
+        if text == "all"
+        else tuple(kind.convert(part, None, None) for part in text.split(","))
+    )
 
 
 LAYOUT = Read("LAYOUT", _layout, "the name of a layout")
@@ -411,7 +430,8 @@ decided_by_option = choice(
 tolerance_option = option(POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX)
 seed_option = option(click.IntRange(0), "Start of the random numbers.", default=0)
 encoding_option = choice(
-    "rgb srgb triangle-id object-id", "What pixels of pictures hold; not for OpenEXR.  [default: rgb]"
+    "rgb srgb triangle-id object-id",
+    "What pixels of pictures hold; not for OpenEXR.  [default: rgb]",
 )
 
 
@@ -447,7 +467,9 @@ class OneOrAuto(Measured):
 
     scene = scene_argument
     aperture = aperture_option
-    auto: str | None = option(one_of([AUTO]), "The middle one and the worst of the plate.", "--apertures")
+    auto: str | None = option(
+        one_of([AUTO]), "The middle one and the worst of the plate.", "--apertures"
+    )
 
     def chosen(self, scene: Scene) -> Aperture | AutoApertures:
         """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses."""
@@ -486,7 +508,9 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
-def indices_of(scene: Scene, blocks: Sequence[tuple[Span, Span]] | None) -> Sequence[tuple[int, int]] | None:
+def indices_of(
+    scene: Scene, blocks: Sequence[tuple[Span, Span]] | None
+) -> Sequence[tuple[int, int]] | None:
     """Return the columns and rows of blocks of apertures; None for the whole plate."""
     from xfrustum.reports.plate.plate import blocks_of_apertures
 
@@ -509,8 +533,8 @@ def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
     """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
 
-    Where the answer is a picture, black may be right: then apertures that see nothing are a warning as long
-    as another one sees something, and in hard cases, which are empty on purpose.
+    Where the answer is a picture, black may be right: then apertures that see nothing are a warning
+    as long as another one sees something, and in hard cases, which are empty on purpose.
     """
     from xfrustum.compare import extent
     from xfrustum.scenes.errors import InputError

@@ -45,7 +45,10 @@ from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)  #: near offsets as fractions of the reach
 
 FILM = (192, 144)
-SMALL_FILM = (96, 72)  #: pixels: the film of every setting on every scene, and the one of the quick test
+SMALL_FILM = (
+    96,
+    72,
+)  #: pixels: the film of every setting on every scene, and the one of the quick test
 
 
 def options(reach: float) -> list[dict[str, object]]:
@@ -91,7 +94,9 @@ def some_kinds(name: str) -> list[DoubleFrustum]:
 
 
 def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) -> None:
-    assert [(settings, b.numbers) for settings, _, b in found if b.explanation.unexplained.any()] == []
+    assert [
+        (settings, b.numbers) for settings, _, b in found if b.explanation.unexplained.any()
+    ] == []
     for _, _, budget in found:
         charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
         assert sum(charged) == budget.wrong
@@ -123,7 +128,9 @@ def assert_adds_up(part: VectorBudget) -> None:
 
 
 def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
-    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")[::5]):
+    for _, chain, budget in budgets(
+        "asymmetric-recentered", every_kind("asymmetric-recentered")[::5]
+    ):
         assert_adds_up(budget.displacement)
         assert_adds_up(budget.height)
         drawn, first = (displacement(chain.images[at], chain.images[0].camera) for at in (-1, 0))
@@ -145,7 +152,9 @@ def test_a_pixel_is_charged_to_the_last_link_that_changed_it_and_a_surface_from_
     assert charged.any()
     np.testing.assert_array_equal(budget.charge[charged], last[charged])
     reference = Reference(view("car", SMALL_FILM))
-    right = np.stack([~surface_errors(chain.images[0], image, reference).wrong for image in chain.images])
+    right = np.stack(
+        [~surface_errors(chain.images[0], image, reference).wrong for image in chain.images]
+    )
     last_right = len(right) - 1 - np.argmax(right[::-1], axis=0)
     wrong = ~right[-1] & budget.start.judged
     assert wrong.any()
@@ -155,7 +164,9 @@ def test_a_pixel_is_charged_to_the_last_link_that_changed_it_and_a_surface_from_
 def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
     starved = DoubleFrustum(near=1e-8 * 150, depth=DepthFormat.D16)
     for (_, _, budget), link in zip(
-        budgets("car", [reversed_d32f(1.5), starved]), map(LINKS.index, ("near offset", "depth")), strict=True
+        budgets("car", [reversed_d32f(1.5), starved]),
+        map(LINKS.index, ("near offset", "depth")),
+        strict=True,
     ):
         assert (budget.charge == link).sum() > 0.99 * budget.wrong > 100
 
@@ -165,7 +176,9 @@ def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
     assert (budget.charge == 1).sum() > 100
 
 
-@pytest.mark.parametrize("name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1))
+@pytest.mark.parametrize(
+    "name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1)
+)
 def test_each_traced_link_is_as_predicted(name: str) -> None:
     """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
     reach = view(name, (8, 8)).frustum.longest_reach
@@ -190,7 +203,9 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Every cause is named beside its color, with the numbers of --json, and the page needs nothing else."""
-    report = xfrustum.budget(view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0)))
+    report = xfrustum.budget(
+        view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0))
+    )
     written = write_budget(report, tmp_path / "budget")
     assert capfd.readouterr() == ("", "")
     numbers = report.summary()
@@ -200,7 +215,10 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
         "causes-by-triangle.png",
         "causes-by-surface.png",
         *(f"{name}.webp" for name in CHAIN if name != "T5"),
-        *(f"radiance-{link['name'].replace(' ', '-')}.png" for link in numbers["radiance"]["links"]),
+        *(
+            f"radiance-{link['name'].replace(' ', '-')}.png"
+            for link in numbers["radiance"]["links"]
+        ),
         "radiance-total.png",
     }
     assert json.loads((tmp_path / "budget" / "budget.json").read_text()) == json_ready(numbers)
@@ -210,9 +228,13 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
         assert f'fill="{CAUSE_COLORS[link["name"]]}"' in row
         assert f">{link['pixels']:,}</td>" in row and f">{link['surface']:,}</td>" in row
     # It leads with wrong surfaces, and what changes nothing is folded.
-    assert page.index(f"{sum(link['surface'] for link in numbers['links']):,} of ") < page.index("<table")
+    assert page.index(f"{sum(link['surface'] for link in numbers['links']):,} of ") < page.index(
+        "<table"
+    )
     assert "<summary>Nothing comes from pivot" in page
-    assert page.index("<td>pivot</td>") > page.index("<details>") > page.index("<td>near offset</td>")
+    assert (
+        page.index("<td>pivot</td>") > page.index("<details>") > page.index("<td>near offset</td>")
+    )
     for name in ("edge", "order", "lost", "unexplained"):
         assert f"<td>{name}</td>" in page
     assert "--slabs 4,10</pre>" in page
@@ -243,7 +265,9 @@ def test_the_table_has_prediction_measurement_and_ratio() -> None:
     assert numbers[0] == str(link["pixels"]) and numbers[1:4] == shown and len(numbers) == 7
 
 
-SHINY = Material(ambient=(0.05,) * 3, diffuse=(0.3, 0.2, 0.1), specular=(0.5, 0.6, 0.7), exponent=15.0)
+SHINY = Material(
+    ambient=(0.05,) * 3, diffuse=(0.3, 0.2, 0.1), specular=(0.5, 0.6, 0.7), exponent=15.0
+)
 MATTE = replace(SHINY, specular=(0.0, 0.0, 0.0))
 
 
@@ -251,7 +275,9 @@ def painted(name: str, material: Material, resolution: tuple[int, int] = (80, 60
     scene = view(name, resolution)
     light = DirectionalLight(direction=(-1.0, 2.0, 1.5), color=(0.9, 0.8, 0.7))
     looks = Appearance(materials={"all": material}, lights=(light,))
-    return replace(scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects))
+    return replace(
+        scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects)
+    )
 
 
 def budget_of(scene: Scene, settings: DoubleFrustum) -> tuple[RadianceBudget, Chain]:
@@ -321,7 +347,9 @@ def test_8_bit_output_costs_half_a_level_at_most() -> None:
 
 def test_averages_are_taken_apart_like_single_samples() -> None:
     """Each link is the mean over the samples; what the device adds in averaging is rounding alone."""
-    scene = replace(painted("asymmetric", SHINY, (40, 30)), sampling=Sampling(supersample=2, aperture=3))
+    scene = replace(
+        painted("asymmetric", SHINY, (40, 30)), sampling=Sampling(supersample=2, aperture=3)
+    )
     budget, _ = budget_of(scene, reversed_d32f(0.5))
     assert budget.links == (BAND_LIMITING, *LINKS, EYE_VECTOR, SHADING, AVERAGING, CLIPPING, OUTPUT)
     assert rms(budget, BAND_LIMITING, same=False) > 1e-4

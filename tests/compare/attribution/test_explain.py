@@ -53,7 +53,9 @@ def differences(model: HogelImage, drawn: HogelImage) -> Mask:
 
 @pytest.mark.parametrize("depth", [DepthFormat.D16, DepthFormat.D24])
 @pytest.mark.parametrize("name", thinned(["asymmetric", "asymmetric-recentered"], 2, 1))
-def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(name: str, depth: DepthFormat) -> None:
+def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(
+    name: str, depth: DepthFormat
+) -> None:
     scene = view(name, RESOLUTION)
     aperture = scene.plate.aperture(30, 40)
     near = {DepthFormat.D16: 5e-7, DepthFormat.D24: 3e-9}[depth] * scene.frustum.longest_reach
@@ -116,10 +118,11 @@ class TestNegativeControls:
     ) -> None:
         """The share of 0.9 cannot be had with 4 bits by any bound: edges may lie 2^-4.5 px aside.
 
-        A picture shifted by a pixel is wrong where an edge lies less than that from the center, along the
-        shift. With a normal n the edge is nearer than d = 2^-4.5 px, 0.044, to d / |n| of these centers: 7 %,
-        pi / 2 d, over all directions. Centers beside other edges come to that, the more the smaller triangles
-        are. How many wrong pixels it is says a picture that shows what no scene has at every pixel.
+        A picture shifted by a pixel is wrong where an edge lies less than that from the center,
+        along the shift. With a normal n the edge is nearer than d = 2^-4.5 px, 0.044, to d / |n| of
+        these centers: 7 %, pi / 2 d, over all directions. Centers beside other edges come to that,
+        the more the smaller triangles are. How many wrong pixels it is says a picture that shows
+        what no scene has at every pixel.
         """
         shifted = pictured(case.drawn, lambda a: np.roll(a, 1, axis))
         wrong, device = differences(case.model, shifted), safe_model(4)
@@ -138,7 +141,9 @@ class TestNegativeControls:
         swapped[-1] = NOTHING
         for one, other in pairs:
             swapped[[one, other]] = other, one
-        case.assert_unexplained(replace(case.drawn, triangle=swapped[case.drawn.triangle].astype(np.int32)))
+        case.assert_unexplained(
+            replace(case.drawn, triangle=swapped[case.drawn.triangle].astype(np.int32))
+        )
 
     @pytest.mark.parametrize(("row", "column"), thinned([(0, 0), (1, 1), (0, 2), (1, 3)], 3))
     def test_one_matrix_entry_wrong_by_a_hundredth_of_the_film(
@@ -177,7 +182,9 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
         return list(zip(large[:half], large[half : 2 * half], strict=True))[:40]
     pairs: list[tuple[int, int]] = []
     used: set[int] = set()
-    corners = {number: {tuple(corner) for corner in scene.triangles[number].tolist()} for number in large}
+    corners = {
+        number: {tuple(corner) for corner in scene.triangles[number].tolist()} for number in large
+    }
     for one in large:
         for other in large:
             if one < other and not used & {one, other} and len(corners[one] & corners[other]) == 2:
@@ -201,7 +208,8 @@ def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
 
     def shifted(name: str) -> str:
         return right_shader(name).replace(
-            "vec4(in_position, 1.0);", f"vec4(in_position, 1.0); gl_Position.x += {share} * gl_Position.w;"
+            "vec4(in_position, 1.0);",
+            f"vec4(in_position, 1.0); gl_Position.x += {share} * gl_Position.w;",
         )
 
     monkeypatch.setattr(programs, "shader", shifted)
@@ -256,7 +264,9 @@ def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
     scene = soup(places + sides, frustum)
     depth, mapping = buffer
     for slabs in ((), (3.0,)):
-        settings = DoubleFrustum(near=1e-2, depth=depth, mapping=mapping, slabs=slabs, cull=Cull.BACK)
+        settings = DoubleFrustum(
+            near=1e-2, depth=depth, mapping=mapping, slabs=slabs, cull=Cull.BACK
+        )
         found = charged(scene, settings)
         assert found.explanation.unexplained.sum() == 0
         assert (found.charge == CULLED_LINKS.index("culling")).sum() > 100
@@ -282,7 +292,9 @@ def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:
     files = make_report(
         scene,
         str(tmp_path / "report"),
-        ReportOptions(nears=[0.01], depths=[(DepthFormat.D24, DepthMapping.STANDARD)], cull=Cull.BACK),
+        ReportOptions(
+            nears=[0.01], depths=[(DepthFormat.D24, DepthMapping.STANDARD)], cull=Cull.BACK
+        ),
     )
     (row,) = json.loads(files.json.read_text())["rows"]
     assert row["settings"]["cull"] == "back" and "--cull back" in files.command

@@ -13,7 +13,7 @@ from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import explain
 from xfrustum.compare.attribution.recorded import RecordedFrame, read_frames, recorded_image, replay
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
-from xfrustum.compare.prediction.depth import Stacks, depth_wrong_shares
+from xfrustum.compare.prediction.depth import DepthLayers, depth_wrong_shares
 from xfrustum.compare.prediction.reasons import MIN_PIXELS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -56,7 +56,9 @@ def test_nothing_in_any_of_the_294_frames_is_unexplained(h100: Recording) -> Non
     assert found.wrong > 850_000
 
 
-def test_a_model_without_snapped_depth_leaves_a_pixel_of_the_card_unexplained(h100: Recording) -> None:
+def test_a_model_without_snapped_depth_leaves_a_pixel_of_the_card_unexplained(
+    h100: Recording,
+) -> None:
     """Few pixels tell devices apart: most triangles that a depth test swaps are many steps of it apart."""
     frames = some(h100, "car|0.0001|d32f|reversed")
     assert replay(frames).counts["unexplained"] == 0
@@ -77,7 +79,9 @@ def test_a_card_that_drew_one_pixel_beside_would_stay_unexplained(
 
 
 @pytest.mark.parametrize("depth", list(DepthFormat))
-def test_a_far_plane_that_clip_depth_hardly_knows_may_cut_before_half_the_reach(depth: DepthFormat) -> None:
+def test_a_far_plane_that_clip_depth_hardly_knows_may_cut_before_half_the_reach(
+    depth: DepthFormat,
+) -> None:
     """The triangle is 25,000 units long, the reach 150: where it is cut is nothing but rounding."""
     scene = view("large-triangles", (192, 144))
     settings = DoubleFrustum(near=1.5e-4, depth=depth)
@@ -113,7 +117,9 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
     judged = judged_pixels(truth)
-    stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
+    stacks = DepthLayers.from_truth(
+        truth, reference.gaps(aperture), reference.gaps(aperture, truth)
+    )
     for frame in recording[1]:
         place, settings = frame.asked(scene)
         if frame.scene != scene_name or place != aperture:
@@ -136,18 +142,27 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
         ),
     ],
 )
-def test_the_card_shows_the_predicted_share_wrongly(h100: Recording, name: str, frames: str) -> None:
+def test_the_card_shows_the_predicted_share_wrongly(
+    h100: Recording, name: str, frames: str
+) -> None:
     """Within a factor of two, but for few pixels, large-triangles and parallel sheets (`Reasons`)."""
     some_frames = shares(some(h100, frames), name)
-    counted = [(name, wrong, predicted) for name, wrong, predicted in some_frames if predicted >= MIN_PIXELS]
+    counted = [
+        (name, wrong, predicted)
+        for name, wrong, predicted in some_frames
+        if predicted >= MIN_PIXELS
+    ]
     assert len(counted) >= 3
     assert [one for one in counted if not one[1] / 2 <= one[2] <= one[1] * 2] == []
-    assert all(wrong <= 2 * MIN_PIXELS for _, wrong, predicted in some_frames if predicted < MIN_PIXELS)
+    assert all(
+        wrong <= 2 * MIN_PIXELS for _, wrong, predicted in some_frames if predicted < MIN_PIXELS
+    )
 
 
 COSINE_ROUNDINGS = 70
 """Roundings of 2^-24 in the cosine of a highlight: 20 in the direction to the camera (3 in the place on the
-film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds 18 to, one in each of
+film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds 18 to, one in
+each of
 light and normal, and 10 in the last product."""
 
 LIGHT_ROUNDINGS = 16
@@ -165,7 +180,13 @@ def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
         for name in names:
             of_scene, near = name.split("|")
             scene = view(of_scene, (192, 144))
-            assert needed(scene) <= {Effect.C, Effect.C_STAR, Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR}
+            assert needed(scene) <= {
+                Effect.C,
+                Effect.C_STAR,
+                Effect.AMBIENT,
+                Effect.DIFFUSE,
+                Effect.SPECULAR,
+            }
             settings = reversed_d32f(float(near) * scene.frustum.longest_reach)
             middle = scene.plate.middle
             with Rasterizer(scene) as raster:

@@ -9,10 +9,10 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, oblong, saying, small
-from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
-from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
+from xfrustum.compare.diagnosis.diagnosis import TestSet, diagnose
+from xfrustum.compare.diagnosis.faults import TOGETHER, Defect, with_joint_numbers
 from xfrustum.compare.renderer_model.conventions import Orientation
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
+from xfrustum.compare.renderer_model.drawn_model import Recentering, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
@@ -55,8 +55,9 @@ OF_PAIRS = [
     # A fit to the screen scales the film as a field of view does: one number is not two.
     and not {one, other} <= {"fov", "fit"}
     and not {one, other} <= {"missing", "nearest", "covered", "lights"}
-    # Its film is shifted by moving the screen, which moves offset cameras aside: not a sampling point
-    # alone any more. Both together are in the hogels of another renderer (test_wrong_renderers).
+    # Its film is shifted by moving the screen, which moves offset cameras aside: not a sampling
+    # point alone any more. Both together are in the hogels of another renderer
+    # (test_wrong_renderers).
     and not ("corners" in (one, other) and {one, other} & {"near", "pivot", "fit"})
     # The brute force of the nearest surface has the paper's two cameras only.
     and not ("nearest" in (one, other) and {one, other} & {"pivot", "fit"})
@@ -153,18 +154,23 @@ def test_accepted_conventions_are_named_but_not_judged() -> None:
 # Pictures without numbers are registered with the reference's own.
 
 
-# A recentered frustum's images do not tell all apart: moved screens, shifts, missing or reversed shears.
+# A recentered frustum's images do not tell all apart: moved screens, shifts, missing or reversed
+# shears.
 
 
-def evidence_of(scene: Scene, model: DrawnModel, *apertures: tuple[int, int], near: float = 0.0) -> Evidence:
+def evidence_of(
+    scene: Scene, model: RendererModel, *apertures: tuple[int, int], near: float = 0.0
+) -> TestSet:
     """Return the triangles that a model draws in some hogels, all of `FEW` where none is named."""
     reference = Reference(scene)
-    images = [trace_drawn(reference, model, scene.plate.aperture(*index)) for index in apertures or FEW]
+    images = [
+        trace_drawn(reference, model, scene.plate.aperture(*index)) for index in apertures or FEW
+    ]
     said = [saying(image, "triangle", "object") for image in images]
-    return Evidence(reference=reference, images=said, nominal=DrawnModel(near=near))
+    return TestSet(reference=reference, images=said, nominal=RendererModel(near=near))
 
 
-def diagnosed(evidence: Evidence) -> dict[str, Fault]:
+def diagnosed(evidence: TestSet) -> dict[str, Defect]:
     return {fault.fault: fault for fault in diagnose(evidence).diagnosis.faults}
 
 
@@ -174,23 +180,31 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
     assert scene.frustum.screen is not None
     per_px = scene.frustum.screen.size[0] / 32
     # The first name is that of what a renderer rather does: pixels are sampled within themselves.
-    for shift, first, other in ((0.5, "shift-x", "screen-center-x"), (3.0, "screen-center-x", "shift-x")):
-        named = diagnosed(evidence_of(scene, DrawnModel(screen_center=(-shift * per_px, 0.0))))
+    for shift, first, other in (
+        (0.5, "shift-x", "screen-center-x"),
+        (3.0, "screen-center-x", "shift-x"),
+    ):
+        named = diagnosed(evidence_of(scene, RendererModel(screen_center=(-shift * per_px, 0.0))))
         assert set(named) == {first}
         assert named[first].alternatives == (other,)
         assert f"or {other}: images cannot tell" in named[first].words
-    centered = diagnosed(evidence_of(small("asymmetric", 32), DrawnModel(shift=(3.0, 0.0))))
+    centered = diagnosed(evidence_of(small("asymmetric", 32), RendererModel(shift=(3.0, 0.0))))
     assert {name: fault.alternatives for name, fault in centered.items()} == {"shift-x": ()}
 
 
 @pytest.mark.slow
 def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear() -> None:
     scene = small("asymmetric-recentered", 32)
-    (fault,) = diagnosed(evidence_of(scene, DrawnModel(recentering=Recentering.NONE), FEW[0])).values()
-    assert (fault.fault, fault.alternatives) == ("not-recentered", ("screen-center-x", "screen-center-y"))
+    (fault,) = diagnosed(
+        evidence_of(scene, RendererModel(recentering=Recentering.NONE), FEW[0])
+    ).values()
+    assert (fault.fault, fault.alternatives) == (
+        "not-recentered",
+        ("screen-center-x", "screen-center-y"),
+    )
     assert "images cannot tell" in fault.words
     before = replace(scene, frustum=replace(scene.frustum, reach=(scene.frustum.reach[0], 1e-3)))
-    reversed_shear = DrawnModel(recentering=Recentering.C_STAR_REVERSED)
+    reversed_shear = RendererModel(recentering=Recentering.C_STAR_REVERSED)
     (fault,) = diagnosed(evidence_of(before, reversed_shear)).values()
     assert (fault.fault, fault.value) == ("shear-sign", "C*")
     assert "images cannot tell" in fault.words
@@ -201,23 +215,26 @@ def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() ->
     """With both shears reversed, the corner hogel of this attic shows what is behind the plate alone."""
     (case,) = chosen(names=["L3-attic-0"])
     scene = case.open()
-    found = diagnosed(evidence_of(scene, DrawnModel(recentering=Recentering.BOTH_REVERSED), (0, 0)))
+    found = diagnosed(
+        evidence_of(scene, RendererModel(recentering=Recentering.BOTH_REVERSED), (0, 0))
+    )
     assert set(found) == {"shear-sign"}
 
 
-# Faults of one camera alone are named as such, and numbers that explain only together are one finding.
+# Faults of one camera alone are named as such, and numbers that explain only together are one
+# finding.
 
 
 def test_numbers_that_explain_only_together_are_one_finding() -> None:
     scene = oblong()
     # Behind the plate alone, where a wider film undoes most of what an offset does.
     behind = replace(scene, frustum=replace(scene.frustum, reach=(1e-3, scene.frustum.reach[1])))
-    model = DrawnModel(near=3.0, fov=(1 / 1.1, 1 / 1.1))
+    model = RendererModel(near=3.0, fov=(1 / 1.1, 1 / 1.1))
     test = evidence_of(behind, model)
     assert test.joint_groups(model) == ("fov", "near")
-    assert test.joint_groups(DrawnModel(near=3.0)) == ()
+    assert test.joint_groups(RendererModel(near=3.0)) == ()
     names = ("orientation", "fov-x", "near")
-    faults = [Fault(fault=name, value=1.1, words=name, alternatives=("x",)) for name in names]
+    faults = [Defect(fault=name, value=1.1, words=name, alternatives=("x",)) for name in names]
     kept_one, joint = with_joint_numbers(faults, ("fov", "near"), model)
     assert (kept_one.fault, joint.fault, joint.alternatives) == ("orientation", TOGETHER, ("x",))
     assert "only together" in joint.words and "fov-x; near" in joint.words

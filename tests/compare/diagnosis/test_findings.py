@@ -19,12 +19,19 @@ from tests.support.scene_file import film, named, part
 from tests.wrong_renderers.ray_caster import picture
 from tests.wrong_renderers.worlds import harbor
 from xfrustum import DepthFormat, DoubleFrustum, Rasterizer
-from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Evidence
-from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, TestSet
+from xfrustum.compare.diagnosis.faults import Defect
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Compared, Judging
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Film, Front, Normals, OneCamera
+from xfrustum.compare.renderer_model.drawn_model import (
+    Culled,
+    Film,
+    Front,
+    Normals,
+    OneCamera,
+    RendererModel,
+)
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
@@ -42,13 +49,15 @@ Offset = tuple[float, float, float]
 
 def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) -> Scene:
     """Return the hogels of a renderer that has the scene elsewhere: the vertices themselves are moved."""
-    parts = [replace(part, vertices=part.vertices * scale + np.asarray(offset)) for part in scene.objects]
+    parts = [
+        replace(part, vertices=part.vertices * scale + np.asarray(offset)) for part in scene.objects
+    ]
     return replace(scene, objects=tuple(parts))
 
 
 def of_model(
     scene: Scene,
-    model: DrawnModel,
+    model: RendererModel,
     said: Sequence[str] = ("triangle", "object"),
     apertures: Sequence[tuple[int, int]] | None = None,
 ) -> Verification:
@@ -62,23 +71,24 @@ def of_model(
     return xfrustum.verify(scene, draw, apertures=apertures)
 
 
-def by_name(found: Verification) -> dict[str, Fault]:
+def by_name(found: Verification) -> dict[str, Defect]:
     return {fault.fault: fault for fault in found.diagnosis.faults}
 
 
 @pytest.mark.parametrize(
     ("model", "said", "name"),
     [
-        (DrawnModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
+        (RendererModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
         pytest.param(
-            *(DrawnModel(film=Film(distortion=0.05)), ["triangle"], "distortion"), marks=pytest.mark.slow
+            *(RendererModel(film=Film(distortion=0.05)), ["triangle"], "distortion"),
+            marks=pytest.mark.slow,
         ),
-        (DrawnModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
-        (DrawnModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
+        (RendererModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
+        (RendererModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
     ],
 )
 def test_a_film_a_lens_a_shading_and_a_camera_are_named_from_few_small_hogels(
-    model: DrawnModel, said: list[str], name: str
+    model: RendererModel, said: list[str], name: str
 ) -> None:
     """The table of wrong renderers has all of them, at several times the size."""
     scene = oblong()
@@ -94,14 +104,18 @@ def test_numbers_begin_anew_only_where_objects_beside_the_first_say_so() -> None
     middles = [one.vertices.mean(axis=0) for one in others]
     smaller = [m + 0.15 * (one.vertices - m) for one, m in zip(others, middles, strict=True)]
     objects = [replace(one, vertices=there) for one, there in zip(others, smaller, strict=True)]
-    scene = replace(scene, objects=(replace(first, vertices=first.vertices * (3.0, 3.0, 1.0)), *objects))
-    model = DrawnModel(shift=(0.5, 0.5))
+    scene = replace(
+        scene, objects=(replace(first, vertices=first.vertices * (3.0, 3.0, 1.0)), *objects)
+    )
+    model = RendererModel(shift=(0.5, 0.5))
     assert set(by_name(of_model(scene, model, ["triangle"], FEW))) == {"shift-x", "shift-y"}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1, 3, 5])
-def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing_else(number: int) -> None:
+def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing_else(
+    number: int,
+) -> None:
     """The object misleads a fit to all claims; by the numbers asked for, other objects seem to be off."""
     scene = small(RECENTERED, SIZE)
     objects = list(scene.objects)
@@ -110,7 +124,7 @@ def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing
     reference = Reference(replace(scene, objects=tuple(objects)))
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        return saying(trace_drawn(reference, DrawnModel(shift=(0.5, 0.5)), aperture), "triangle")
+        return saying(trace_drawn(reference, RendererModel(shift=(0.5, 0.5)), aperture), "triangle")
 
     found = xfrustum.verify(scene, draw, apertures=SOME)
     faults = by_name(found)
@@ -123,7 +137,8 @@ def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing
 
 @pytest.mark.slow
 def test_what_does_not_explain_is_no_finding() -> None:
-    # An offset widens the picture most near the plate, a field of view everywhere: neither explains both.
+    # An offset widens the picture most near the plate, a field of view everywhere: neither explains
+    # both.
     scene = small(CENTERED, SIZE)
     with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
         found = xfrustum.verify(scene, renderer, apertures=SOME)
@@ -147,9 +162,22 @@ def test_what_does_not_explain_is_no_finding() -> None:
     ("shown", "witnesses"),
     [("color", "colors"), pytest.param("object", "object numbers", marks=pytest.mark.slow)],
 )
-def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(shown: str, witnesses: str) -> None:
-    # Three triangles beside one another, 30 mm behind the plate, where an offset of 5 mm is a sixth.
-    corners = [(-24, -9), (-4, -13), (-12, 12), (3, -12), (22, -8), (5, -1), (-3, 4), (25, 6), (8, 16)]
+def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(
+    shown: str, witnesses: str
+) -> None:
+    # Three triangles beside one another, 30 mm behind the plate, where an offset of 5 mm is a
+    # sixth.
+    corners = [
+        (-24, -9),
+        (-4, -13),
+        (-12, 12),
+        (3, -12),
+        (22, -8),
+        (5, -1),
+        (-3, 4),
+        (25, 6),
+        (8, 16),
+    ]
     vertices = np.array([(x, y, -30.0) for x, y in corners])
     part = SceneObject(name="flat", vertices=vertices, faces=np.arange(9).reshape(-1, 3))
     flat = replace(small(CENTERED, 32), objects=(part,))
@@ -169,14 +197,16 @@ def test_highlights_that_a_picture_clips_do_not_move_it(tmp_path: Path) -> None:
     scene = small(CENTERED, 96)
     lights = tuple(replace(light, color=(2.2, 2.2, 2.2)) for light in scene.appearance.lights)
     scene = replace(scene, appearance=replace(scene.appearance, lights=lights))
-    reference, model, images = Reference(scene), DrawnModel(shift=(0.3, 0.2)), []
+    reference, model, images = Reference(scene), RendererModel(shift=(0.3, 0.2)), []
     for index in FEW:
         aperture, path = scene.plate.aperture(*index), tmp_path / "{}-{}.png".format(*index)
         color = colored(scene, model, trace_drawn(reference, model, aperture)).color
         assert color is not None
         Image.fromarray(np.rint(255 * np.clip(color, 0, 1)).astype(np.uint8)).save(path)
         images.append(read_foreign(path, reference.camera(aperture), Encoding.RGB))
-    assert register(reference, images, DrawnModel()).model.shift == pytest.approx((0.3, 0.2), abs=0.01)
+    assert register(reference, images, RendererModel()).model.shift == pytest.approx(
+        (0.3, 0.2), abs=0.01
+    )
 
 
 @pytest.mark.slow
@@ -187,18 +217,29 @@ def test_highlights_that_a_picture_clips_do_not_move_it(tmp_path: Path) -> None:
     scale=st.floats(0.7, 1.5),
     which=st.sampled_from(["aperture-offset", "scene-offset", "scene-scale"]),
 )
-def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale: float, which: str) -> None:
+def test_whatever_the_offset_its_interval_contains_it(
+    x: float, z: float, scale: float, which: str
+) -> None:
     scene = small(RECENTERED, SIZE)
-    numbers: dict[str, Any] = {"aperture-offset": (x, -x), "scene-offset": (x, -x, z), "scene-scale": scale}
+    numbers: dict[str, Any] = {
+        "aperture-offset": (x, -x),
+        "scene-offset": (x, -x, z),
+        "scene-scale": scale,
+    }
     offset = (x, -x, z) if which == "scene-offset" else (0.0, 0.0, 0.0)
-    reference, images = Reference(moved(scene, scale if which == "scene-scale" else 1.0, offset)), []
+    reference, images = (
+        Reference(moved(scene, scale if which == "scene-scale" else 1.0, offset)),
+        [],
+    )
     for index in SOME:
         asked = scene.plate.aperture(*index)
-        there = replace(asked, x=asked.x + x, y=asked.y - x) if which == "aperture-offset" else asked
+        there = (
+            replace(asked, x=asked.x + x, y=asked.y - x) if which == "aperture-offset" else asked
+        )
         image = reference.trace(there)
         images.append(replace(image, camera=replace(image.camera, aperture=asked)))
-    fit = fit_geometry(claims_of(scene, images), DrawnModel())
-    nominal = DrawnModel().parameters
+    fit = fit_geometry(claims_of(scene, images), RendererModel())
+    nominal = RendererModel().parameters
     off = np.flatnonzero((fit.low > nominal) | (fit.high < nominal))
     field: Any = {which.replace("-", "_"): numbers[which]}
     expected = replace(fit.model.with_parameters(nominal), **field)
@@ -221,13 +262,22 @@ def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int
 # Findings rest on wrong pixels: none without them, and all findings together must explain them.
 
 
-def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(tmp_path: Path) -> None:
+def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / "sphere.toml"
-    space = film((40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
-    before = named("a sphere before the plate", "mm") + space + part("sphere", 12.0, (3.0, -2.0, 25.0))
+    space = film(
+        (40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0)
+    )
+    before = (
+        named("a sphere before the plate", "mm") + space + part("sphere", 12.0, (3.0, -2.0, 25.0))
+    )
     file.write_text(before)
     scene = open_scene(str(file))
-    for model in (DrawnModel(culled=Culled.COUNTERCLOCKWISE), DrawnModel(front=Front.NEAREST)):
+    for model in (
+        RendererModel(culled=Culled.COUNTERCLOCKWISE),
+        RendererModel(front=Front.NEAREST),
+    ):
         (fault,) = of_model(scene, model).diagnosis.faults
         assert fault.fault == "front-nearest"
         assert fault.alternatives == ("culling",)
@@ -241,17 +291,20 @@ def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
         image = reference.trace(scene.plate.aperture(*index))
         assert image.color is not None
         images.append(saying(replace(image, color=0.5 * image.color), "color"))
-    test = Evidence(reference=reference, images=images, nominal=DrawnModel())
-    assert test.wrong(DrawnModel()) > 0
-    assert replace(test, judging=Judging(color_tolerance=1.0), known={}).wrong(DrawnModel()) == 0
+    test = TestSet(reference=reference, images=images, nominal=RendererModel())
+    assert test.wrong(RendererModel()) > 0
+    assert replace(test, judging=Judging(color_tolerance=1.0), known={}).wrong(RendererModel()) == 0
     outlines = replace(test, judging=Judging(compared=Compared.GEOMETRY), known={})
-    assert outlines.wrong(DrawnModel()) < test.wrong(DrawnModel()) / 10
+    assert outlines.wrong(RendererModel()) < test.wrong(RendererModel()) / 10
 
 
 @pytest.mark.parametrize(
     "asked",
     [
-        *({name: "x"} for name in ("max_wrong", "max_displacement_px", "max_color", "near", "accept")),
+        *(
+            {name: "x"}
+            for name in ("max_wrong", "max_displacement_px", "max_color", "near", "accept")
+        ),
         *({"near": True}, {"encoding": "banana"}, {"compare": "banana"}),
         *({"apertures": [one]} for one in ("x", (0, "x"), 3)),
     ],
@@ -264,8 +317,8 @@ def test_options_that_mean_nothing_are_refused(asked: dict[str, Any]) -> None:
 @pytest.mark.slow
 def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> None:
     scene = small(CENTERED, 32)
-    assert of_model(scene, DrawnModel(culled=Culled.CLOCKWISE)).passed
-    found = of_model(scene, DrawnModel(culled=Culled.COUNTERCLOCKWISE))
+    assert of_model(scene, RendererModel(culled=Culled.CLOCKWISE)).passed
+    found = of_model(scene, RendererModel(culled=Culled.COUNTERCLOCKWISE))
     assert [fault.fault for fault in found.diagnosis.faults] == ["culling"]
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
@@ -274,7 +327,9 @@ def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> 
 def test_depth_fighting_of_a_rasterizer_is_named(tmp_path: Path) -> None:
     """A rasterizer rounds depth before it stores it, and loses what is stored at the clear value."""
     near = 0.002
-    scene = xfrustum.open_scene(str(replace(harbor(), resolution=(48, 36), drawn={}).write(tmp_path)))
+    scene = xfrustum.open_scene(
+        str(replace(harbor(), resolution=(48, 36), drawn={}).write(tmp_path))
+    )
     with Rasterizer(scene) as rasterizer:
 
         def draw(_: Scene, aperture: Aperture) -> HogelImage:
@@ -291,7 +346,7 @@ def test_depth_fighting_of_a_rasterizer_is_named(tmp_path: Path) -> None:
 def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     first, *others = (scene := oblong()).objects
     mixed = replace(scene, objects=(with_smooth_normals(first), *others))
-    found = of_model(mixed, DrawnModel(normals=Normals.INVERTED), ["color"])
+    found = of_model(mixed, RendererModel(normals=Normals.INVERTED), ["color"])
     assert set(by_name(found)) == {"inverted-normals"}
 
 
@@ -302,7 +357,7 @@ def test_apertures_that_are_all_moved_far_are_not_moved_each_by_its_own_offset()
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 72)))
     half_pitch = scene.plate.size[0] / scene.plate.hogels[0] / 2
     (fault,) = of_model(
-        scene, DrawnModel(aperture_offset=(-half_pitch, 0.0)), ["object"], FEW
+        scene, RendererModel(aperture_offset=(-half_pitch, 0.0)), ["object"], FEW
     ).diagnosis.faults
     assert fault.fault == "aperture-offset-x" and "half a pitch" in fault.words
     assert fault.alternatives == ("scene-offset-x",)
@@ -318,7 +373,7 @@ def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
         shown = scene.plate.aperture(*exchanged.get(aperture.index, aperture.index))
-        image = saying(trace_drawn(reference, DrawnModel(), shown), "triangle")
+        image = saying(trace_drawn(reference, RendererModel(), shown), "triangle")
         return replace(image, camera=reference.camera(aperture))
 
     found = xfrustum.verify(scene, draw)
@@ -336,7 +391,9 @@ def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> 
     noise = np.random.default_rng(0).integers(0, 3, (height, width, 3), dtype=np.uint8)
     for i, j in world.apertures:
         right = picture(world, i, j, "triangle-id")
-        broken = np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
+        broken = (
+            np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
+        )
         Image.fromarray(broken).save(tmp_path / f"{i}-{j}.png")
     found = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
     where = found.summary()["where"]
@@ -344,7 +401,13 @@ def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> 
     assert where["shares"]["column"]["0"]["wrong"] == where["shares"]["row"]["1"]["wrong"] == 0
     wrong = where["shares"]["row"]["0"]["wrong"]
     assert where["shares"]["column"]["2"]["wrong"] == sum(where["sides"].values()) == wrong > 0
-    assert where["sides"]["front"] > 0 and where["sides"]["back"] > 0 and "3 (buoy)" in where["objects"]
-    assert where["hogels"] == [[wrong if (i, j) == (2, 0) else 0 for i in range(3)] for j in range(2)]
+    assert (
+        where["sides"]["front"] > 0
+        and where["sides"]["back"] > 0
+        and "3 (buoy)" in where["objects"]
+    )
+    assert where["hogels"] == [
+        [wrong if (i, j) == (2, 0) else 0 for i in range(3)] for j in range(2)
+    ]
     assert "wrong by column of hogels: 2 " in table(found)
     assert "by column of hogels: 2 " in render_page(found)

@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 
 from tests.support.scene_file import named, part
-from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
-from xfrustum.compare.diagnosis.encodings import RESAMPLED, Restoring
+from xfrustum.compare.diagnosis.diagnosis import TestSet, diagnose
+from xfrustum.compare.diagnosis.encodings import RESAMPLED, IdRepair
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_alone, interval_alone
-from xfrustum.compare.renderer_model.drawn_model import NUMBERS, DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import NUMBERS, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage, Scene, open_scene
-from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, StoredPixels, bytes_of
+from xfrustum.scenes.files.foreign_images import (
+    Encoding,
+    ForeignImage,
+    Reading,
+    StoredPixels,
+    bytes_of,
+)
 
 CENTER_X = -26.0  #: of the screen, mm
 
@@ -32,7 +38,7 @@ def recentered(folder: Path, hogels: tuple[int, int], resolution: tuple[int, int
     return open_scene(str(folder / "scene.toml"))
 
 
-def stored(reference: Reference, model: DrawnModel) -> list[HogelImage]:
+def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
     """Return pictures of triangle numbers of all hogels, as a renderer draws them."""
     found: list[HogelImage] = []
     for aperture in reference.scene.plate.apertures():
@@ -53,8 +59,8 @@ def stored(reference: Reference, model: DrawnModel) -> list[HogelImage]:
 def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
     """A single hogel is all there is: a shear of the other sign would show the same."""
     reference = Reference(recentered(tmp_path, (1, 1), (80, 48)))
-    images = stored(reference, DrawnModel(screen_center=(-2 * CENTER_X, 0.0)))
-    found = diagnose(Evidence(reference=reference, images=images, nominal=DrawnModel()))
+    images = stored(reference, RendererModel(screen_center=(-2 * CENTER_X, 0.0)))
+    found = diagnose(TestSet(reference=reference, images=images, nominal=RendererModel()))
     (fault,) = found.diagnosis.faults
     assert fault.fault == "screen-center-x"
     assert fault.value == pytest.approx(-CENTER_X, rel=0.02)
@@ -65,14 +71,17 @@ def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
 def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
     """Whatever the pictures show: here apertures whose columns are shuffled, which no camera explains."""
     reference = Reference(recentered(tmp_path, (5, 3), (80, 1)))
-    images = stored(reference, DrawnModel())
+    images = stored(reference, RendererModel())
     cameras = [image.camera for image in images]
     shuffled = [replace(image, camera=cameras[7 * k % 15]) for k, image in enumerate(images)]
-    claims, groups = claims_of(reference.scene, shuffled), ("shift", "fov", "pitch", "screen-center")
-    fitted = fit_alone(claims, DrawnModel(), groups)
+    claims, groups = (
+        claims_of(reference.scene, shuffled),
+        ("shift", "fov", "pitch", "screen-center"),
+    )
+    fitted = fit_alone(claims, RendererModel(), groups)
     low, high = interval_alone(claims, fitted, groups)
     vertical = np.array([axis == "y" for _, axis, _ in NUMBERS])
-    held = fitted.parameters == DrawnModel().parameters
+    held = fitted.parameters == RendererModel().parameters
     assert held[vertical].all() and not held.all()
     assert (low[vertical] == high[vertical]).all()
 
@@ -80,10 +89,10 @@ def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
 def test_numbers_are_restored_from_what_the_renderer_states(tmp_path: Path) -> None:
     """A picture whose numbers are mixed shows offset cameras where its author states a near offset."""
     reference = Reference(recentered(tmp_path, (1, 1), (80, 48)))
-    nominal = DrawnModel(near=6.0)
+    nominal = RendererModel(near=6.0)
     (image,) = stored(reference, nominal)
     aperture = reference.scene.plate.middle
-    assert (image.triangle != trace_drawn(reference, DrawnModel(), aperture).triangle).any()
+    assert (image.triangle != trace_drawn(reference, RendererModel(), aperture).triangle).any()
     reading = Reading(encoding=Encoding.TRIANGLE_ID)
-    restoring = Restoring(kind=RESAMPLED, reading=reading, nominal=nominal)
+    restoring = IdRepair(kind=RESAMPLED, reading=reading, nominal=nominal)
     assert (restoring.read(reference, image).triangle == image.triangle).all()

@@ -1,7 +1,8 @@
 """No false pass, no false reason: what `verify` says of renderers that are wrong in ways that people are.
 
-The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong they
-are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of what was run.
+The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong
+they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of
+what was run.
 """
 
 import contextlib
@@ -59,7 +60,9 @@ NOT_YET_NAMED = frozenset(
 ) | {"+".join(pair) for pair in PAIRS if "flat-normals" not in pair}
 """Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""
 
-NAMED_FROM_PICTURES = frozenset({"object-forward", "object-turned", "object-twice", "jitter", "odd-columns"})
+NAMED_FROM_PICTURES = frozenset(
+    {"object-forward", "object-turned", "object-twice", "jitter", "odd-columns"}
+)
 """Renderers whose mistake must be named from colors and numbers of objects too, and not only admitted."""
 
 
@@ -70,7 +73,8 @@ def is_quick(case: Case) -> bool:
 def parameters(of: list[Case]) -> list[object]:
     """Cases with readable names; those that take long are marked."""
     return [
-        pytest.param(case, id=str(case), marks=() if is_quick(case) else (pytest.mark.slow,)) for case in of
+        pytest.param(case, id=str(case), marks=() if is_quick(case) else (pytest.mark.slow,))
+        for case in of
     ]
 
 
@@ -78,7 +82,9 @@ ALL = cases()
 
 
 @pytest.fixture(scope="session")
-def studio(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Studio]:
+def studio(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Iterator[Studio]:
     """Draw and verify everything once; at the end print the table where output is not captured."""
     studio = Studio(folder=tmp_path_factory.mktemp("wrong_renderers"))
     yield studio
@@ -90,7 +96,9 @@ def studio(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequ
 def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     outcome = studio.outcome(case)
     if outcome.truth.different == 0:
-        assert TOYS[case.toy].group == "classic" or not TOYS[case.toy].expected, "a wrong renderer is right"
+        assert TOYS[case.toy].group == "classic" or not TOYS[case.toy].expected, (
+            "a wrong renderer is right"
+        )
         assert outcome.verdict == "pass"
         assert not outcome.findings, "nothing is wrong, and a reason is given"
         return
@@ -104,7 +112,9 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     # Lost numbers are restored from the truth where the damage explains the stored ones.
     if outcome.findings and outcome.whole:
         left = outcome.residual
-        assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, f"{sorted(outcome.names)} leave {left} wrong"
+        assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, (
+            f"{sorted(outcome.names)} leave {left} wrong"
+        )
     assert not outcome.false_explanation, f"{outcome.left:.1%} of a corrected hogel are wrong"
     if case.toy in DISPLACED and case.encoding == "triangle-id":
         assert outcome.displacement is None or outcome.displacement > MAX_DISPLACEMENT_PX
@@ -113,12 +123,16 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     seldom = case.encoding != "triangle-id" and case.toy not in NAMED_FROM_PICTURES
-    # A true cause that mends too little, as where numbers are mixed with others', is told as a guess.
-    guessed = all(matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding))
+    # A true cause that mends too little, as where numbers are mixed with others', is told as a
+    # guess.
+    guessed = all(
+        matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding)
+    )
     admitted = outcome.admits and (seldom or guessed or "does-not-explain" in expected)
     assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"
     if (case.scene, case.toy) in TWINS:
-        # Two causes of the same pictures: a wrong one must not stand alone; numbers name one, or both.
+        # Two causes of the same pictures: a wrong one must not stand alone; numbers name one, or
+        # both.
         assert outcome.findings or case.encoding != "triangle-id"
         assert not outcome.findings or any(finding.ambiguous for finding in outcome.findings), names
         both = all(outcome.named([name]) for name in TWINS[case.scene, case.toy])
@@ -166,7 +180,16 @@ def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
         "right",
         *(
             pytest.param(toy, marks=pytest.mark.slow)
-            for toy in ("relit", "gamma", "rolled", "mirrored", "moved-y", "near", "no-front", "white")
+            for toy in (
+                "relit",
+                "gamma",
+                "rolled",
+                "mirrored",
+                "moved-y",
+                "near",
+                "no-front",
+                "white",
+            )
         ),
     ],
 )

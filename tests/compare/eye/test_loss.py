@@ -43,16 +43,26 @@ def small(name: str) -> Scene:
 
 
 def views_of(
-    reference: EyeReference, settings: DoubleFrustum, eyes: Sequence[Eye], color: ColorType = DEFAULT_COLOR
+    reference: EyeReference,
+    settings: DoubleFrustum,
+    eyes: Sequence[Eye],
+    color: ColorType = DEFAULT_COLOR,
 ) -> list[Views]:
     """Return the three pictures of some eyes."""
     scene = reference.scene
     takes = [reference.replay(eye) for eye in eyes]
-    collectors = [Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)]
+    collectors = [
+        Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)
+    ]
     with PlateRenderer(scene, settings, PlateContent(color=color, ids=True)) as renderer:
         drawn = collected(drawn_hogels(renderer, film_parts(takes)), collectors)
     return [
-        Views(true=reference.true_view(eye), replayed=reference.replayed(eye), drawn=image, taken=taken)
+        Views(
+            true=reference.true_view(eye),
+            replayed=reference.replayed(eye),
+            drawn=image,
+            taken=taken,
+        )
         for eye, image, taken in zip(eyes, drawn, takes, strict=True)
     ]
 
@@ -65,12 +75,14 @@ up to 0.71 of a step. Before that they are rounded to single precision, by less 
 def surfaces_beside(scene: Scene, pixels: HogelPixels, row: int, column: int) -> list[int]:
     """Return the triangles that lines see which pass a hogel's pixel at the distance of `EDGE_PX`."""
     aperture = scene.plate.aperture(int(pixels.hogel_column[column]), int(pixels.hogel_row[row]))
-    pencil = crossed_frustum(scene.frustum, aperture)
-    line = np.array([pencil.dx[pixels.film_column[column]], pencil.dy[pixels.film_row[row]], -1.0])
+    bundle = crossed_frustum(scene.frustum, aperture)
+    line = np.array([bundle.dx[pixels.film_column[column]], bundle.dy[pixels.film_row[row]], -1.0])
     around = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-    step = EDGE_PX * 2 * np.array(pencil.half_extent) / pencil.resolution
-    lines = line + np.stack((step[0] * np.cos(around), step[1] * np.sin(around), 0 * around), axis=-1)
-    found = first_surfaces_along(scene.triangles, pencil.center, lines, pencil.s_range)
+    step = EDGE_PX * 2 * np.array(bundle.half_extent) / bundle.resolution
+    lines = line + np.stack(
+        (step[0] * np.cos(around), step[1] * np.sin(around), 0 * around), axis=-1
+    )
+    found = first_surfaces_along(scene.triangles, bundle.center, lines, bundle.s_range)
     return [int(number) for number in found.triangle]
 
 
@@ -120,10 +132,15 @@ def test_two_eyes_see_every_point_n_farther_from_the_plate(
 ) -> None:
     reference, (left, right) = asymmetric
     display, renderer = disparity(reference, left, right)
-    assert renderer is not None and renderer.depth is not None and renderer.disparity_arcmin is not None
+    assert (
+        renderer is not None
+        and renderer.depth is not None
+        and renderer.disparity_arcmin is not None
+    )
     assert display.matched > 100 and renderer.matched > 100
-    # Points behind the plate are seen n too far, those before it n too near. Two eyes are shown points that
-    # are up to a pitch apart on a sloping surface, through hogels up to half a pitch beside their rays.
+    # Points behind the plate are seen n too far, those before it n too near. Two eyes are shown
+    # points that are up to a pitch apart on a sloping surface, through hogels up to half a pitch
+    # beside their rays.
     assert abs(renderer.depth.p1 + NEAR) < NEAR / 3
     assert abs(renderer.depth.p99 - NEAR) < NEAR / 3
     with pytest.raises(InputError, match="side by side"):
@@ -141,12 +158,19 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
         for column, row in views.taken.hogels[40::97]:
             whole = rasterizer.render(scene.plate.aperture(column, row), settings)
             rows, columns = shown.hogel_row == row, shown.hogel_column == column
-            here, there = np.ix_(rows, columns), np.ix_(shown.film_row[rows], shown.film_column[columns])
+            here, there = (
+                np.ix_(rows, columns),
+                np.ix_(shown.film_row[rows], shown.film_column[columns]),
+            )
             assert whole.color is not None
             np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
             np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
-            # Points are single precision there, and sloping triangles double precision's planes here.
-            size, expected = float(4 * np.finfo(np.float32).eps * 150), np.asarray(whole.position[there])
+            # Points are single precision there, and sloping triangles double precision's planes
+            # here.
+            size, expected = (
+                float(4 * np.finfo(np.float32).eps * 150),
+                np.asarray(whole.position[there]),
+            )
             np.testing.assert_allclose(views.drawn.position[here], expected, atol=size)
 
 
@@ -160,7 +184,9 @@ def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
     (drawn,) = collected(hogels, [collector])
     assert drawn.color is not None
     np.testing.assert_array_equal(drawn.color, np.ones((45, 60, 3), dtype=np.float32))
-    loss = renderer_loss(reference, replace(views, drawn=drawn), numbered=collector.numbered).numbers()
+    loss = renderer_loss(
+        reference, replace(views, drawn=drawn), numbered=collector.numbered
+    ).numbers()
     assert loss.wrong is None and loss.flip is not None and loss.flip > 0.3
 
 
@@ -197,9 +223,14 @@ def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(
     (views,) = views_of(reference, reversed_d32f(NEAR), [eye])
     moved = moved_scene(reference.scene, reversed_d32f(NEAR))
     seen = EyeReference(moved.scene)
-    as_moved = Views(true=seen.true_view(eye), replayed=seen.replayed(eye), drawn=None, taken=views.taken)
+    as_moved = Views(
+        true=seen.true_view(eye), replayed=seen.replayed(eye), drawn=None, taken=views.taken
+    )
     assert views.drawn is not None
     others = (views.replayed.triangle, np.append(moved.number, -1)[as_moved.replayed.triangle])
     shares = [(views.drawn.triangle != other).mean() for other in others]
-    shares += [display_loss(*one).numbers().fraction or 0.0 for one in ((reference, views), (seen, as_moved))]
+    shares += [
+        display_loss(*one).numbers().fraction or 0.0
+        for one in ((reference, views), (seen, as_moved))
+    ]
     np.testing.assert_allclose(100 * np.array(shares), published, atol=0.06)

@@ -25,7 +25,9 @@ ROUNDING_PX = 1e-9
 """Largest difference of two film places that rounding may make, relative to the place: some twenty roundings
 of 1e-16, which differences of nearly equal lengths make at most 1e4 times as large."""
 
-CENTERED = Frustum(resolution=(WIDTH, WIDTH), reach=(REACH, REACH), fov=(math.radians(50), math.radians(40)))
+CENTERED = Frustum(
+    resolution=(WIDTH, WIDTH), reach=(REACH, REACH), fov=(math.radians(50), math.radians(40))
+)
 RECENTERED = Frustum(
     resolution=(WIDTH, WIDTH),
     reach=(REACH, REACH),
@@ -48,16 +50,18 @@ SETTINGS = st.builds(
 )
 
 
-def drawn_places(points: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum) -> list[Floats]:
+def drawn_places(
+    points: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum
+) -> list[Floats]:
     """Return where the cameras draw one point: by the reference's lines, and by the raster's matrices."""
     height = float(points[0, 2])
     lines = [
-        camera.pencil
+        camera.bundle
         for camera in model_cameras(frustum, aperture, how)
         if camera.heights[0] <= height <= camera.heights[1]
     ]
     # At a cut two slabs keep the point: the inner one is meant.
-    pencil = max(lines, key=lambda one: abs(one.center[2]))
+    bundle = max(lines, key=lambda one: abs(one.center[2]))
     inner = min(
         (
             camera
@@ -71,7 +75,7 @@ def drawn_places(points: Floats, frustum: Frustum, aperture: Aperture, how: Doub
     u, v = clip[:2] / clip[3]
     width, height_px = frustum.resolution
     return [
-        pixel_places(points, pencil),
+        pixel_places(points, bundle),
         np.array([[(u + 1) * width / 2 - 0.5, (1 - v) * height_px / 2 - 0.5]]),
     ]
 
@@ -118,11 +122,14 @@ def test_halves_move_by_n_and_are_bent_by_n_times_the_difference_of_shears(
         np.testing.assert_allclose(place, expected, rtol=1e-13, atol=1e-13)
     bend = (moved[0] - moved[1])[0, :2]
     np.testing.assert_allclose(bend, side * near * (shears[0] - shears[1]), rtol=1e-9, atol=1e-12)
-    # The ordinary off-axis projection shifts every point by k n the other way, and all apertures agree again.
+    # The ordinary off-axis projection shifts every point by k n the other way, and all apertures
+    # agree again.
     straight = replace(how, pivot="camera")  # type: ignore[arg-type]  # names are taken
     for aperture in apertures:
         rigid = replayed_points(point, frustum, aperture, straight, side)
-        np.testing.assert_allclose(rigid, [[x, y, -side * (distance + near)]], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            rigid, [[x, y, -side * (distance + near)]], rtol=1e-12, atol=1e-12
+        )
     assert moves_rigidly(frustum, straight)
     assert moves_rigidly(frustum, how) == (frustum is CENTERED)
 
@@ -153,9 +160,13 @@ NEAR = 6.0
 
 
 @pytest.mark.parametrize(
-    ("name", "how"), [("asymmetric", {}), ("asymmetric", {"fit": 20.0}), ("car", {"slabs": (20.0,)})], ids=str
+    ("name", "how"),
+    [("asymmetric", {}), ("asymmetric", {"fit": 20.0}), ("car", {"slabs": (20.0,)})],
+    ids=str,
 )
-def test_the_cameras_draw_the_true_picture_of_the_moved_scene(name: str, how: dict[str, object]) -> None:
+def test_the_cameras_draw_the_true_picture_of_the_moved_scene(
+    name: str, how: dict[str, object]
+) -> None:
     scene = view(name, (96, 96))
     drawn_by = replace(reversed_d32f(NEAR), **how)  # type: ignore[arg-type]  # fields by name
     moved = moved_scene(scene, drawn_by)
@@ -166,5 +177,6 @@ def test_the_cameras_draw_the_true_picture_of_the_moved_scene(name: str, how: di
     # The last number stands for no surface, which is -1.
     seen = np.append(moved.number, -1)[seen]
     assert (drawn != truth).mean() > 0.2
-    # Cuts and moves are rounded, by some 1e-16 of the reach: no line of these films comes so near to an edge.
+    # Cuts and moves are rounded, by some 1e-16 of the reach: no line of these films comes so near
+    # to an edge.
     assert (drawn != seen).sum() == 0

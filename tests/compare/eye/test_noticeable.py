@@ -41,7 +41,9 @@ SCENES = {name: view(name, (64, 48)) for name in ("car", "asymmetric-recentered"
 FULL_REACH = Content(before=(0.0, 150.0), behind=(0.0, 150.0), through=True)
 
 
-def slope_seen(scene: Scene, settings: DoubleFrustum, point: Floats, eye: tuple[float, float]) -> float:
+def slope_seen(
+    scene: Scene, settings: DoubleFrustum, point: Floats, eye: tuple[float, float]
+) -> float:
     """Return the slope along x under which an eye (x, height) is shown a point, aperture by aperture."""
     side = 1 if point[2] <= 0 else -1
     x = 0.0
@@ -70,38 +72,51 @@ def test_disparity_changes_as_two_eyes_see_replayed_points(
     half = EYES_APART_MM / 2
     left, right = (slope_seen(scene, settings, point, (x, distance)) for x in (-half, half))
     change = left - right - EYES_APART_MM / (distance - height)
-    found = disparity_changes(np.array([height]), viewer, Display.of(scene), settings)
+    found = disparity_changes(np.array([height]), viewer, Display.from_scene(scene), settings)
     assert found[0] == pytest.approx(change * ARCSEC_PER_RADIAN, abs=1e-6, rel=1e-6)
 
 
 @pytest.mark.parametrize("distance", [150.0, 600.0, 5000.0])
-def test_the_near_offset_that_is_not_seen_changes_disparity_by_the_stereo_acuity(distance: float) -> None:
+def test_the_near_offset_that_is_not_seen_changes_disparity_by_the_stereo_acuity(
+    distance: float,
+) -> None:
     scene, viewer = SCENES["car"], Viewer(distance=distance)
     limit = display_limits(scene, viewer).near_stereo
     assert limit is not None
     at_plate = Content(before=(0.0, 0.0), behind=(0.0, 0.0), through=True)
-    change = stereo_change_arcsec(at_plate, viewer, Display.of(scene), DoubleFrustum(near=limit))
+    change = stereo_change_arcsec(
+        at_plate, viewer, Display.from_scene(scene), DoubleFrustum(near=limit)
+    )
     assert change == pytest.approx(STEREO_ACUITY_ARCSEC, rel=1e-9)
     disparity = EYES_APART_MM / (distance - limit) - EYES_APART_MM / (distance + limit)
     # Two quotients near 65 / 100 are subtracted: twenty roundings of them.
     assert disparity == pytest.approx(STEREO_ACUITY_ARCSEC / ARCSEC_PER_RADIAN, abs=1e-14)
     # What is nearer to the eyes changes more.
-    assert stereo_change_arcsec(FULL_REACH, viewer, Display.of(scene), DoubleFrustum(near=limit)) > change
+    assert (
+        stereo_change_arcsec(
+            FULL_REACH, viewer, Display.from_scene(scene), DoubleFrustum(near=limit)
+        )
+        > change
+    )
 
 
 @given(st.floats(0.001, 20.0), st.floats(200.0, 2000.0))
-def test_a_crack_is_what_rays_through_corners_see_between_the_halves(near: float, distance: float) -> None:
+def test_a_crack_is_what_rays_through_corners_see_between_the_halves(
+    near: float, distance: float
+) -> None:
     scene, settings = SCENES["car-recentered"], DoubleFrustum(near=near)
     widths = []
     for x, y in ((x, y) for x in (-20.0, 20.0) for y in (-15.0, 15.0)):
         ends = []
         for side in (1, -1):
             aperture, corner = Aperture(column=0, row=0, x=x, y=y), np.array([x, y])
-            (moved,) = replayed_points(np.array([[x, y, 0.0]]), scene.frustum, aperture, settings, side)
+            (moved,) = replayed_points(
+                np.array([[x, y, 0.0]]), scene.frustum, aperture, settings, side
+            )
             # Beside the ray from the eye through the corner, at the height of the moved end.
             ends.append(moved[:2] - corner * (distance - moved[2]) / distance)
         widths.append(float(np.linalg.norm(ends[0] - ends[1])) / distance * ARCMIN_PER_RADIAN)
-    found = crack_arcmin(Viewer(distance=distance), Display.of(scene), settings)
+    found = crack_arcmin(Viewer(distance=distance), Display.from_scene(scene), settings)
     assert found == pytest.approx(max(widths), rel=1e-9)
 
 
@@ -109,22 +124,33 @@ def test_a_screen_as_far_as_the_eye_leaves_no_crack() -> None:
     scene, viewer = SCENES["car-recentered"], Viewer(distance=600.0)
     assert scene.frustum.screen is not None
     screen = replace(scene.frustum.screen, height=600.0, center=(0.0, 0.0))
-    display = Display.of(replace(scene, frustum=replace(scene.frustum, screen=screen)))
+    display = Display.from_scene(replace(scene, frustum=replace(scene.frustum, screen=screen)))
     assert crack_arcmin(viewer, display, DoubleFrustum(near=2.0)) == pytest.approx(0, abs=1e-9)
     assert crack_arcmin(viewer, display, DoubleFrustum(near=2.0, pivot=Pivot.CAMERA)) > 0.1
 
 
 def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction() -> None:
-    display, settings, viewer = Display.of(SCENES["car"]), DoubleFrustum(near=1.0), Viewer(distance=600.0)
+    display, settings, viewer = (
+        Display.from_scene(SCENES["car"]),
+        DoubleFrustum(near=1.0),
+        Viewer(distance=600.0),
+    )
     fine = replace(display, pitch=0.05, diffraction=0.0)
-    found = [resolved_crack(viewer, one, settings) for one in (display, fine, replace(fine, pixel=0.5))]
+    found = [
+        resolved_crack(viewer, one, settings) for one in (display, fine, replace(fine, pixel=0.5))
+    ]
     assert [name for name, _, _ in found] == ["pitch", "acuity", "pixel"]
-    assert [angle for _, angle, _ in found[:2]] == [display_limits(SCENES["car"], viewer).pitch_arcmin, 1.0]
+    assert [angle for _, angle, _ in found[:2]] == [
+        display_limits(SCENES["car"], viewer).pitch_arcmin,
+        1.0,
+    ]
 
 
 @given(st.floats(-140.0, 140.0), st.floats(300.0, 3000.0))
-def test_depths_that_are_just_told_apart_differ_by_that_disparity(height: float, distance: float) -> None:
-    display, viewer = Display.of(SCENES["car"]), Viewer(distance=distance)
+def test_depths_that_are_just_told_apart_differ_by_that_disparity(
+    height: float, distance: float
+) -> None:
+    display, viewer = Display.from_scene(SCENES["car"]), Viewer(distance=distance)
     name, separation = resolved_separation(
         height, viewer, replace(display, pitch=1e-6, pixel=1e-9, diffraction=0)
     )
@@ -134,7 +160,9 @@ def test_depths_that_are_just_told_apart_differ_by_that_disparity(height: float,
 
 
 def test_surfaces_through_the_plate_are_those_within_its_border() -> None:
-    assert runs_through_plate(SCENES["car"]) and not runs_through_plate(view("car-transfer", (64, 48)))
+    assert runs_through_plate(SCENES["car"]) and not runs_through_plate(
+        view("car-transfer", (64, 48))
+    )
 
 
 def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
@@ -147,7 +175,9 @@ def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
     with pytest.raises(InputError, match="how long"):
         scene_length((1.0, "mm"), replace(scene, units="units"))
     assert math.isinf(
-        stereo_change_arcsec(FULL_REACH, Viewer(distance=151.0), Display.of(scene), DoubleFrustum(near=2.0))
+        stereo_change_arcsec(
+            FULL_REACH, Viewer(distance=151.0), Display.from_scene(scene), DoubleFrustum(near=2.0)
+        )
     )
 
 
@@ -182,7 +212,9 @@ def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str
     assert told["limits"]["viewer"]["distance"] == 600
     # What stands before the plate is seen to change more than what lies at it.
     assert told["largest_unseen_near"] == 0.232
-    assert told["largest_unseen_near"] < min(told["limits"]["near_stereo"], told["limits"]["near_crack"])
+    assert told["largest_unseen_near"] < min(
+        told["limits"]["near_stereo"], told["limits"]["near_crack"]
+    )
     assert not told["seen"]
     assert main([*asked, "0.3"]) == 0
     assert "n = 0.3 mm is seen" in capfd.readouterr().out
@@ -192,10 +224,12 @@ def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str
     ("name", "distance", "near"),
     [("asymmetric", 300.0, 0.06), ("car-recentered", 1200.0, 1.0), ("asymmetric", 300.0, 0.045)],
 )
-def test_explain_and_the_study_agree_on_what_is_seen(name: str, distance: float, near: float) -> None:
+def test_explain_and_the_study_agree_on_what_is_seen(
+    name: str, distance: float, near: float
+) -> None:
     scene, settings = view(name, (64, 48)), DoubleFrustum(near=near)
     record = viewer_record(scene, distance, settings)
-    viewer, display = Viewer(distance=distance), Display.of(scene)
+    viewer, display = Viewer(distance=distance), Display.from_scene(scene)
     change = stereo_change_arcsec(surface_content(scene), viewer, display, settings)
     _, hidden, crack = resolved_crack(viewer, display, settings)
     assert (record["stereo_change_arcsec"], record["crack_arcmin"]) == (change, crack)
@@ -217,7 +251,7 @@ def test_all_surfaces_stand_for_what_a_scout_sees() -> None:
 def test_a_crack_is_seen_sooner_with_shear() -> None:
     viewer, sheared = Viewer(distance=1200.0), SCENES["car-recentered"]
     found = display_limits(sheared, viewer)
-    width = crack_arcmin(viewer, Display.of(sheared), DoubleFrustum(near=found.near_crack))
+    width = crack_arcmin(viewer, Display.from_scene(sheared), DoubleFrustum(near=found.near_crack))
     assert width == pytest.approx(max(found.pitch_arcmin, 1.0), rel=1e-9)
     assert found.near_crack < display_limits(SCENES["car"], viewer).near_crack
 

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup, view
-from xfrustum.compare.judging.judged import ANY_DEVICE, Judging, foreign_cameras, judge, wrong_pixels
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.judging.judged import (
+    ANY_DEVICE,
+    Judging,
+    foreign_cameras,
+    judge,
+    wrong_pixels,
+)
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes
 from xfrustum.compare.rounding.edges import distance_to_segments
@@ -25,7 +31,7 @@ CENTER = at(0.3, -0.2)
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
 """Places of the corners on the film, px from its left and upper border; one corner lies below the film."""
 
-Pictures = tuple[Scene, DrawnModel, HogelImage, HogelImage]
+Pictures = tuple[Scene, RendererModel, HogelImage, HogelImage]
 
 SNAP_PX = math.sqrt(2) * ANY_DEVICE.half_step  # Largest distance by which a corner snaps
 CLEAR_PX = 0.5  # Distance from every edge at which rounding explains nothing, px: several subpixels
@@ -49,7 +55,7 @@ def cut() -> tuple[Floats, Floats]:
 
 def causes(
     scene: Scene,
-    model: DrawnModel,
+    model: RendererModel,
     exact: HogelImage,
     lost: HogelImage,
     wrong: Mask,
@@ -63,7 +69,7 @@ def causes(
 @pytest.fixture(scope="module")
 def pictures() -> Pictures:
     """Return the scene, how it is drawn, what that shows exactly, and a picture that shows nothing."""
-    scene, model = scene_of_one_triangle(), DrawnModel(near=NEAR, shift=SHIFT)
+    scene, model = scene_of_one_triangle(), RendererModel(near=NEAR, shift=SHIFT)
     exact = trace_drawn(Reference(scene), model, CENTER)
     lost = replace(
         exact,
@@ -116,11 +122,12 @@ def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
 def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
     reference = Reference(view("asymmetric", (96, 72)))
     truth = reference.trace(reference.scene.plate.middle)
-    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels, or not.
+    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels,
+    # or not.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     edges, left = [], []
     for device in (replace(LLVMPIPE, subpixel_bits=0), LLVMPIPE):
-        asked = reference, DrawnModel(), moved
+        asked = reference, RendererModel(), moved
         judging = Judging(device=device)
         points = np.full((*truth.triangle.shape, 3), np.nan)
         found = judge(*asked, points, judging, explained=True).numbers.causes
@@ -139,29 +146,29 @@ def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
     halves = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]])
     x, y = np.moveaxis((cells + halves).reshape(-1, 3, 2) * 20 / count - 10, -1, 0)
     scene = soup(np.stack((x, y, np.full_like(x, -20.0)), axis=2), FRUSTUM)
-    exact = trace_drawn(Reference(scene), DrawnModel(), CENTER)
+    exact = trace_drawn(Reference(scene), RendererModel(), CENTER)
     here = exact.covered
     missing = replace(exact, triangle=np.full_like(exact.triangle, NOTHING))
-    assert causes(scene, DrawnModel(), exact, missing, here)["unexplained"] > 0.9 * here.sum()
+    assert causes(scene, RendererModel(), exact, missing, here)["unexplained"] > 0.9 * here.sum()
     some = np.zeros_like(here)
     some[::3, ::3] = here[::3, ::3]
     cracked = replace(exact, triangle=np.where(some, NOTHING, exact.triangle))
-    assert causes(scene, DrawnModel(), exact, cracked, some)["edge"] > 0.3 * some.sum()
+    assert causes(scene, RendererModel(), exact, cracked, some)["edge"] > 0.3 * some.sum()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
     """Two sheets before the plate, and two behind it, a tenth of their height apart: both depths are known.
 
-    The near half is C*'s, and the other C's: the camera of the other half, behind which they lie, has
-    depths of them, too, by its matrix alone.
+    The near half is C*'s, and the other C's: the camera of the other half, behind which they lie,
+    has depths of them, too, by its matrix alone.
     """
     square = np.array([[-90.0, -90.0], [90.0, -90.0], [0.0, 90.0]])
     sheets = [np.column_stack((square, np.full(3, side * height))) for height in (30.0, 33.0)]
     scene = soup(np.stack(sheets), FRUSTUM)
-    exact = trace_drawn(Reference(scene), DrawnModel(), CENTER)
+    exact = trace_drawn(Reference(scene), RendererModel(), CENTER)
     covered = exact.triangle != NOTHING
     other = replace(exact, triangle=np.where(covered, 1 - exact.triangle, NOTHING).astype(np.int32))
-    found = causes(scene, DrawnModel(), exact, other, covered)
+    found = causes(scene, RendererModel(), exact, other, covered)
     assert found["order"] == found["lost"] == 0
     assert found["unexplained"] > 0.9 * covered.sum() > 0

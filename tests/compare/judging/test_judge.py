@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.images import assert_same
 from tests.support.views import view
-from xfrustum import Judge, JudgedHogel
+from xfrustum import Evaluator, JudgedHogel
 from xfrustum.compare import run
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
@@ -49,7 +49,7 @@ def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
     scene = replace(view(name, FILM), sampling=Sampling())
     shaded = name == "grating"
     apertures = apertures_of(scene)[:4]
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         found = list(judge.stream(iter(apertures), SETTINGS, images=True))
         bare = list(judge.stream(apertures, SETTINGS))
     assert [hogel.aperture for hogel in found] == apertures
@@ -74,7 +74,7 @@ def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
 def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
     scene = view("asymmetric-recentered", FILM)
     apertures = apertures_of(scene)[:2]
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         found = list(judge.stream(apertures, SETTINGS, causes=True))
     reference = Reference(scene)
     wrong = 0
@@ -92,7 +92,7 @@ def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
 
 def test_closing_a_stream_ends_its_threads() -> None:
     scene = view("asymmetric", (16, 16))
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         stream = judge.stream(endless(scene), SETTINGS, causes=True)
         assert isinstance(next(stream), JudgedHogel)
         stream.close()  # type: ignore[attr-defined]  # it is a generator
@@ -123,14 +123,14 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
         monkeypatch.setattr(Reference, "trace", fails)
     if broken == "compare":
         monkeypatch.setattr(run, "compare_images", fails)
-    with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
+    with pytest.raises(ArithmeticError, match=broken), Evaluator(scene) as judge:
         list(judge.stream(apertures(), SETTINGS[:2], causes=True))
     assert not threads()
 
 
 def test_settings_that_make_no_sense_are_refused_before_anything_is_drawn() -> None:
     scene = view("asymmetric", (16, 16))
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         with pytest.raises(InputError, match="near"):
             judge.stream([scene.plate.middle], [DoubleFrustum(near=1e9)])
         with pytest.raises(InputError, match="nothing to judge"):
@@ -139,7 +139,7 @@ def test_settings_that_make_no_sense_are_refused_before_anything_is_drawn() -> N
 
 def test_times_are_those_of_stages() -> None:
     scene = view("asymmetric", (16, 16))
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         (plain,) = judge.stream([scene.plate.middle], SETTINGS[:1])
         (charged,) = judge.stream([scene.plate.middle], SETTINGS[:1], causes=True)
     taken = plain.drawings[0].times
@@ -149,5 +149,5 @@ def test_times_are_those_of_stages() -> None:
 
 def test_a_tracer_that_there_is_none_of_is_refused() -> None:
     with pytest.raises(InputError, match="tracer"):
-        Judge(view("asymmetric", (16, 16)), tracer="nobody")
+        Evaluator(view("asymmetric", (16, 16)), tracer="nobody")
     assert not threads()

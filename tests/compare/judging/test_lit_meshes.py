@@ -14,7 +14,7 @@ import xfrustum
 from tests.support.scene_file import film, named
 from xfrustum.compare.judging.judged import Compared, Judging, judge
 from xfrustum.compare.metrics.error_maps import true_lines
-from xfrustum.compare.renderer_model.drawn_model import Back, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import NOT_JUDGED, Hogel, Limits
@@ -23,13 +23,15 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
-PLATE_PER_MESH = 0.35  #: side of the plate, over that of the mesh: films are inside of the mesh's outline
+PLATE_PER_MESH = (
+    0.35  #: side of the plate, over that of the mesh: films are inside of the mesh's outline
+)
 AMBIENT, DIFFUSE = 0.12, 0.8  #: of a light at the camera
 
 WRONG = {
-    "back only": DrawnModel(front=Front.MISSING),
-    "front nearest": DrawnModel(front=Front.NEAREST),
-    "back farthest": DrawnModel(back=Back.FARTHEST),
+    "back only": RendererModel(front=Front.MISSING),
+    "front nearest": RendererModel(front=Front.NEAREST),
+    "back farthest": RendererModel(back=Back.FARTHEST),
 }
 """Renderers with one half missing, or with a depth test that is wrong."""
 
@@ -43,7 +45,11 @@ def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:
     width, height, depth = (scale * (high - low)).tolist()
     tall = float(2 * np.degrees(np.arctan(np.tan(np.radians(30)) * resolution[1] / resolution[0])))
     text = named(mesh.stem, "mm") + film(
-        (PLATE_PER_MESH * width, PLATE_PER_MESH * height), (5, 5), resolution, (60.0, tall), (depth, depth)
+        (PLATE_PER_MESH * width, PLATE_PER_MESH * height),
+        (5, 5),
+        resolution,
+        (60.0, tall),
+        (depth, depth),
     )
     middle = (-scale * (low + high) / 2).tolist()
     text += f'[[object]]\nmesh = "{mesh}"\nscale = {float(scale)}\ntranslate = {middle}\n'
@@ -60,24 +66,32 @@ def lit(reference: Reference, shown: HogelImage) -> HogelImage:
     gray = np.where(shown.triangle == NOTHING, 0.0, gray)
     color = np.repeat(np.rint(255 * gray)[..., None] / 255, 3, axis=2).astype(np.float32)
     nothing, nowhere = np.full_like(shown.triangle, NOTHING), np.full_like(color, np.nan)
-    return HogelImage(camera=shown.camera, triangle=nothing, object=nothing, position=nowhere, color=color)
+    return HogelImage(
+        camera=shown.camera, triangle=nothing, object=nothing, position=nowhere, color=color
+    )
 
 
 def verdicts(scene: Scene, apertures: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
     """Return each renderer's hogels: the verdict, and which share of the pixels shows another triangle."""
     reference, limits = Reference(scene), Limits(judging=Judging(compared=Compared.GEOMETRY))
     found: dict[str, list[tuple[str, float]]] = {}
-    for name, model in ({"right": DrawnModel(), ONE_FOR_ALL: DrawnModel()} | WRONG).items():
+    for name, model in ({"right": RendererModel(), ONE_FOR_ALL: RendererModel()} | WRONG).items():
         for index in apertures:
             aperture = scene.plate.aperture(*index)
-            truth = trace_drawn(reference, DrawnModel(), aperture)
+            truth = trace_drawn(reference, RendererModel(), aperture)
             there = scene.plate.aperture(0, 0) if name == ONE_FOR_ALL else aperture
             shown = replace(trace_drawn(reference, model, there), camera=truth.camera)
             picture = lit(reference, shown)
             figures = judge(
-                reference, DrawnModel(), picture, np.full(picture.position.shape, np.nan), limits.judging
+                reference,
+                RendererModel(),
+                picture,
+                np.full(picture.position.shape, np.nan),
+                limits.judging,
             )
-            hogel = Hogel(aperture=aperture, as_found=figures.numbers, checks=limits.checks(figures))
+            hogel = Hogel(
+                aperture=aperture, as_found=figures.numbers, checks=limits.checks(figures)
+            )
             wrong = float((shown.triangle != truth.triangle).mean())
             found.setdefault(name, []).append((hogel.verdict, wrong))
     return found
@@ -97,7 +111,9 @@ def grate(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     folder, parts = tmp_path_factory.mktemp("grate"), []
     for number, (x, z) in enumerate([(-30, 12), (-9, -20), (6, 8), (20, 22), (33, -15)]):
         parts.append(trimesh.creation.box((5.0, 300.0, 3.0)))
-        parts[-1].apply_transform(trimesh.transformations.rotation_matrix(0.4 + 0.3 * number, (0.2, 0.9, 1)))
+        parts[-1].apply_transform(
+            trimesh.transformations.rotation_matrix(0.4 + 0.3 * number, (0.2, 0.9, 1))
+        )
         parts[-1].apply_translation((x, 2.0 * number, z))
     wall = trimesh.creation.box((80.0, 80.0, 2.0))
     wall.apply_translation((0.0, 0.0, -30.0))
@@ -110,7 +126,9 @@ def grate(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(grate: Scene) -> None:
     found = verdicts(grate, [(2, 2), (3, 1)])
     check(found)
-    assert all(min(share for _, share in found[name]) > 1.5 * MAX_WRONG for name in (*WRONG, ONE_FOR_ALL))
+    assert all(
+        min(share for _, share in found[name]) > 1.5 * MAX_WRONG for name in (*WRONG, ONE_FOR_ALL)
+    )
     for name in ("back only", ONE_FOR_ALL):
         assert {verdict for verdict, _ in found[name]} == {"fail"}
 
@@ -140,6 +158,8 @@ def test_wrong_pictures_of_a_spider_that_fills_the_film_fail(shared_data: Path) 
     """Pictures of another program, in which 69 % of the surfaces are wrong."""
     folder = shared_data / "data" / "foreign" / "tried-4"
     scene, pattern = str(folder / "spider42.toml"), str(folder / "lit/h_{i}x{j}.png")
-    found = xfrustum.verify(scene, pattern, encoding="srgb", compare="geometry", apertures=[(30, 15)])
+    found = xfrustum.verify(
+        scene, pattern, encoding="srgb", compare="geometry", apertures=[(30, 15)]
+    )
     assert found.verdict == "fail"
     assert not found.diagnosis.faults

@@ -9,7 +9,7 @@ import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from xfrustum.compare.judging.judged import MeasuredBy
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import reference_colors
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import NOT_JUDGED, Verification, sentence
@@ -19,7 +19,9 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 SIDE = 32
-FILM = film((40.0, 40.0), hogels=(1, 1), resolution=(SIDE, SIDE), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+FILM = film(
+    (40.0, 40.0), hogels=(1, 1), resolution=(SIDE, SIDE), fov_deg=(60.0, 60.0), reach=(50.0, 60.0)
+)
 FILLED = np.ones((SIDE, SIDE), dtype=np.bool_)
 LEFT = np.arange(SIDE)[None, :] < np.full((SIDE, 1), SIDE // 2)
 
@@ -50,9 +52,15 @@ def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path
     assert numbers is not None
     assert (numbers.wrong, numbers.displacement_px) == (0, None)
     assert numbers.displacement_by is MeasuredBy.NO_OUTLINES
-    assert (found.passed, found.verdict, found.summary()["verdict"]) == (False, NOT_JUDGED, NOT_JUDGED)
+    assert (found.passed, found.verdict, found.summary()["verdict"]) == (
+        False,
+        NOT_JUDGED,
+        NOT_JUDGED,
+    )
     assert [(check.figure, check.held) for check in found.checks][-1] == ("displacement", None)
-    assert sentence(found).startswith("Not judged, neither right nor wrong: in the hogel the truth has no")
+    assert sentence(found).startswith(
+        "Not judged, neither right nor wrong: in the hogel the truth has no"
+    )
     assert found.explained is None
     assert verified(box_at(tmp_path, 0.0), ~FILLED).verdict == "fail"
     half = sentence(verified(box_at(tmp_path, 0.0), LEFT))
@@ -86,7 +94,7 @@ def test_a_film_of_one_color_is_judged_by_its_colors_alone(
 ) -> None:
     scene = box_at(tmp_path, 0.0)
     reference = Reference(scene)
-    true = reference_colors(reference, DrawnModel(), reference.trace(scene.plate.middle))
+    true = reference_colors(reference, RendererModel(), reference.trace(scene.plate.middle))
     assert true.color is not None
     image = HogelImage(
         camera=true.camera,
@@ -97,4 +105,6 @@ def test_a_film_of_one_color_is_judged_by_its_colors_alone(
     )
     found = xfrustum.verify(scene, lambda _, __: image)
     assert found.passed is right
-    assert [check.figure for check in found.checks if not check.held] == ([] if right else ["wrong colors"])
+    assert [check.figure for check in found.checks if not check.held] == (
+        [] if right else ["wrong colors"]
+    )

@@ -22,11 +22,20 @@ from xfrustum.cli.main import main
 from xfrustum.compare.judging.outlines import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError, open_scene
+from xfrustum.scenes import (
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+    open_scene,
+)
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
-FILM = film((40.0, 40.0), hogels=(2, 2), resolution=(64, 64), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+FILM = film(
+    (40.0, 40.0), hogels=(2, 2), resolution=(64, 64), fov_deg=(60.0, 60.0), reach=(50.0, 60.0)
+)
 
 
 def scene_text() -> str:
@@ -53,7 +62,9 @@ def hogels(tmp_path_factory: pytest.TempPathFactory) -> Hogels:
         scene = open_scene(str(file))
         with Rasterizer(scene) as rasterizer:
             found[name] = [
-                rasterizer.render(scene.plate.aperture(i, j), settings_) for j in (0, 1) for i in (0, 1)
+                rasterizer.render(scene.plate.aperture(i, j), settings_)
+                for j in (0, 1)
+                for i in (0, 1)
             ]
     return found
 
@@ -65,7 +76,9 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def packed(numbers: NDArray[np.integer]) -> Bytes:
-    return np.stack((numbers >> 16 & 255, numbers >> 8 & 255, numbers & 255), axis=-1).astype(np.uint8)
+    return np.stack((numbers >> 16 & 255, numbers >> 8 & 255, numbers & 255), axis=-1).astype(
+        np.uint8
+    )
 
 
 def ids(image: HogelImage) -> Bytes:
@@ -102,8 +115,12 @@ def white(image: HogelImage) -> Bytes:
 
 
 @pytest.mark.parametrize("paint", [headlight, pytest.param(white, marks=pytest.mark.slow)])
-def test_what_claims_nothing_that_exists_fails_whatever_the_limits(paint: Paint, hogels: Hogels) -> None:
-    found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
+def test_what_claims_nothing_that_exists_fails_whatever_the_limits(
+    paint: Paint, hogels: Hogels
+) -> None:
+    found = verified(
+        hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None
+    )
     assert not found.passed
     for hogel in found.hogels:
         assert hogel.as_found is not None and hogel.as_found.surface is not None
@@ -111,10 +128,15 @@ def test_what_claims_nothing_that_exists_fails_whatever_the_limits(paint: Paint,
 
 
 @pytest.mark.slow
-def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(hogels: Hogels) -> None:
+def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(
+    hogels: Hogels,
+) -> None:
     assert verified(hogels["right"], ids, encoding="triangle-id").diagnosis.faults == ()
     accepted = verified(
-        hogels["right"], lambda image: ids(image)[..., ::-1], encoding="triangle-id", accept=("encoding",)
+        hogels["right"],
+        lambda image: ids(image)[..., ::-1],
+        encoding="triangle-id",
+        accept=("encoding",),
     )
     assert accepted.passed
     assert [fault.fault for fault in accepted.diagnosis.faults] == ["channel-order"]
@@ -148,7 +170,9 @@ def test_orders_of_channels_that_cannot_be_told_apart_are_said_to_be(hogels: Hog
 )
 def test_reading_undoes_storing(numbers: list[int], channels: list[int], offset: int) -> None:
     reading = Reading(
-        encoding=Encoding.TRIANGLE_ID, channels=(channels[0], channels[1], channels[2]), offset=offset
+        encoding=Encoding.TRIANGLE_ID,
+        channels=(channels[0], channels[1], channels[2]),
+        offset=offset,
     )
     some = np.array([numbers], dtype=np.int32)
     straight = packed(reading.stored(some))
@@ -200,7 +224,9 @@ def test_a_displacement_that_nobody_can_measure_keeps_no_limit(hogels: Hogels) -
     assert not found.passed
     assert found.summary()["as_found"]["displacement_px"] is None
     assert "displacement unknown (limit 0.5 px)" in found.checks[-1].words
-    assert verified(hogels["right"], noise, encoding="rgb", max_wrong=1.0, max_displacement_px=None).passed
+    assert verified(
+        hogels["right"], noise, encoding="rgb", max_wrong=1.0, max_displacement_px=None
+    ).passed
 
 
 @examples(20)
@@ -235,7 +261,9 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
         steps_of(one) for one in (gray, np.roll(gray, shift, axis=1))
     )
     expected = np.minimum(across, 0.2), np.minimum(down, 0.2)
-    spread = outline_displacement(expected, (np.minimum(moved_across, 0.2), np.minimum(moved_down, 0.2)))
+    spread = outline_displacement(
+        expected, (np.minimum(moved_across, 0.2), np.minimum(moved_down, 0.2))
+    )
     assert spread is not None
     assert spread.max == pytest.approx(shift, abs=0.01)
 

@@ -121,7 +121,7 @@ def test_heights_are_raster_minus_truth_where_both_show_one_triangle(asymmetric:
 def test_the_spread_of_displacement_is_that_of_its_map(asymmetric: Case) -> None:
     found = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
     moved = np.hypot(*np.moveaxis(found.maps.displacement, -1, 0))
-    expected = Spread.of(moved[np.isfinite(moved)])
+    expected = Spread.from_values(moved[np.isfinite(moved)])
     assert astuple(found.displacement_px) == pytest.approx(astuple(expected), rel=1e-12)
 
 
@@ -220,7 +220,9 @@ def test_ties_are_not_judged(asymmetric: Case) -> None:
 
 
 def test_nothing_judged_is_no_division_by_zero(asymmetric: Case) -> None:
-    all_tied = replace(asymmetric.truth, certainty=np.full_like(asymmetric.truth.certainty, Certainty.TIE))
+    all_tied = replace(
+        asymmetric.truth, certainty=np.full_like(asymmetric.truth.certainty, Certainty.TIE)
+    )
     summary = compare_images(all_tied, asymmetric.drawn, asymmetric.reference).summary()
     assert summary["judged"] == 0
     assert summary["surface"] == {"wrong": 0, "fraction": 0.0, "outside": 0, "culled": None}
@@ -235,7 +237,8 @@ def test_points_in_the_plate_are_counted_and_not_displaced(asymmetric: Case) -> 
     found = compare_images(truth, flat, asymmetric.reference)
     assert found.at_plate == 1
     assert np.isnan(found.maps.displacement[where]).all()
-    # The truth shows something else there: only a surface in the aperture itself is seen in the plate.
+    # The truth shows something else there: only a surface in the aperture itself is seen in the
+    # plate.
     assert found.surface_wrong == 1
 
 
@@ -253,12 +256,12 @@ def test_a_surface_through_the_aperture_is_right_when_both_show_it() -> None:
 
 
 def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> None:
-    assert Spread.of(np.zeros(0)) is None
-    assert Spread.of(np.zeros((3, 3))) == Spread(rms=0, p50=0, p95=0, p99=0, max=0)
-    spread = Spread.of(np.arange(101.0))
+    assert Spread.from_values(np.zeros(0)) is None
+    assert Spread.from_values(np.zeros((3, 3))) == Spread(rms=0, p50=0, p95=0, p99=0, max=0)
+    spread = Spread.from_values(np.arange(101.0))
     assert (spread.p50, spread.p95, spread.p99, spread.max) == pytest.approx((50, 95, 99, 100))
     assert spread.rms == pytest.approx(math.sqrt(np.mean(np.arange(101.0) ** 2)))
-    huge = Spread.of(np.array([1e300, 1e300]))
+    huge = Spread.from_values(np.array([1e300, 1e300]))
     assert huge is not None and huge.rms == pytest.approx(1e300)
 
 
@@ -287,7 +290,10 @@ def test_a_quantity_that_an_image_does_not_have_is_unknown_and_neither_right_nor
     numberless = replace(drawn, triangle=np.full_like(drawn.triangle, NOTHING))
     found = compare_images(truth, numberless, reference).summary()
     assert found["triangle"] is None and found["height"] is None
-    assert found["surface"] == whole["surface"] and found["displacement_px"] == whole["displacement_px"]
+    assert (
+        found["surface"] == whole["surface"]
+        and found["displacement_px"] == whole["displacement_px"]
+    )
     placeless = replace(drawn, position=np.full_like(drawn.position, np.nan))
     found = compare_images(truth, placeless, reference).summary()
     assert found["displacement_px"] is None and found["triangle"] is not None
@@ -311,7 +317,12 @@ MESHES = [
     ("teapot-recentered", (60, 40)),
     ("truck", (50, 30)),
 ]
-OTHERS = [("crossing", (40, 30)), ("crossing", (31, 17)), ("large-triangles", (40, 30)), ("sheets", (40, 30))]
+OTHERS = [
+    ("crossing", (40, 30)),
+    ("crossing", (31, 17)),
+    ("large-triangles", (40, 30)),
+    ("sheets", (40, 30)),
+]
 
 
 def closed_form(image: HogelImage, near: float) -> np.ndarray:
@@ -320,11 +331,15 @@ def closed_form(image: HogelImage, near: float) -> np.ndarray:
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
     per_film_unit = near / np.abs(image.height.astype(np.float64))
-    return np.stack((width / 2 * u * per_film_unit, -height / 2 * v[:, None] * per_film_unit), axis=-1)
+    return np.stack(
+        (width / 2 * u * per_film_unit, -height / 2 * v[:, None] * per_film_unit), axis=-1
+    )
 
 
 @pytest.mark.parametrize(("name", "index"), thinned(MESHES + OTHERS, 5))
-def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, index: tuple[int, int]) -> None:
+def test_displacement_measured_pixel_by_pixel_is_the_closed_form(
+    name: str, index: tuple[int, int]
+) -> None:
     assert POSITION_ROUNDINGS <= 16
     scene = view(name, (256, 192))
     aperture = scene.plate.aperture(*index)
@@ -338,13 +353,17 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
             drawn = raster.render(aperture, reversed_d32f(float(near)), normals=False, color=False)
             measured = compare_images(truth, drawn, reference).maps.displacement
             shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
-            np.testing.assert_array_equal(np.isfinite(measured), np.repeat(shown[..., None], 2, axis=2))
+            np.testing.assert_array_equal(
+                np.isfinite(measured), np.repeat(shown[..., None], 2, axis=2)
+            )
             with np.errstate(divide="ignore", invalid="ignore"):
                 off = np.abs(measured - closed_form(drawn, float(near)))[shown]
             z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
             # The points are computed on the drawn triangles: these must have been drawn there.
             assert not misplaced(scene, drawn, raster.model).any()
-            known = POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
+            known = (
+                POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
+            )
             bound = known * np.array([256, 192]) / (2 * z * half_extent)
             assert (off <= bound).all()
             seen += len(off)
@@ -370,7 +389,9 @@ def compared_wall(side: int, settings: DoubleFrustum) -> Comparison:
     scene = wall(side)
     aperture, reference = scene.plate.aperture(3, 1), Reference(scene)
     with Rasterizer(scene) as rasterizer:
-        return compare_images(reference.trace(aperture), rasterizer.render(aperture, settings), reference)
+        return compare_images(
+            reference.trace(aperture), rasterizer.render(aperture, settings), reference
+        )
 
 
 def beyond(factor: float) -> int:
@@ -382,7 +403,9 @@ def beyond(factor: float) -> int:
 
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("near", [1.0, 2.0, 20.0])
-def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(side: int, near: float) -> None:
+def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(
+    side: int, near: float
+) -> None:
     """Drawn at u_r is what belongs at u_r (|z| + n)/|z|: outside from |u_r| = |z|/(|z| + n) on."""
     found = compared_wall(side, DoubleFrustum(near=near))
     assert found.surface.outside == found.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
@@ -392,10 +415,14 @@ def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(side: int
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outside(side: int) -> None:
+def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outside(
+    side: int,
+) -> None:
     """The outermost center lies at 1 - 1/W: n/|z| below 1/(W - 1) leaves it inside."""
     largest = DEPTH / (WIDTH - 1)
-    inside, outside = (compared_wall(side, DoubleFrustum(near=largest * factor)) for factor in (0.99, 1.01))
+    inside, outside = (
+        compared_wall(side, DoubleFrustum(near=largest * factor)) for factor in (0.99, 1.01)
+    )
     assert inside.surface.wrong == inside.surface.outside == 0
     assert outside.surface.outside == 2 * HEIGHT
 

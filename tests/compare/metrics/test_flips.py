@@ -21,7 +21,9 @@ SETTINGS = reversed_d32f(1.5e-4)
 
 RIGHT_SURFACE = 2e-3
 """Largest share of wrong pixels in the right picture, from near-plane error and silhouettes."""
-SEEN = 0.05  #: smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface
+SEEN = (
+    0.05  #: smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface
+)
 
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 
@@ -37,7 +39,9 @@ class Answers:
     c_star: HogelImage
 
     def surface(self, image: HogelImage) -> float:
-        return float(compare_images(self.truth, image, self.reference).summary()["surface"]["fraction"])
+        return float(
+            compare_images(self.truth, image, self.reference).summary()["surface"]["fraction"]
+        )
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -46,7 +50,9 @@ def answers(request: pytest.FixtureRequest) -> Answers:
     aperture = scene.plate.aperture(30, 40)
     reference = Reference(scene)
     with Rasterizer(scene) as raster:
-        drawn = {camera: raster.render(aperture, replace(SETTINGS, camera=camera)) for camera in Camera}
+        drawn = {
+            camera: raster.render(aperture, replace(SETTINGS, camera=camera)) for camera in Camera
+        }
     return Answers(
         scene=scene,
         aperture=aperture,
@@ -65,7 +71,7 @@ def pictured(image: HogelImage, picture: Picture) -> HogelImage:
         for name in ("triangle", "object", "position", "normal", "color")
         if getattr(image, name) is not None
     }
-    return replace(image, **moved, certainty=None, companions=None)
+    return replace(image, **moved, certainty=None, tied_triangles=None)
 
 
 def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
@@ -107,14 +113,24 @@ def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, ax
     c, c_star = answers.c, answers.c_star
     wrong = [pictured(answers.drawn, PLACES[axes]), pictured(answers.truth, PLACES[axes])]
     if axes in FLIPS:
-        wrong += [overlaid(pictured(c, PLACES[axes]), c_star), overlaid(c, pictured(c_star, PLACES[axes]))]
+        wrong += [
+            overlaid(pictured(c, PLACES[axes]), c_star),
+            overlaid(c, pictured(c_star, PLACES[axes])),
+        ]
     assert min(map(answers.surface, wrong)) > SEEN
 
 
-def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_c_star_where_the_nearest_wins_is_wrong(
+    answers: Answers, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """C* looks back: the surface nearest to it is the one farthest from the viewer."""
     own = cameras.pass_of
-    c = own(answers.scene, answers.aperture, SETTINGS, cameras.cameras_in_order(answers.scene, SETTINGS)[0])
+    c = own(
+        answers.scene,
+        answers.aperture,
+        SETTINGS,
+        cameras.cameras_in_order(answers.scene, SETTINGS)[0],
+    )
 
     def as_c(*asked: Any) -> cameras.Pass:
         return replace(own(*asked), clear=c.clear, depth_function=c.depth_function)

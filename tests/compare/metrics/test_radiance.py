@@ -66,9 +66,9 @@ def test_what_exceeds_one_level_is_counted_by_pixels_not_channels() -> None:
     error = np.zeros((100, 3))
     error[:3] = 1.01 * STEP
     error[3:50] = 0.99 * STEP
-    spread = RadianceSpread.of(error.T)
+    spread = RadianceSpread.from_errors(error.T)
     assert spread and spread.above_step == 0.03 and spread.pixels == 100
-    assert RadianceSpread.of(np.zeros((3, 0))) is None
+    assert RadianceSpread.from_errors(np.zeros((3, 0))) is None
 
 
 def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:
@@ -90,7 +90,9 @@ def test_away_from_edges_both_show_the_same_triangle(truth: HogelImage) -> None:
     other = replace(truth, triangle=triangle)
     inside = away_from_edges(truth, other)
     np.testing.assert_array_equal(inside, truth.covered & (triangle != NOTHING))
-    assert not away_from_edges(replace(truth, triangle=np.full_like(triangle, NOTHING)), truth).any()
+    assert not away_from_edges(
+        replace(truth, triangle=np.full_like(triangle, NOTHING)), truth
+    ).any()
 
 
 def test_an_image_without_color_has_no_radiance_error(truth: HogelImage) -> None:
@@ -142,7 +144,9 @@ def estimate(truth: Floats, sigma: float, seed: int) -> RadianceEstimate:
     """Sample a picture with normal noise, and know it only from the samples."""
     drawn = np.random.default_rng(seed).normal(truth, sigma, (SAMPLES, *SHAPE))
     return RadianceEstimate(
-        mean=drawn.mean(axis=0), variance_of_mean=drawn.var(axis=0, ddof=1) / SAMPLES, samples=SAMPLES
+        mean=drawn.mean(axis=0),
+        variance_of_mean=drawn.var(axis=0, ddof=1) / SAMPLES,
+        samples=SAMPLES,
     )
 
 
@@ -164,7 +168,9 @@ def test_false_alarms_are_as_rare_as_the_level_says() -> None:
 
 
 @pytest.mark.parametrize("shift_in_errors", [6.0, 12.0, 24.0])
-def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(shift_in_errors: float) -> None:
+def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(
+    shift_in_errors: float,
+) -> None:
     """The deviation of a shifted pixel follows the noncentral t."""
     sigma, runs = 0.1, 300
     shift = shift_in_errors * sigma / np.sqrt(SAMPLES)

@@ -107,8 +107,12 @@ def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
     assert all(height == round_number(index_below(height)) for height in made.slabs)
 
 
-@pytest.mark.parametrize(("name", "near"), thinned([("hard/edge-on", 51.1), ("hard/steep", 2.18)], 2))
-def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(name: str, near: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "near"), thinned([("hard/edge-on", 51.1), ("hard/steep", 2.18)], 2)
+)
+def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
+    name: str, near: float
+) -> None:
     """A camera that has stepped back sees farther to the side, where |z| is less than n."""
     scene, requirement = open_scene(name), Requirement()
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
@@ -214,7 +218,8 @@ def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "separation"), thinned([("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)], 3, 1)
+    ("name", "separation"),
+    thinned([("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)], 3, 1),
 )
 def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     name: str, separation: float
@@ -232,7 +237,12 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     heights = np.geomspace(1e-3, 0.999, 120) * views.scene.frustum.longest_reach
     outer = [float(height) for height in heights if separated(float(height), None)]
     assert min(outer) >= second
-    possible = [float(low) for high in outer for low in heights if low < high and separated(float(low), high)]
+    possible = [
+        float(low)
+        for high in outer
+        for low in heights
+        if low < high and separated(float(low), high)
+    ]
     assert possible and min(possible) >= first
     # And the grid of three digits is used to the full: the next smaller numbers fail.
     assert not separated(round_number(index_below(first) - 1), second)
@@ -260,7 +270,10 @@ def test_no_larger_near_is_predicted_to_hold(
         cuts = [(float(first), *settings.slabs[1:]) for first in firsts]
     for slabs, near in product(cuts, larger):
         if not slabs or near <= slabs[0]:
-            assert not searched.judged(replace(settings, near=near, slabs=slabs)).holds, (near, slabs)
+            assert not searched.judged(replace(settings, near=near, slabs=slabs)).holds, (
+                near,
+                slabs,
+            )
 
 
 # It does not depend on what it should not depend on.
@@ -273,7 +286,11 @@ def test_no_larger_near_is_predicted_to_hold(
             ("large-triangles", Requirement(), [D16]),
             ("car", Requirement(), depth_buffers()),
             ("car", Requirement(separation=0.003), [D16]),
-            ("sheets", Requirement(separation=0.003), depth_buffers(DepthFormat.D24, DepthMapping.REVERSED)),
+            (
+                "sheets",
+                Requirement(separation=0.003),
+                depth_buffers(DepthFormat.D24, DepthMapping.REVERSED),
+            ),
             ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),
         ],
         5,
@@ -361,7 +378,11 @@ def test_more_apertures_never_ask_for_less() -> None:
     thinned(
         [
             ("car", None, DoubleFrustum(near=0.1, depth=DepthFormat.D16)),
-            ("asymmetric-recentered", (0, 0), DoubleFrustum(near=0.5, slabs=(20, 60), depth=DepthFormat.D16)),
+            (
+                "asymmetric-recentered",
+                (0, 0),
+                DoubleFrustum(near=0.5, slabs=(20, 60), depth=DepthFormat.D16),
+            ),
             ("sheets", None, DoubleFrustum(near=0.5, slabs=(40.0,), mapping=DepthMapping.GL)),
             ("large-triangles", None, DoubleFrustum(near=0.05, depth=DepthFormat.D32F)),
         ],
@@ -376,10 +397,12 @@ def test_sheets_are_misordered_as_predicted(
     views = views_of(name, index)
     predicted = views.separation(settings)
     shares = [
-        misordered(views.scene, views.views[0], settings, predicted * factor) for factor in (0.01, 0.25, 2)
+        misordered(views.scene, views.views[0], settings, predicted * factor)
+        for factor in (0.01, 0.25, 2)
     ]
     assert shares[0] >= shares[1] > MAX_MISORDERED_FRACTION >= shares[2]
-    # The sheet that must not show comes first in half of the pairs: wherever depths are equal, it shows.
+    # The sheet that must not show comes first in half of the pairs: wherever depths are equal, it
+    # shows.
     assert shares[0] > 0.7
 
 
@@ -425,7 +448,8 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     assert (every.depth, every.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)
     assert "the cheapest" in every.reason
     sixteen = plan(scene, [scene.plate.middle], choices=depth_buffers(DepthFormat.D16))
-    # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first, then the larger margin.
+    # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first, then the larger
+    # margin.
     assert sixteen.slabs == () and sixteen.mapping is DepthMapping.LOGARITHMIC
     assert "the most robust" in sixteen.reason
 
@@ -436,7 +460,9 @@ def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
     made = plan(scene, [scene.plate.middle], Requirement(device=safe_model()), buffer)
     assert made.settings is not None and made.predicted is not None
     # Two of its steps are one of those that a device takes which stores the nearest.
-    assert made.predicted.separation == pytest.approx(2 * traced(scene).separation(made.settings), rel=0.01)
+    assert made.predicted.separation == pytest.approx(
+        2 * traced(scene).separation(made.settings), rel=0.01
+    )
     whole = PlatePlanner(
         reference=Reference(scene),
         scouted=scout(scene),
@@ -449,7 +475,9 @@ def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
 @pytest.fixture(scope="module")
 def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("scene") / "small.toml"
-    size = film((40.0, 30.0), hogels=(5, 4), resolution=(24, 18), fov_deg=(60.0, 50.0), reach=(100.0, 100.0))
+    size = film(
+        (40.0, 30.0), hogels=(5, 4), resolution=(24, 18), fov_deg=(60.0, 50.0), reach=(100.0, 100.0)
+    )
     file.write_text(size + part("torus", 30.0, (2.0, 1.0, -40.0)))
     return str(file)
 
@@ -470,7 +498,10 @@ def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFix
 
 
 def test_the_table_ends_in_a_command_that_draws_so(
-    small_scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    small_scene: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
     assert main(["plan", small_scene, *asked.split()]) == 0

@@ -19,9 +19,9 @@ from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.planning.measure import hogel_results
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, largest_share
 from xfrustum.compare.planning.views import Requirement, Views
-from xfrustum.compare.run import Judge
+from xfrustum.compare.run import Evaluator
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
-from xfrustum.compare.scout import Scout, scout
+from xfrustum.compare.scout import PlateScan, scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.planning import make_plan
@@ -43,7 +43,10 @@ FINE = ("--depth=d32f", "--mapping=reversed")
 
 REVERSED = [(DepthFormat.D32F, DepthMapping.REVERSED)]
 HOGELS = (9, 7)
-OVER = (7, 1)  #: aperture right over a small ball; all others see it from aside and a wall far behind it
+OVER = (
+    7,
+    1,
+)  #: aperture right over a small ball; all others see it from aside and a wall far behind it
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +54,17 @@ def near_ball() -> Scene:
     """A wall 40 behind the plate, and before it a ball 0.02 behind one aperture, which no other one sees."""
     plate = Plate(size=(90.0, 70.0), hogels=HOGELS)
     over = plate.aperture(*OVER)
-    parts = ball((over.x, over.y, -0.02 - 1.0), 1.0, "paint", 3), card((0.0, 0.0, -40.0), (500.0, 500.0))
-    frustum = Frustum(resolution=(32, 24), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0))
+    parts = (
+        ball((over.x, over.y, -0.02 - 1.0), 1.0, "paint", 3),
+        card((0.0, 0.0, -40.0), (500.0, 500.0)),
+    )
+    frustum = Frustum(
+        resolution=(32, 24), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0)
+    )
     return replace(lit(*parts, frustum=frustum, paint=Material()), plate=plate)
 
 
-def planner(scene: Scene, scouted: Scout) -> PlatePlanner:
+def planner(scene: Scene, scouted: PlateScan) -> PlatePlanner:
     return PlatePlanner(
         reference=Reference(scene), scouted=scouted, requirement=Requirement(), choices=REVERSED
     )
@@ -67,22 +75,26 @@ def displaced(scene: Scene, made: Plan, aperture: Aperture) -> float:
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, made.settings)
-    moved = compare_images(reference.trace(aperture), drawn, reference, radiance=False).displacement_px
+    moved = compare_images(
+        reference.trace(aperture), drawn, reference, radiance=False
+    ).displacement_px
     return moved.p99
 
 
 @pytest.fixture(scope="module")
-def scouted(near_ball: Scene) -> Scout:
+def scouted(near_ball: Scene) -> PlateScan:
     return scout(near_ball)
 
 
 @pytest.fixture(scope="module")
-def blind(scouted: Scout) -> Scout:
+def blind(scouted: PlateScan) -> PlateScan:
     """The same without a look from over the ball."""
-    return replace(scouted, looks=tuple(look for look in scouted.looks if look.aperture.index != OVER))
+    return replace(
+        scouted, looks=tuple(look for look in scouted.looks if look.aperture.index != OVER)
+    )
 
 
-def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: Scout) -> None:
+def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: PlateScan) -> None:
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     assert made.within and made.plate is not None
     assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
@@ -90,7 +102,7 @@ def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted:
 
 
 @pytest.mark.slow
-def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Scout) -> None:
+def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: PlateScan) -> None:
     """Without the look from over the ball, and with a sample that misses it, the plan is wrong there."""
     for seed in range(40):
         made = planner(near_ball, blind).plan(RandomSample(hogels=1, seed=seed))
@@ -100,7 +112,9 @@ def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Sco
 
 
 @pytest.mark.slow
-def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, blind: Scout) -> None:
+def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
+    near_ball: Scene, blind: PlateScan
+) -> None:
     """A sample of all hogels finds what the scout has not seen: the next plan holds there, too."""
     made = planner(near_ball, blind).plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
     assert made.within and made.plate is not None
@@ -110,7 +124,9 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, bli
 
 
 @pytest.mark.slow
-def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, scouted: Scout) -> None:
+def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(
+    near_ball: Scene, scouted: PlateScan
+) -> None:
     """Each of three samples may flatter: each bound holds with the cube root of the confidence."""
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     hogels, chosen = made.plate.hogels, made.plate.measured - made.plate.sampled
@@ -120,15 +136,21 @@ def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, 
 
 def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Scene) -> None:
     """A large near displaces and orders; a tiny one with few bits does neither."""
-    asked = DoubleFrustum(near=5.0, depth=DepthFormat.D32F), DoubleFrustum(near=1e-7, depth=DepthFormat.D16)
-    with Judge(near_ball) as judge:
+    asked = (
+        DoubleFrustum(near=5.0, depth=DepthFormat.D32F),
+        DoubleFrustum(near=1e-7, depth=DepthFormat.D16),
+    )
+    with Evaluator(near_ball) as judge:
         bent, starved = (
             result
             for settings in asked
             for result in hogel_results(judge, [near_ball.plate.aperture(*OVER)], settings)
         )
     assert bent.surface_fraction > 0.01 > bent.depth_wrong
-    assert starved.depth_wrong == pytest.approx(starved.surface_fraction) and starved.depth_wrong > 0.01
+    assert (
+        starved.depth_wrong == pytest.approx(starved.surface_fraction)
+        and starved.depth_wrong > 0.01
+    )
     assert Requirement().missed_by(bent) and Requirement().missed_by(starved)
 
 
@@ -136,7 +158,9 @@ def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Sc
 def test_a_plate_whose_middle_sees_nothing_is_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = film((90.0, 20.0), hogels=(9, 3), resolution=(32, 24), fov_deg=(20.0, 20.0), reach=(50.0, 50.0))
+    text = film(
+        (90.0, 20.0), hogels=(9, 3), resolution=(32, 24), fov_deg=(20.0, 20.0), reach=(50.0, 50.0)
+    )
     (tmp_path / "aside.toml").write_text(text + part("box", 10.0, (40.0, 0.0, -20.0)))
     scene = str(tmp_path / "aside.toml")
     assert main(["plan", scene, "--sample=3", *FINE, "--json", "--quiet"]) == 0
@@ -144,13 +168,20 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
     assert main(["plan", scene, "--aperture", "4,1", "--quiet"]) == 2
 
 
-# Where no near holds over the whole plate ----------------------------------------------------------------
+# Where no near holds over the whole plate
+# ----------------------------------------------------------------
 
 
 def crossed(tmp_path: Path, **keys: object) -> str:
     """Write a scene whose plate is a row of apertures on the x axis, and a square through some of them."""
-    size = film((40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
-    text = size + part("square", 20.0, (-10.5, 0.0, 0.0), **keys) + part("box", 10.0, (8.0, 0.0, -30.0))
+    size = film(
+        (40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0)
+    )
+    text = (
+        size
+        + part("square", 20.0, (-10.5, 0.0, 0.0), **keys)
+        + part("box", 10.0, (8.0, 0.0, -30.0))
+    )
     (tmp_path / "crossed.toml").write_text(text)
     return str(tmp_path / "crossed.toml")
 
@@ -166,14 +197,14 @@ def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is
     plate = made["plate"]
     assert made["near"] is not None and not made["within"]
     # In the order of columns: those over the square, which reaches from -20.5 to -0.5.
-    assert plate["hopeless_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
+    assert plate["infeasible_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
     assert plate["set_aside_apertures"] == []
     assert made["reason"].startswith(
         "No settings hold for the whole plate: at 4 of the 8 apertures that were looked through "
         "(0,0; 1,0; 2,0; 3,0) a surface lies in the aperture itself, or so close to it that no near draws "
         "it. For the others, at least 50 % of the plate: One pair of frusta is enough."
     )
-    assert plate["hopeless"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
+    assert plate["infeasible"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
     assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
 
 
@@ -181,7 +212,12 @@ def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is
 def test_the_text_says_that_the_plan_holds_elsewhere_and_ends_in_a_command_for_the_plate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert main(["plan", crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0]), "--sample=8", *FINE, "--quiet"]) == 0
+    assert (
+        main(
+            ["plan", crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0]), "--sample=8", *FINE, "--quiet"]
+        )
+        == 0
+    )
     text = capsys.readouterr().out
     assert "Without these apertures the plan holds" in text and "DOES NOT" not in text
     command = shlex.split(text.splitlines()[-1])
@@ -202,26 +238,28 @@ def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_define
     assert main(["plan", str(path), "--sample=8", *FINE, "--json", "--quiet"]) == 0
     made = json.loads(capsys.readouterr().out)
     assert not made["within"]
-    assert made["plate"]["hopeless_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
+    assert made["plate"]["infeasible_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
     assert (made["near"] is not None) == box
     if not box:
         assert "before or behind the plate" in made["reason"]
 
 
-def test_a_plate_without_any_near_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plate_without_any_near_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scene = crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0])
     Path(scene).write_text(Path(scene).read_text().replace("scale = 20.0", "scale = 100.0"))
     assert main(["plan", scene, "--sample=8", *FINE, "--json", "--quiet"]) == 0
     made = json.loads(capsys.readouterr().out)
     assert made["near"] is None and "every aperture" in made["reason"]
-    assert made["plate"]["hopeless"] == 8 and made["plate"]["share_within_at_least"] == 0.0
+    assert made["plate"]["infeasible"] == 8 and made["plate"]["share_within_at_least"] == 0.0
     assert main(["plan", scene, "--sample=8", *FINE, "--quiet"]) == 0
     assert "8 of the plate's 8 hogels were looked through" in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
-    near_ball: Scene, scouted: Scout
+    near_ball: Scene, scouted: PlateScan
 ) -> None:
     """Over the ball, near has to be tiny; D16 then orders nothing at the wall, and cuts are not allowed."""
     taken = replace(
@@ -236,12 +274,16 @@ def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
     assert 1 <= made.plate.set_aside <= 3
     assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
     assert made.reason.startswith("No settings hold for the whole plate: ")
-    assert f"{OVER[0]},{OVER[1]}" in made.reason and "For all apertures together: No plan" in made.reason
+    assert (
+        f"{OVER[0]},{OVER[1]}" in made.reason
+        and "For all apertures together: No plan" in made.reason
+    )
     assert OVER in made.plate.set_aside_apertures
     assert 0 < made.plate.share_beyond_at_most <= 3 / 63
 
 
-# The largest near -------------------------------------------------------------------------------------------
+# The largest near
+# -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -253,9 +295,13 @@ def fence() -> Scene:
         # Edges along columns of pixels would flip together.
         turned = corners @ [[0.99, 0.14], [-0.14, 0.99]]
         slats.append(np.column_stack((turned, np.full(4, -random.uniform(6.0, 20.0)))))
-    faces = np.concatenate([[(k, k + 1, k + 2), (k, k + 2, k + 3)] for k in range(0, 4 * len(slats), 4)])
+    faces = np.concatenate(
+        [[(k, k + 1, k + 2), (k, k + 2, k + 3)] for k in range(0, 4 * len(slats), 4)]
+    )
     part = SceneObject(name="fence", vertices=np.concatenate(slats), faces=faces, material="paint")
-    frustum = Frustum(resolution=(48, 48), fov=(math.radians(60), math.radians(60)), reach=(100.0, 100.0))
+    frustum = Frustum(
+        resolution=(48, 48), fov=(math.radians(60), math.radians(60)), reach=(100.0, 100.0)
+    )
     wall = card((0.0, 0.0, -60.0), (500.0, 500.0))
     scene = lit(part, wall, frustum=frustum, paint=Material())
     return replace(scene, plate=Plate(size=(80.0, 60.0), hogels=(12, 9)))
@@ -265,15 +311,16 @@ def excesses(scene: Scene, settings: DoubleFrustum) -> list[float]:
     """Return errors over what is allowed of every hogel of a plate, drawn."""
     columns, rows = scene.plate.hogels
     every = [scene.plate.aperture(i, j) for j in range(rows) for i in range(columns)]
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         return [Requirement().by_pixels(one) for one in hogel_results(judge, every, settings)]
 
 
 def test_all_hogels_keep_to_the_tolerance_with_the_largest_near(fence: Scene) -> None:
     """Outlines bind, which are longest in other hogels than those that are displaced most.
 
-    Chosen by displacement alone, the largest near is 1.7 times too large, and a sixth of the hogels is
-    beyond. None of a sample may be; of the others one may show a pixel more than the 23 of 2,304 allowed.
+    Chosen by displacement alone, the largest near is 1.7 times too large, and a sixth of the hogels
+    is beyond. None of a sample may be; of the others one may show a pixel more than the 23 of 2,304
+    allowed.
     """
     made = planner(fence, scout(fence)).plan(RandomSample(hogels=25))
     largest = made.largest
@@ -294,10 +341,13 @@ def test_errors_at_outlines_are_scouted_to_a_factor_of_two(fence: Scene) -> None
         assert wrong / 2 < shares[number] < 2 * wrong
 
 
-# How few apertures are set aside --------------------------------------------------------------------------
+# How few apertures are set aside
+# --------------------------------------------------------------------------
 
 
-def test_few_apertures_are_set_aside_and_none_is_kept_where_none_has_a_plan(scouted: Scout) -> None:
+def test_few_apertures_are_set_aside_and_none_is_kept_where_none_has_a_plan(
+    scouted: PlateScan,
+) -> None:
     """A plan for all but the look over the ball is found by halving, to a 32nd of the looks."""
     over = next(look for look in scouted.looks if look.aperture.index == OVER)
     found = largest_share(scouted.looks, lambda looks: None if over in looks else len(looks))
@@ -308,7 +358,8 @@ def test_few_apertures_are_set_aside_and_none_is_kept_where_none_has_a_plan(scou
     assert tried == [1, 1, 1]
 
 
-# What a plan promises a survey confirms ------------------------------------------------------------------
+# What a plan promises a survey confirms
+# ------------------------------------------------------------------
 
 SURVEYED = [
     *((name, 0.5) for name in (*builtin.names(), *SHAPES)),

@@ -16,7 +16,7 @@ from xfrustum.compare.eye.noticeable import (
     stereo_change_arcsec,
 )
 from xfrustum.compare.planning.plan import Plan, plan
-from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding, view_zone
+from xfrustum.compare.planning.viewer import CRACK, STEREO, ViewerRequirement, binding, view_zone
 from xfrustum.compare.planning.views import Errors, Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.planning import (
@@ -36,15 +36,17 @@ from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError
 @pytest.fixture(scope="module")
 def scene_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("scene") / "through.toml"
-    size = film((40.0, 30.0), hogels=(8, 6), resolution=(48, 36), fov_deg=(50.0, 40.0), reach=(60.0, 60.0))
+    size = film(
+        (40.0, 30.0), hogels=(8, 6), resolution=(48, 36), fov_deg=(50.0, 40.0), reach=(60.0, 60.0)
+    )
     torus, box = part("torus", 24.0, (2.0, 1.0, 0.0)), part("box", 12.0, (-6.0, 1.0, -40.0))
     path.write_text(named("through", "mm") + size + torus + box)
     return str(path)
 
 
-def requirement(scene: Scene, viewer: Viewer, *, through: bool = True) -> EyeRequirement:
+def requirement(scene: Scene, viewer: Viewer, *, through: bool = True) -> ViewerRequirement:
     content = Content(before=(0.1, 12.0), behind=(0.1, 46.0), through=through)
-    return EyeRequirement(viewer=viewer, display=Display.of(scene), content=content)
+    return ViewerRequirement(viewer=viewer, display=Display.from_scene(scene), content=content)
 
 
 def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) -> None:
@@ -83,7 +85,9 @@ def test_a_plan_keeps_the_noise_of_its_replay_as_a_margin(scene_file: str) -> No
 def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None:
     scene = open_scene(scene_file)
     viewer = Viewer(distance=600.0, stereo_acuity_arcsec=1e6)
-    fine = replace(requirement(scene, viewer), display=replace(Display.of(scene), pitch=0.1))
+    fine = replace(
+        requirement(scene, viewer), display=replace(Display.from_scene(scene), pitch=0.1)
+    )
     binds = binding(fine.limits)
     assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
     assert "crack" in fine.limit_of_near(DoubleFrustum(near=2 * binds.largest_near), "mm")
@@ -122,7 +126,7 @@ def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str
     assert "with these cuts" not in planned_table(record_of(wanted), "mm")
 
 
-def record_of(wanted: EyeRequirement, **changes: Any) -> PlannedRecord:
+def record_of(wanted: ViewerRequirement, **changes: Any) -> PlannedRecord:
     return PlannedRecord(
         viewer=wanted.viewer,
         pitch_arcmin=1.0,
@@ -141,7 +145,13 @@ def record_of(wanted: EyeRequirement, **changes: Any) -> PlannedRecord:
 
 
 SHOWN = Replayed(
-    hogels=48, matched=300, disparity_change_arcsec=20.4, depth=None, wrong=0.1, depth_wrong=0.0, judged=1728
+    hogels=48,
+    matched=300,
+    disparity_change_arcsec=20.4,
+    depth=None,
+    wrong=0.1,
+    depth_wrong=0.0,
+    judged=1728,
 )
 
 
@@ -156,11 +166,17 @@ SHOWN = Replayed(
         (replace(SHOWN, disparity_change_arcsec=None), ""),
     ],
 )
-def test_a_plan_holds_only_where_its_replay_does(scene_file: str, shown: Replayed, beyond: str) -> None:
+def test_a_plan_holds_only_where_its_replay_does(
+    scene_file: str, shown: Replayed, beyond: str
+) -> None:
     scene = open_scene(scene_file)
     wanted = requirement(scene, Viewer(distance=600.0))
     quality = Quality(
-        displacement_p99_px=9.0, surface_fraction=0.1, depth_wrong=0.0, misordered=0.0, separation=0.1
+        displacement_p99_px=9.0,
+        surface_fraction=0.1,
+        depth_wrong=0.0,
+        misordered=0.0,
+        separation=0.1,
     )
     made = Plan(
         near=0.2,
@@ -193,26 +209,38 @@ def test_a_plan_whose_replay_shows_too_much_wrong_by_depth_does_not_hold() -> No
     )
     choices = [(DepthFormat.D16, DepthMapping.STANDARD)]
     viewer, sample = Viewer(distance=40.0), RandomSample(hogels=4)
-    seen = make_viewer_plan(scouted_plate(scene, False), viewer, Requirement(), choices, sample=sample)
+    seen = make_viewer_plan(
+        scouted_plate(scene, False), viewer, Requirement(), choices, sample=sample
+    )
     assert seen.record.measured.depth_wrong > seen.requirement.max_wrong
     assert not seen.plan.within
-    assert "But replayed it does not hold" in seen.plan.reason and "wrong by depth" in seen.plan.reason
+    assert (
+        "But replayed it does not hold" in seen.plan.reason and "wrong by depth" in seen.plan.reason
+    )
 
 
 @pytest.mark.slow
 def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed_and_replays_it(
     scene_file: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["plan", scene_file, "--viewer=60cm", "--sample=4", "--depth=d32f", "--mapping=reversed"]
+    asked = [
+        "plan",
+        scene_file,
+        "--viewer=60cm",
+        "--sample=4",
+        "--depth=d32f",
+        "--mapping=reversed",
+    ]
     assert main([*asked, "--json", "--quiet"]) == 0
     made = json.loads(capfd.readouterr().out)
     seen = made["viewer"]
     assert made["within"] and not made["slabs"]
-    assert made["plate"]["hopeless"] == 0
+    assert made["plate"]["infeasible"] == 0
     assert seen["viewer"]["distance"] == 600
     assert seen["binding"] == STEREO
-    # Near stays below the largest by the noise of a replay, so that the replay finds at most the threshold.
-    # Eight columns of hogels show few points: each is seen through hogels up to half a pitch beside it.
+    # Near stays below the largest by the noise of a replay, so that the replay finds at most the
+    # threshold. Eight columns of hogels show few points: each is seen through hogels up to half a
+    # pitch beside it.
     assert made["near"] == pytest.approx(seen["limits"][0]["largest_near"], rel=0.25)
     assert 15 < seen["stereo_change_arcsec"] < 20
     assert 14 < seen["measured"]["disparity_change_arcsec"] <= 20
@@ -225,12 +253,13 @@ def test_the_border_of_the_plate_counts_where_one_side_alone_is_seen(scene_file:
     scene = open_scene(scene_file)
     behind = Content(before=None, behind=(20.0, 46.0), through=False)
     viewer, settings = Viewer(distance=600.0), DoubleFrustum(near=1.0)
-    change = stereo_change_arcsec(behind, viewer, Display.of(scene), settings)
+    change = stereo_change_arcsec(behind, viewer, Display.from_scene(scene), settings)
     farther = 65 / (600 + 20) - 65 / (600 + 21)
     assert change == pytest.approx(farther * 206264.806, rel=1e-6)
 
 
-# The view zone -------------------------------------------------------------------------------------------
+# The view zone
+# -------------------------------------------------------------------------------------------
 
 PROJECTED = """
 name = "zone"
@@ -268,7 +297,9 @@ def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
     projected: Scene, distance: float, some: float, every: float
 ) -> None:
     zone = view_zone(projected, distance)
-    assert zone.some_eyes_apart == pytest.approx(some) and zone.all_eyes_apart == pytest.approx(every)
+    assert zone.some_eyes_apart == pytest.approx(some) and zone.all_eyes_apart == pytest.approx(
+        every
+    )
     assert zone.every is not None and zone.every[0][1] == pytest.approx(every / 2)
 
 
@@ -278,7 +309,12 @@ def test_sheets_that_alone_ask_for_cuts_are_said_to(projected: Scene) -> None:
     chosen = [projected.plate.middle]
     made = plan(projected, chosen, asked, choices)
     found = made.without_cuts
-    assert made.slabs and found is not None and not found.slabs and (found.judged, found.beyond) == (1, 0)
+    assert (
+        made.slabs
+        and found is not None
+        and not found.slabs
+        and (found.judged, found.beyond) == (1, 0)
+    )
     told = " ".join(table(made, projected, chosen, asked).split())
     assert "Hypothetical sheets alone ask for cuts" in told
     assert "the one hogel that was measured is not beyond" in told
@@ -300,7 +336,9 @@ def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> Non
     """Eyes 59 mm apart see hogels; beyond half a pitch more none, and neither does one eye of two."""
     assert seen_view_zone(projected, Viewer(distance=600.0, eyes_apart_mm=59.0)).every is not None
     for scene in (projected, aside(projected, (5.0, 0.0))):
-        with pytest.raises(InputError, match=r"view zone is 60 x 60 mm at 600 mm .*eyes may be up to"):
+        with pytest.raises(
+            InputError, match=r"view zone is 60 x 60 mm at 600 mm .*eyes may be up to"
+        ):
             seen_view_zone(scene, Viewer(distance=600.0, eyes_apart_mm=65.0))
     with pytest.raises(InputError, match="no eyes straight before the plate's middle"):
         seen_view_zone(aside(projected, (0.0, 33.0)), Viewer(distance=600.0))
@@ -321,4 +359,7 @@ def test_plan_and_recommend_exit_with_2_outside_the_view_zone(
     for verb in ("plan", "recommend"):
         assert main([verb, str(path), "--viewer=600mm", "--quiet"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
-        assert "view zone is 60 x 60 mm at 600 mm" in line and "up to 60 mm apart, and these are 65" in line
+        assert (
+            "view zone is 60 x 60 mm at 600 mm" in line
+            and "up to 60 mm apart, and these are 65" in line
+        )

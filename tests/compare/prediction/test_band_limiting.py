@@ -39,7 +39,8 @@ def discrepancy(points: Floats, angle: float) -> float:
     """The largest difference of the shares of points and of the unit box on one side of parallel lines."""
     c, s = math.cos(angle), math.sin(angle)
     along = np.sort((points - 0.5) @ [c, s])
-    # The share of the box below a line is the integral of a trapezoid: of two boxes, |c| and |s| wide.
+    # The share of the box below a line is the integral of a trapezoid: of two boxes, |c| and |s|
+    # wide.
     a, b = max(abs(c), abs(s), 1e-9) / 2, max(min(abs(c), abs(s)), 1e-9) / 2
     ramps = [np.maximum(along + x, 0) ** 2 / 2 for x in (a + b, b - a, a - b, -a - b)]
     share = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (4 * a * b)
@@ -55,8 +56,12 @@ def test_the_discrepancy_is_that_of_the_sub_apertures(count: int) -> None:
     assert 0.9 * DISCREPANCY[count] < found <= DISCREPANCY[count]
 
 
-def test_the_counts_are_powers_of_two_up_to_the_largest_and_each_is_better_than_those_before() -> None:
-    assert [1, *(2**k for k in range(2, 17))] == list(DISCREPANCY) and max(DISCREPANCY) == MAX_SAMPLES
+def test_the_counts_are_powers_of_two_up_to_the_largest_and_each_is_better_than_those_before() -> (
+    None
+):
+    assert [1, *(2**k for k in range(2, 17))] == list(DISCREPANCY) and max(
+        DISCREPANCY
+    ) == MAX_SAMPLES
     assert sorted(DISCREPANCY.values(), reverse=True) == list(DISCREPANCY.values())
 
 
@@ -69,11 +74,16 @@ def test_the_blur_is_how_far_a_point_moves_between_the_ends_of_a_pitch(name: str
     for axis, coordinate in enumerate(("x", "y")):
         ends = []
         for side in (-0.5, 0.5):
-            moved = replace(middle, **{coordinate: getattr(middle, coordinate) + side * pitch[axis]})
+            moved = replace(
+                middle, **{coordinate: getattr(middle, coordinate) + side * pitch[axis]}
+            )
             lines = crossed_frustum(scene.frustum, moved)
             slope = (0.0 - lines.center[axis]) / -z
             ends.append(
-                (slope - lines.shear[axis]) / lines.half_extent[axis] * scene.frustum.resolution[axis] / 2
+                (slope - lines.shear[axis])
+                / lines.half_extent[axis]
+                * scene.frustum.resolution[axis]
+                / 2
             )
         assert abs(ends[1] - ends[0]) == pytest.approx(blur[axis], rel=1e-9)
 
@@ -144,19 +154,33 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
 
 
-def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_auto_is_the_number_that_explain_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A dim ball far behind the plate: its picture moves by a fifth of a pixel over the pitch."""
     file, out = tmp_path / "ball.toml", str(tmp_path / "x.zarr")
     file.write_text(
         named("dim")
-        + film((2.0, 2.0), hogels=(8, 8), resolution=(16, 16), fov_deg=(40.0, 40.0), reach=(50.0, 90.0))
+        + film(
+            (2.0, 2.0), hogels=(8, 8), resolution=(16, 16), fov_deg=(40.0, 40.0), reach=(50.0, 90.0)
+        )
         + "[material.dim]\nambient = 0.2\ndiffuse = 0.0\n[[light]]\ndirection = [0.0, 0.0, 1.0]\n"
         + part("sphere", 20.0, (0.0, 0.0, -70.0), material="dim")
     )
     assert main(["explain", str(file), "--json"]) == 0
     count = json.loads(capsys.readouterr().out)["depths"]["sub_apertures"]
     assert 1 < count <= 256
-    arguments = ["plate", str(file), "--near", "0.02", "--apertures", "4,4", "--quiet", "--out", out]
+    arguments = [
+        "plate",
+        str(file),
+        "--near",
+        "0.02",
+        "--apertures",
+        "4,4",
+        "--quiet",
+        "--out",
+        out,
+    ]
     assert main([*arguments, "--aperture-samples", "auto"]) == 0
     assert f"auto: {count} points" in capsys.readouterr().err
     assert main([*arguments, "--aperture-samples", str(count), "--json"]) == 0
@@ -164,5 +188,8 @@ def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.Cap
     # A share of the radiance takes fewer.
     arguments = ["explain", str(file), "--aperture-samples"]
     assert main([*arguments, "5%"]) == 0
-    assert f"5%: {needed_sub_apertures(open_scene(str(file)), error=0.05)} points" in capsys.readouterr().err
+    assert (
+        f"5%: {needed_sub_apertures(open_scene(str(file)), error=0.05)} points"
+        in capsys.readouterr().err
+    )
     assert [main([*arguments, share]) for share in ("0%", "100%", "-1%")] == [2, 2, 2]

@@ -25,7 +25,9 @@ SUBPIXEL_BITS = 8
 def pleated(heights: list[float], turned: float = 17.0, depth: float = 40.0) -> Scene:
     """Return a sheet behind the plate with creases at some heights above its middle, across the film."""
     angle = math.radians(turned)
-    along, across = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    along, across = np.array(
+        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
+    )
     places = np.linspace(-8.0, 8.0, len(heights))
     ends = np.array([-11.0, 11.0])
     xy = places[:, None, None] * across + ends[:, None] * along
@@ -36,7 +38,9 @@ def pleated(heights: list[float], turned: float = 17.0, depth: float = 40.0) -> 
     return Scene(
         name="pleated",
         plate=Plate(size=(1.0, 1.0), hogels=(1, 1)),
-        frustum=Frustum(resolution=(PIXELS, PIXELS), reach=(100.0, 100.0), fov=(2 * math.atan(SLOPE),) * 2),
+        frustum=Frustum(
+            resolution=(PIXELS, PIXELS), reach=(100.0, 100.0), fov=(2 * math.atan(SLOPE),) * 2
+        ),
         objects=(SceneObject(name="sheet", vertices=vertices, faces=faces),),
     )
 
@@ -59,7 +63,8 @@ def snapped_shifts(count: int = 200_000) -> Floats:
 def test_a_valley_counts_its_length_and_a_ridge_nothing(turned: float) -> None:
     """The crease lies 3 behind the edges of the sheet, or before them; all of it is seen.
 
-    Both sides lean by b: a point that is shown x beyond the crease is 2 x sin(b) off the other side.
+    Both sides lean by b: a point that is shown x beyond the crease is 2 x sin(b) off the other
+    side.
     """
     valley, ridge = ([0.0, sign * 3.0, 0.0] for sign in (-1, 1))
     pixel = 2 * SLOPE * 43.0 / PIXELS
@@ -117,7 +122,9 @@ def test_sides_have_their_twins() -> None:
 
     closed = twins(box.vertices, box.faces)
     sides = np.arange(closed.size)
-    assert (closed.reshape(-1)[closed.reshape(-1)] == sides).all() and (closed.reshape(-1) != sides).all()
+    assert (closed.reshape(-1)[closed.reshape(-1)] == sides).all() and (
+        closed.reshape(-1) != sides
+    ).all()
     assert (twins(box.vertices, box.faces[1:]) < 0).sum() == 3
     wings = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]], dtype=float)
     assert (twins(wings, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])) < 0).all()

@@ -23,7 +23,7 @@ from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     MAX_ORDER_FACTOR,
-    Stacks,
+    DepthLayers,
     chances,
     depth_wrong_shares,
     slabs,
@@ -70,8 +70,8 @@ def heights_about(height: float) -> Floats:
 def predicted(near: float, height: float, depth: DepthFormat, mapping: DepthMapping) -> float:
     """Return the separation along z at which the allowed fraction of pixels is predicted to be wrong.
 
-    Errors are close to normal, so that a cell's own chance follows from the separation that would leave it
-    `MAX_MISORDERED_FRACTION`.
+    Errors are close to normal, so that a cell's own chance follows from the separation that would
+    leave it `MAX_MISORDERED_FRACTION`.
     """
     there = smallest_separation(heights_about(height) + near, near, near + REACH, depth, mapping)
     certain = norm.isf(MAX_MISORDERED_FRACTION)
@@ -90,7 +90,7 @@ def misordered(settings: DoubleFrustum, height: float, separation: float) -> lis
         farther = heights_about(height) + separation
         pair = SheetPair(camera=camera, heights=farther, separation=separation, loser_first=True)
         owner = np.zeros((CELLS, CELLS), dtype=np.int64)
-        film = SheetFilm.of(SHEETS, middle, [pair], owner, CELL_PIXELS)
+        film = SheetFilm.from_scene(SHEETS, middle, [pair], owner, CELL_PIXELS)
         alone = replace(settings, camera=Camera.C if camera.orthoscopic else Camera.C_STAR)
         with Rasterizer(film.scene) as rasterizer:
             shares += film.wrong_shares(rasterizer, alone)
@@ -98,7 +98,8 @@ def misordered(settings: DoubleFrustum, height: float, separation: float) -> lis
 
 
 @pytest.mark.parametrize(
-    ("depth", "mapping", "near", "height"), thinned(((*one, *two) for one in SETTINGS for two in PLACES), 7)
+    ("depth", "mapping", "near", "height"),
+    thinned(((*one, *two) for one in SETTINGS for two in PLACES), 7),
 )
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, depth: DepthFormat, mapping: DepthMapping
@@ -111,12 +112,16 @@ def test_smallest_ordered_separation_is_as_predicted(
 
 
 BEFORE = 100.0
-FRUSTUM = Frustum(resolution=(32, 24), reach=(BEFORE, 80.0), fov=(math.radians(60), math.radians(50)))
+FRUSTUM = Frustum(
+    resolution=(32, 24), reach=(BEFORE, 80.0), fov=(math.radians(60), math.radians(50))
+)
 
 
 def level(height: float) -> HogelImage:
     """Return the true image of a square at one height that covers the film."""
-    corners = np.array([(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)])
+    corners = np.array(
+        [(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)]
+    )
     scene = soup(corners[[(0, 1, 2), (0, 2, 3)]].astype(np.float64), FRUSTUM)
     # The line does not go through the square's diagonal, which would be a tie.
     return Reference(scene).trace(at(0.3, 0.1))
@@ -124,7 +129,7 @@ def level(height: float) -> HogelImage:
 
 def share(height: float, gap: float, settings: DoubleFrustum, *, unlucky: bool = False) -> float:
     truth = level(height)
-    stacks = Stacks.of(truth, np.full(truth.covered.shape, gap))
+    stacks = DepthLayers.from_truth(truth, np.full(truth.covered.shape, gap))
     return depth_wrong_shares(stacks, FRUSTUM, [settings], unlucky=unlucky)[0]
 
 
@@ -151,7 +156,9 @@ def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> No
     w, asked = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
     nearest = float(smallest_separation(w, *asked)[0])
     assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds 2^8 times finer
-    assert float(smallest_separation(w, *asked, safe_model())[0]) == pytest.approx(2 * nearest, rel=0.01)
+    assert float(smallest_separation(w, *asked, safe_model())[0]) == pytest.approx(
+        2 * nearest, rel=0.01
+    )
 
 
 @pytest.mark.parametrize(("depth", "mapping"), SETTINGS)
@@ -160,7 +167,8 @@ def test_at_the_smallest_separation_about_a_percent_is_wrong(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
     """The closed form of the separation counts equal depths as wrong. There squares of step and error are
-    added, here the two are averaged over each other, which makes the most of a difference, four percent,
+    added, here the two are averaged over each other, which makes the most of a difference, four
+    percent,
     where they are alike."""
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
@@ -173,7 +181,11 @@ def test_at_the_smallest_separation_about_a_percent_is_wrong(
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
     """The surfaces are two thirds of a step of 50 / 2^16 apart."""
     settings = DoubleFrustum(
-        near=1.0, depth=DepthFormat.D16, mapping=DepthMapping.LINEAR, slabs=(50.0,), offset=Offset.NONE
+        near=1.0,
+        depth=DepthFormat.D16,
+        mapping=DepthMapping.LINEAR,
+        slabs=(50.0,),
+        offset=Offset.NONE,
     )
     for inside, across in ((-49.99, -49.9996), (50.01, 50.0004)):
         assert share(inside, 0.0005, settings) > share(inside, math.inf, settings) + 0.1
@@ -227,7 +239,7 @@ def test_only_what_is_drawn_and_judged_counts() -> None:
     assert share(-70.0, np.inf, replace(starved, camera=Camera.C_STAR)) == 0
     assert share(-70.0, np.inf, replace(starved, camera=Camera.C)) > 0.999
     truth.certainty[:] = 2
-    nothing = Stacks.of(truth, np.full(truth.covered.shape, np.inf))
+    nothing = DepthLayers.from_truth(truth, np.full(truth.covered.shape, np.inf))
     assert depth_wrong_shares(nothing, FRUSTUM, [starved]) == [0]
 
 
@@ -244,11 +256,16 @@ def test_slabs_are_those_that_the_reference_traces(settings: DoubleFrustum) -> N
     aperture = at(1.0, 2.0)
     cameras = model_cameras(FRUSTUM, aperture, settings)
     expected = sorted(
-        (camera.orthoscopic, *sorted(abs(s) for s in camera.pencil.s_range), abs(camera.pencil.center[2]))
+        (
+            camera.orthoscopic,
+            *sorted(abs(s) for s in camera.bundle.s_range),
+            abs(camera.bundle.center[2]),
+        )
         for camera in cameras
     )
     found = sorted(
-        (slab.camera is Camera.C, slab.near, slab.far, slab.step) for slab in slabs(FRUSTUM, settings)
+        (slab.camera is Camera.C, slab.near, slab.far, slab.step)
+        for slab in slabs(FRUSTUM, settings)
     )
     assert found == expected
     for slab in slabs(FRUSTUM, settings):
@@ -275,16 +292,23 @@ def misordered_pixels(
     settings = DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping)
     linear = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     with Rasterizer(scene) as rasterizer:
-        drawn = [rasterizer.render(aperture, one, normals=False, color=False) for one in (settings, linear)]
+        drawn = [
+            rasterizer.render(aperture, one, normals=False, color=False)
+            for one in (settings, linear)
+        ]
         wrong, without = (surface_errors(truth, one, reference).wrong for one in drawn)
     judged = judged_pixels(truth)
-    stacks = Stacks.of(truth, gaps, earlier), Stacks.of(truth, gaps)
-    predicted, coin = (depth_wrong_shares(one, scene.frustum, [settings])[0] * judged.sum() for one in stacks)
+    stacks = DepthLayers.from_truth(truth, gaps, earlier), DepthLayers.from_truth(truth, gaps)
+    predicted, coin = (
+        depth_wrong_shares(one, scene.frustum, [settings])[0] * judged.sum() for one in stacks
+    )
     return int((wrong & ~without & judged).sum()), float(predicted), float(coin)
 
 
 @pytest.mark.parametrize(("near", "depth", "mapping"), thinned(MEASURED, 2))
-def test_the_share_on_a_car_is_as_predicted(near: float, depth: DepthFormat, mapping: DepthMapping) -> None:
+def test_the_share_on_a_car_is_as_predicted(
+    near: float, depth: DepthFormat, mapping: DepthMapping
+) -> None:
     """Numbers agree within a factor of two, with the draw order and with a coin in its place."""
     measured, *predicted = misordered_pixels("car", near, depth, mapping, 256)
     assert measured > 5e-4 * 256**2
@@ -436,7 +460,9 @@ def world_points() -> Singles:
     """Return points at depths in equal steps, scattered over the view, rounded in world coordinates."""
     depth = np.linspace(NEAR, FAR, SAMPLES)
     x, y = np.random.default_rng(SEED).uniform(-1, 1, (2, SAMPLES))
-    view = np.stack((x * HALF_WIDTH * depth, y * HALF_HEIGHT * depth, -depth, np.ones(SAMPLES)), axis=1)
+    view = np.stack(
+        (x * HALF_WIDTH * depth, y * HALF_HEIGHT * depth, -depth, np.ones(SAMPLES)), axis=1
+    )
     return np.asarray((view @ world_from_view()).astype(np.float32))
 
 
@@ -447,7 +473,9 @@ def view_from_world() -> Floats:
 def projection(mapping: DepthMapping, far: float) -> Floats:
     """Return the rasterizer's own projection, for row vectors."""
     window = FilmWindow(axis=(0.0, 0.0), half_width=HALF_WIDTH, half_height=HALF_HEIGHT)
-    camera = SlabCamera(orthoscopic=True, step=0.0, near=NEAR, far=far, heights=(NEAR, far), scale=1.0)
+    camera = SlabCamera(
+        orthoscopic=True, step=0.0, near=NEAR, far=far, heights=(NEAR, far), scale=1.0
+    )
     return clip_from_eye(window, camera, MAPPINGS[mapping].ends).T
 
 

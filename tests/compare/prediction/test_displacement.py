@@ -1,8 +1,8 @@
 """The closed form of displacement, option by option, is what the certified model of the cameras draws.
 
-Shear: the ordinary off-axis projection against the paper's (docs/method.md, "The two cameras"; paper, section
-5). With pivot `camera` each camera shears about its own center, and every surface point is drawn -k n / ((|z|
-+ n) t) film units beside where pivot `aperture` draws it.
+Shear: the ordinary off-axis projection against the paper's (docs/method.md, "The two cameras";
+paper, section 5). With pivot `camera` each camera shears about its own center, and every surface
+point is drawn -k n / ((|z| + n) t) film units beside where pivot `aperture` draws it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def drawn_by_the_model(
     found = np.full((*truth.triangle.shape, 2), np.nan)
     width, rows = truth.camera.resolution
     for camera in model_cameras(frustum, aperture, settings):
-        lines, (low, high) = camera.pencil, camera.heights
+        lines, (low, high) = camera.bundle, camera.heights
         seen = truth.off_plate & (truth.height >= low) & (truth.height <= high)
         away = np.asarray(lines.center) - truth.position[seen]
         s = away[:, 2:]
@@ -82,11 +82,11 @@ def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str) -> 
     truth = Reference(scene).trace(aperture)
     for near, options in product(NEARS, OPTIONS):
         settings = DoubleFrustum(near=near, **options)
-        predicted = displacements(TruePoints.of(truth), scene.frustum, settings)
+        predicted = displacements(TruePoints.from_image(truth), scene.frustum, settings)
         model = drawn_by_the_model(truth, scene.frustum, aperture, settings)
         np.testing.assert_array_equal(np.isfinite(predicted), np.isfinite(model))
         np.testing.assert_allclose(predicted, model, rtol=1e-12, atol=ROUNDING_PX)
-        found = displacement_lengths(TruePoints.of(truth), scene.frustum, settings)
+        found = displacement_lengths(TruePoints.from_image(truth), scene.frustum, settings)
         np.testing.assert_allclose(found, lengths(model), rtol=1e-12, atol=ROUNDING_PX)
 
 
@@ -97,11 +97,13 @@ def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_beyond_the_first_
     frustum, truth = asymmetric
     height = np.abs(truth.height)
     fitted = float(np.nanmedian(height))
-    columns = displacements(TruePoints.of(truth), frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
+    columns = displacements(
+        TruePoints.from_image(truth), frustum, DoubleFrustum(near=1.0, fit=fitted)
+    )[..., 0]
     shown = truth.off_plate & (np.arange(96) > 48)
     np.testing.assert_array_equal(columns[shown] > 0, height[shown] < fitted)
     settings = DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
-    moved = displacements(TruePoints.of(truth), frustum, settings)
+    moved = displacements(TruePoints.from_image(truth), frustum, settings)
     assert (height > 40).any() and (height < 40).any()
     np.testing.assert_array_equal(moved[height > 40], 0.0)
     assert (np.abs(moved[height < 40]).max(axis=-1) > 0).all()
@@ -111,7 +113,8 @@ def test_a_small_near_loses_no_digits(asymmetric: tuple[Frustum, HogelImage]) ->
     """u n / (|z| + n), not a difference of nearly equal numbers: 1e-12 of the reach is as good as a tenth."""
     frustum, truth = asymmetric
     small, smaller = (
-        displacements(TruePoints.of(truth), frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
+        displacements(TruePoints.from_image(truth), frustum, DoubleFrustum(near=near))
+        for near in (1e-9, 1e-10)
     )
     shown = truth.off_plate
     # To first order in n over the smallest height.
@@ -131,7 +134,11 @@ def test_any_sheared_frustum_shifts_any_point_by_the_closed_form(
         drawn_by_the_model(truth, frustum, aperture, DoubleFrustum(near=near, pivot=pivot))
         for pivot in (Pivot.APERTURE, Pivot.CAMERA)
     )
-    (width, rows), k, t = truth.camera.resolution, np.array(truth.camera.shear), truth.camera.half_extent
+    (width, rows), k, t = (
+        truth.camera.resolution,
+        np.array(truth.camera.shear),
+        truth.camera.half_extent,
+    )
     # Displacement is true minus drawn; rows are counted downward.
     expected = -near * k / ((np.abs(truth.height)[..., None] + near) * t) * [width / 2, -rows / 2]
     shown = truth.off_plate

@@ -38,10 +38,14 @@ def shiny(name: str, material: Material) -> Scene:
         DirectionalLight(direction=(1.0, 0.2, 1.0), color=(0.2, 0.4, 0.6)),
     )
     looks = Appearance(materials={"all": material}, lights=lights, environment=sky(512, 256))
-    return replace(scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects))
+    return replace(
+        scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects)
+    )
 
 
-HIGHLIGHT = Material(ambient=(0.1,) * 3, diffuse=(0.3,) * 3, specular=(0.5, 0.4, 0.3), exponent=EXPONENT)
+HIGHLIGHT = Material(
+    ambient=(0.1,) * 3, diffuse=(0.3,) * 3, specular=(0.5, 0.4, 0.3), exponent=EXPONENT
+)
 MIRROR = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.8, 0.7))
 
 
@@ -73,11 +77,15 @@ def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
     drawn = drawn_lines(model.position, scene.frustum, aperture, near)
     both = shown & np.isfinite(through_pixel[..., 0])
     np.testing.assert_allclose(drawn[both], through_pixel[both], rtol=0, atol=1e-12)
-    swerved = drawn_lines(model.position, scene.frustum, aperture, replace(near, pivot=Pivot.CAMERA))
+    swerved = drawn_lines(
+        model.position, scene.frustum, aperture, replace(near, pivot=Pivot.CAMERA)
+    )
     assert np.abs(swerved[both] - through_pixel[both]).max() > 1e-4
 
 
-@pytest.mark.parametrize(("material", "predicted"), [(HIGHLIGHT, specular_change), (MIRROR, mirror_change)])
+@pytest.mark.parametrize(
+    ("material", "predicted"), [(HIGHLIGHT, specular_change), (MIRROR, mirror_change)]
+)
 def test_at_fixed_points_the_prediction_is_right_to_first_order(
     material: Material, predicted: object
 ) -> None:
@@ -118,7 +126,9 @@ def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> 
     measured = drawn.color[where] - shader.radiance(triangle, position, true)
     eye = bent_eye(true, bend(position, truth.camera, near))
     normal = shading_normals(scene, triangle, position, true)
-    predicted = specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
+    predicted = specular_change(scene, triangle, normal, eye) + mirror_change(
+        scene, triangle, normal, eye
+    )
     for side in (position[:, 2] > 0, position[:, 2] < 0):
         assert side.sum() > 300
         size = np.sqrt(np.mean(predicted[side] ** 2))

@@ -48,9 +48,12 @@ to 1/5 of a radian off; cosines of that are 2 % wrong at most."""
 
 FACTOR = 2.0
 """Largest ratio of the predicted to the measured error, and the reverse. A contour along the pixels' rows or
-columns changes whole rows of pixels at once: the measured error is then a whole number of rows, and the
+columns changes whole rows of pixels at once: the measured error is then a whole number of rows, and
+the
 predicted one the mean over all places that the contour can have on the grid."""
-ENOUGH_PIXELS = 40  #: smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %
+ENOUGH_PIXELS = (
+    40  #: smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %
+)
 DISPLACED_PX = (0.1, 5.0)
 """99th percentile of displacement, px, at which the first-order prediction holds and enough pixels change."""
 
@@ -65,7 +68,9 @@ def part(corners: Any) -> SceneObject:
     """Return a convex polygon, corners (N, 3), as a fan."""
     count = len(corners)
     faces = np.stack((np.zeros(count - 2), np.arange(1, count - 1), np.arange(2, count)), axis=-1)
-    return SceneObject(name="polygon", vertices=np.asarray(corners, dtype=float), faces=faces.astype(int))
+    return SceneObject(
+        name="polygon", vertices=np.asarray(corners, dtype=float), faces=faces.astype(int)
+    )
 
 
 def scene_of(*parts: SceneObject, pixels: int = 256) -> Scene:
@@ -124,7 +129,9 @@ def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> No
 
 
 @pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
-@pytest.mark.parametrize(("center", "radius"), [((0.3, -0.2), 0.45), ((0.4, 0.35), 0.2), ((0.0, 0.0), 0.6)])
+@pytest.mark.parametrize(
+    ("center", "radius"), [((0.3, -0.2), 0.45), ((0.4, 0.35), 0.2), ((0.0, 0.0), 0.6)]
+)
 def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
     height: float, center: tuple[float, float], radius: float
 ) -> None:
@@ -140,7 +147,9 @@ def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
         assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
 
 
-def two_sheets(front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31) -> Scene:
+def two_sheets(
+    front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31
+) -> Scene:
     """Return a sheet over about half of the film, up to an edge, before one over all of it."""
     angle = math.radians(turned)
     axes = np.array([(math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))])
@@ -154,14 +163,21 @@ def two_sheets(front: float, back: float, turned: float, *, one: bool = False, e
     return scene_of(SceneObject(name="both", vertices=vertices, faces=faces))
 
 
-SHEETS = [(60, 30), (60, -30), (-30, -60), (30, -60), (90, 80)]  #: heights of the front and of the back sheet
+SHEETS = [
+    (60, 30),
+    (60, -30),
+    (-30, -60),
+    (30, -60),
+    (90, 80),
+]  #: heights of the front and of the back sheet
 
 
 PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
 
 
 @pytest.mark.parametrize(
-    ("front", "back", "turned", "edge", "one"), thinned(((*both, *rest) for both, *rest in PLACED), 11)
+    ("front", "back", "turned", "edge", "one"),
+    thinned(((*both, *rest) for both, *rest in PLACED), 11),
 )
 def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     front: float, back: float, turned: float, edge: float, one: bool
@@ -173,14 +189,16 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     assert set(contours(truth).kind) == {Kind.OCCLUSION if one else Kind.OBJECTS}
     measured = wrong_inside(truth, reference.trace_model(AXIS, settings), reference)
     predicted = wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
-    # A strip of pixels is counted to a pixel at each end, and its area to the square root of its length.
+    # A strip of pixels is counted to a pixel at each end, and its area to the square root of its
+    # length.
     assert abs(predicted - measured) <= (STAIRS + 1 / 30) * measured + math.sqrt(256)
 
 
 def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     """A tilted sheet cut at 40: with fit angle the inner part shrinks away; fitted there, nothing moves."""
     points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
-    # The edge is oblique to the pixels in no simple ratio: else whole rows of pixels change at once.
+    # The edge is oblique to the pixels in no simple ratio: else whole rows of pixels change at
+    # once.
     points[:, 2] += 16.0 + 0.31 * points[:, 0] + 0.173 * points[:, 1]
     scene = scene_of(part(points))
     reference = Reference(scene)
@@ -209,7 +227,9 @@ def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
         drawn = reference.trace_model(scene.plate.middle, settings)
         measured = wrong_inside(truth, drawn, reference)
         assert measured > 10
-        assert wrong_pixels(silhouettes, settings, scene) == pytest.approx(measured, abs=1e-2 * measured)
+        assert wrong_pixels(silhouettes, settings, scene) == pytest.approx(
+            measured, abs=1e-2 * measured
+        )
 
 
 @pytest.mark.parametrize("near", [1e-1, 1e-4])
@@ -244,7 +264,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
     ratios = []
     for near in np.geomspace(3e-2, 3e-5, 7) * scene.frustum.longest_reach:
         settings = DoubleFrustum(near=float(near))
-        field = displacements(TruePoints.of(truth), scene.frustum, settings)
+        field = displacements(TruePoints.from_image(truth), scene.frustum, settings)
         moved = np.hypot(field[..., 0], field[..., 1])
         moved = moved[np.isfinite(moved)]
         if not (moved.size and DISPLACED_PX[0] <= np.percentile(moved, 99) <= DISPLACED_PX[1]):
@@ -273,8 +293,12 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
-@pytest.mark.parametrize("options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}])
-def test_each_link_is_charged_with_what_stays_wrong_from_it_on(name: str, options: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}]
+)
+def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
+    name: str, options: dict[str, Any]
+) -> None:
     """Predicted charges equal those counted pixel by pixel in the traced images of the chain."""
     scene = view(name, (128, 96))
     reference, aperture = Reference(scene), scene.plate.middle
@@ -300,7 +324,9 @@ def test_a_finer_mesh_has_the_same_contours() -> None:
     aperture = scene.plate.middle
     coarse, fine = (Reference(one).trace(aperture) for one in (scene, refine(scene, 2)))
     settings = DoubleFrustum(near=1.0)
-    a, b = (wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) for truth in (coarse, fine))
+    a, b = (
+        wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) for truth in (coarse, fine)
+    )
     assert a == pytest.approx(b, rel=1e-9)
 
 
@@ -317,6 +343,8 @@ def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(nam
             settings = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
             drawn = rasterizer.render(aperture, settings, normals=False, color=False)
             measured += wrong_inside(truth, drawn, reference)
-            predicted += silhouettes.snapped_pixels(settings, int(rasterizer.device["subpixel_bits"]))
+            predicted += silhouettes.snapped_pixels(
+                settings, int(rasterizer.device["subpixel_bits"])
+            )
     chance = 3 * math.sqrt(predicted)
     assert predicted / FACTOR - chance <= measured <= predicted * FACTOR + chance

@@ -6,7 +6,7 @@ import pytest
 from tests.support.views import at, soup, view
 from xfrustum.compare.prediction.predict import Predictor, plate_segments
 from xfrustum.compare.prediction.reasons import Reason
-from xfrustum.compare.run import Judge
+from xfrustum.compare.run import Evaluator
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report.best import DEFAULT_DEPTHS
 from xfrustum.scenes import DoubleFrustum, Pivot
@@ -30,18 +30,24 @@ NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
 def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons: set[str]) -> None:
     scene = view(name, (64, 48))
     settings = [
-        DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping, pivot=pivot)
+        DoubleFrustum(
+            near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping, pivot=pivot
+        )
         for pivot in (Pivot if scene.frustum.recentered else (Pivot.APERTURE,))
         for near in NEARS
         for depth, mapping in DEFAULT_DEPTHS
     ]
     found: set[str | None] = set()
-    with Judge(scene) as judge:
+    with Evaluator(scene) as judge:
         for hogel in judge.stream(scene.default_apertures(), settings, radiance=False, causes=True):
             for drawing in hogel.drawings:
                 predicted, measured = drawing.predicted, drawing.comparison
                 assert predicted is not None and measured.surface is not None
-                moved, spread, why = predicted.displacement_px, measured.displacement_px, predicted.reasons
+                moved, spread, why = (
+                    predicted.displacement_px,
+                    measured.displacement_px,
+                    predicted.reasons,
+                )
                 found |= {why.displacement, why.surface}
                 assert (why.displacement == Reason.CROSSES) <= (moved is None)
                 pairs = [(measured.surface.fraction, predicted.surface_fraction, why.surface)]

@@ -9,7 +9,7 @@ import pytest
 from tests.support.foreign_renderers import oblong
 from xfrustum.compare.renderer_model.changed_scene import SceneChange, changed
 from xfrustum.compare.renderer_model.conventions import Orientation
-from xfrustum.compare.renderer_model.drawn_model import DepthBuffer, DrawnModel, Normals
+from xfrustum.compare.renderer_model.drawn_model import DepthBuffer, Normals, RendererModel
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes.appearance.appearance import Material
@@ -26,14 +26,17 @@ def test_a_buffer_without_steps_to_spare_keeps_the_triangle_that_was_drawn_first
     assert first.stored(np.array([0.0, 60.0]), 60.0).tolist() == [0.0, 65535.0]
 
 
-@pytest.mark.parametrize("orientation", [Orientation(False, False, False), Orientation(True, False, True)])
+@pytest.mark.parametrize(
+    "orientation", [Orientation(False, False, False), Orientation(True, False, True)]
+)
 @pytest.mark.parametrize(("axis", "px"), [(0, 1), (0, -2), (1, 2)])
 def test_pixels_that_shifted_lines_push_out_are_not_judged(
     orientation: Orientation, axis: int, px: int
 ) -> None:
-    model = DrawnModel(orientation=orientation, odd_lines=(axis, px))
+    model = RendererModel(orientation=orientation, odd_lines=(axis, px))
     kept = model.kept(np.ones((6, 8), dtype=np.bool_))
-    # Any value may stand where lines begin: upright it lies in the pixels that are not kept, and in no other.
+    # Any value may stand where lines begin: upright it lies in the pixels that are not kept, and in
+    # no other.
     right = np.arange(48).reshape(6, 8)
     found = model.applied(right)
     odd, gone = slice(1, None, 2), slice(px) if px > 0 else slice(px, None)
@@ -64,14 +67,17 @@ def test_inverted_normals_are_lit_as_by_reversed_lights_where_nothing_is_glossy(
     objects = tuple(replace(one, material="dull") for one in plain.objects)
     dull = replace(plain.appearance, materials={"dull": Material()})
     reversed_lights = tuple(
-        replace(one, direction=(-x, -y, -z)) for one, (x, y, z) in ((of, of.direction) for of in dull.lights)
+        replace(one, direction=(-x, -y, -z))
+        for one, (x, y, z) in ((of, of.direction) for of in dull.lights)
     )
     scene = replace(plain, objects=objects, appearance=dull)
     turned = replace(scene, appearance=replace(dull, lights=reversed_lights))
-    answer = trace_drawn(Reference(scene), DrawnModel(), scene.plate.middle)
-    inverted = colored(scene, DrawnModel(normals=Normals.INVERTED), answer)
-    expected = colored(turned, DrawnModel(), answer)
-    assert inverted.color is not None and expected.color is not None and np.ptp(inverted.color) > 0.3
+    answer = trace_drawn(Reference(scene), RendererModel(), scene.plate.middle)
+    inverted = colored(scene, RendererModel(normals=Normals.INVERTED), answer)
+    expected = colored(turned, RendererModel(), answer)
+    assert (
+        inverted.color is not None and expected.color is not None and np.ptp(inverted.color) > 0.3
+    )
     np.testing.assert_allclose(inverted.color, expected.color, atol=1e-6)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from xfrustum.compare.rounding.edges import clipped, seams
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
 SIZE = 128
@@ -15,10 +15,10 @@ ROUNDING_PX = 2e-9
 """Largest difference between places, px: far above a dozen roundings of places of some hundred pixels."""
 
 
-def pencil(side: int, near: float = 0.1) -> Pencil:
+def bundle(side: int, near: float = 0.1) -> RayBundle:
     """Return the lines of a camera in the plate with a film of 90 degrees, pushed aside by its shear."""
     ends = (near, 10.0) if side > 0 else (-10.0, -near)
-    return Pencil(
+    return RayBundle(
         center=(0.2, -0.1, 0.0),
         shear=(0.3, -0.2),
         half_extent=(1.0, 1.0),
@@ -27,7 +27,7 @@ def pencil(side: int, near: float = 0.1) -> Pencil:
     )
 
 
-def seen_at(places: Floats, s: Floats, lines: Pencil) -> Floats:
+def seen_at(places: Floats, s: Floats, lines: RayBundle) -> Floats:
     """Return the points (N, 3) at distances s that a camera without shift sees at film places (N, 2)."""
     u, v = places[:, 0] * 2 / SIZE - 1, 1 - places[:, 1] * 2 / SIZE
     d = np.stack((u + lines.shear[0], v + lines.shear[1], -np.ones(len(s))), axis=1)
@@ -49,7 +49,7 @@ CUT = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 148.0)])
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_triangle_over_one_border_leaves_a_quadrangle_with_two_diagonals(side: int) -> None:
-    lines = pencil(side)
+    lines = bundle(side)
     corners = seen_at(CUT, side * np.array([2.0, 1.0, 3.0]), lines)
     a, b, c = CUT
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
@@ -58,10 +58,15 @@ def test_a_triangle_over_one_border_leaves_a_quadrangle_with_two_diagonals(side:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_near_plane_cuts_in_depth(side: int) -> None:
-    lines = pencil(side, near=1.0)
-    places, s = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 100.0)]), side * np.array([2.0, 3.0, 0.5])
+    lines = bundle(side, near=1.0)
+    places, s = (
+        np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 100.0)]),
+        side * np.array([2.0, 3.0, 0.5]),
+    )
     corners = seen_at(places, s, lines)
-    near = [corners[i] + (corners[2] - corners[i]) * (abs(s[i]) - 1) / (abs(s[i]) - 0.5) for i in (0, 1)]
+    near = [
+        corners[i] + (corners[2] - corners[i]) * (abs(s[i]) - 1) / (abs(s[i]) - 0.5) for i in (0, 1)
+    ]
     found = seams(corners, lines, STRAIGHT)
     assert len(found) == 2
     ends = {tuple(np.round(end, 6)) for end in found.reshape(-1, 2)}
@@ -72,7 +77,7 @@ def test_the_near_plane_cuts_in_depth(side: int) -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_no_triangle_that_is_not_clipped_has_a_seam(side: int) -> None:
-    lines, random = pencil(side, near=1.0), np.random.default_rng(1)
+    lines, random = bundle(side, near=1.0), np.random.default_rng(1)
     places = random.uniform(-SIZE / 8, 9 * SIZE / 8, (300, 3, 2))
     depths = side * random.uniform(0.9, 10.5, (300, 3))
     triangles = np.array([seen_at(*one, lines) for one in zip(places, depths, strict=True)])

@@ -38,7 +38,9 @@ def recorded(request: pytest.FixtureRequest) -> tuple[Measured, DeviceModel]:
     return measured_on(request.param), MODELS[request.param]
 
 
-def test_a_recorded_fingerprint_measures_the_known_model(recorded: tuple[Measured, DeviceModel]) -> None:
+def test_a_recorded_fingerprint_measures_the_known_model(
+    recorded: tuple[Measured, DeviceModel],
+) -> None:
     measured, known = recorded
     assert replace(measured.model, name=known.name) == known
     assert measured.known == known
@@ -59,7 +61,9 @@ def test_a_device_that_does_not_snap_depth_has_half_the_bounds_of_one_that_nobod
     assert measured_on("llvmpipe").within(LLVMPIPE).share_of_safe < 0.6
 
 
-def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_not_snap_them() -> None:
+def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_not_snap_them() -> (
+    None
+):
     measured = measured_on("h100")
     for depth in (DepthFormat.D24, DepthFormat.D32F):
         assert 1 - share(measured.within(LLVMPIPE, depth)) > 0.15
@@ -69,10 +73,15 @@ def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_n
     assert found[0].share_of_safe > found[1].share_of_safe
 
 
-def test_steep_planes_tell_which_corners_a_device_takes(recorded: tuple[Measured, DeviceModel]) -> None:
+def test_steep_planes_tell_which_corners_a_device_takes(
+    recorded: tuple[Measured, DeviceModel],
+) -> None:
     """Corners that are off move depths by as much as the slope says; rounding leaves those that are taken."""
     measured, known = recorded
-    off = {snapped: measured.off_by_slope(DepthFormat.D32F, snapped=snapped) for snapped in (False, True)}
+    off = {
+        snapped: measured.off_by_slope(DepthFormat.D32F, snapped=snapped)
+        for snapped in (False, True)
+    }
     steep = {snapped: found[found[:, 0] > 1e5, 1] for snapped, found in off.items()}
     taken, other = (np.median(steep[one]) for one in (known.snaps_depth, not known.snaps_depth))
     assert len(steep[True]) > 50 and other > 10 * taken
@@ -104,7 +113,8 @@ def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
     assert measured.ties == {"left and bottom": 0, "left and top": 0}
     assert measured.cuts["pixels"] > 20_000
     assert measured.cuts["differ"] == 0
-    # llvmpipe cuts at the window's border, 32 pixels from its middle, and the card does not up to 40.
+    # llvmpipe cuts at the window's border, 32 pixels from its middle, and the card does not up to
+    # 40.
     cut = measured.cut_from_px
     assert cut is None if known == H100 else cut is not None and 32 < cut < 33
 
@@ -112,7 +122,8 @@ def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
 def test_the_device_at_hand_draws_as_its_model_says() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
-    # Sides half a subpixel beside centers tell half to even from half up, which random triangles do not.
+    # Sides half a subpixel beside centers tell half to even from half up, which random triangles do
+    # not.
     assert [name for name, count in measured.viewport.items() if not count] == [NEAREST_EVEN]
     assert list(measured.ties.values()) == [0]
     for depth in DepthFormat:
@@ -138,7 +149,9 @@ def plane_of(corners: np.ndarray) -> Planes:
 
 
 @pytest.mark.parametrize("snaps", [False, True])
-def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tolerance(*, snaps: bool) -> None:
+def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tolerance(
+    *, snaps: bool
+) -> None:
     """Corners are moved at random by up to what float32 and, if it does, snapping move them."""
     rng = np.random.default_rng(7)
     model = replace(LLVMPIPE, snaps_depth=snaps)
@@ -166,9 +179,13 @@ def test_the_thinner_a_triangle_the_less_is_known_of_its_plane() -> None:
     """The gradient is a difference of products that cancel: so it is measured on both devices' slivers."""
     known = []
     for height in (0.5, 1e-2, 1e-4):
-        corners = np.array([(-0.5, 0.0, 1.0, 0.2), (0.5, 0.1, 1.0, 0.7), (0.0, 0.05 + height, 1.0, 0.45)])
+        corners = np.array(
+            [(-0.5, 0.0, 1.0, 0.2), (0.5, 0.1, 1.0, 0.7), (0.0, 0.05 + height, 1.0, 0.45)]
+        )
         point = np.array([[0.0, 0.05 + height / 3, 1.0]])
-        known.append(float(plane_of(corners).tolerance(np.zeros(1, dtype=np.int64), point, LLVMPIPE)[0]))
+        known.append(
+            float(plane_of(corners).tolerance(np.zeros(1, dtype=np.int64), point, LLVMPIPE)[0])
+        )
     assert known[0] < known[1] < known[2] / 20
 
 

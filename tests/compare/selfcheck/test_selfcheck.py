@@ -19,8 +19,17 @@ from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.compare.selfcheck.selfcheck import check_sphere, disagreements, selfcheck, table
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum
-from xfrustum.scenes import NOTHING, Aperture, Certainty, Frustum, HogelImage, InputError, Scene, Screen
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.scenes import (
+    NOTHING,
+    Aperture,
+    Certainty,
+    Frustum,
+    HogelImage,
+    InputError,
+    Scene,
+    Screen,
+)
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
@@ -29,25 +38,27 @@ from xfrustum.scenes.library.builtin import names
 several = examples(20)
 
 SQUARE = Frustum(
-    resolution=(8, 8), reach=(8.0, 8.0), screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0))
+    resolution=(8, 8),
+    reach=(8.0, 8.0),
+    screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0)),
 )
 """Slopes are the odd multiples of 1/8."""
 
 
-def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, Pencil]:
-    pencil = crossed_frustum(frustum, aperture)
-    return first_by_brute_force(corners, pencil, range(pencil.resolution[1])), pencil
+def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, RayBundle]:
+    bundle = crossed_frustum(frustum, aperture)
+    return first_by_brute_force(corners, bundle, range(bundle.resolution[1])), bundle
 
 
 def assert_decided_as_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
     """Cramer's rule on every triangle and every line, without boxes, gives the same answer."""
-    found, pencil = all_rows(corners, frustum, aperture)
+    found, bundle = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
     for row, column, number in found.ties.tolist():
         ties.setdefault((row, column), []).append(number)
     for (row, column), triangle in np.ndenumerate(found.triangle):
-        d = pencil.directions()[row, column]
-        s, winners = exact_first(corners, np.array(pencil.center), d, pencil.s_range)
+        d = bundle.directions()[row, column]
+        s, winners = exact_first(corners, np.array(bundle.center), d, bundle.s_range)
         assert triangle == (winners[0] if winners else NOTHING)
         assert ties.get((row, column), []) == (winners if len(winners) > 1 else [])
         np.testing.assert_equal(found.s[row, column], np.nan if s is None else float(s))
@@ -55,7 +66,9 @@ def assert_decided_as_by_fractions(corners: Floats, frustum: Frustum, aperture: 
 
 @several
 @given(triangles(coordinates=ANYTHING), frusta(), apertures())
-def test_integers_decide_as_fractions_do(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
+def test_integers_decide_as_fractions_do(
+    corners: Floats, frustum: Frustum, aperture: Aperture
+) -> None:
     assert_decided_as_by_fractions(corners, frustum, aperture)
 
 
@@ -64,9 +77,9 @@ def test_integers_decide_as_fractions_do(corners: Floats, frustum: Frustum, aper
 def test_integers_decide_coincidences_as_fractions_do(
     data: st.DataObject, frustum: Frustum, aperture: Aperture
 ) -> None:
-    pencil = crossed_frustum(frustum, aperture)
-    lines = pencil.directions().reshape(-1, 3)
-    corners = data.draw(coincidences(np.array(pencil.center), lines))
+    bundle = crossed_frustum(frustum, aperture)
+    lines = bundle.directions().reshape(-1, 3)
+    corners = data.draw(coincidences(np.array(bundle.center), lines))
     assert_decided_as_by_fractions(corners, frustum, aperture)
 
 
@@ -98,7 +111,9 @@ def test_a_part_of_the_self_check_agrees() -> None:
     assert {view.scene for view in check.views} >= {*names(), *hard_cases.names(giants=False)}
     assert check.total("pixels") >= 60_000
     assert check.total("covered") > check.total("pixels") / 3
-    assert check.total("proven") + check.total("exact") + check.total("ties") == check.total("pixels")
+    assert check.total("proven") + check.total("exact") + check.total("ties") == check.total(
+        "pixels"
+    )
     assert min(check.total("exact"), check.total("ties"), check.total("tracer_wrong")) > 0
     assert check.sphere is not None and check.sphere.triangles == 5120
     assert json.loads(json.dumps(check.summary(), allow_nan=False))["agrees"] is True
@@ -107,14 +122,17 @@ def test_a_part_of_the_self_check_agrees() -> None:
 def small_scene() -> Scene:
     """Two sheets, one a quarter of the film before the other, and a copy of one triangle of it."""
     back = np.array(
-        [[[-9, -9, -4], [9, -9, -4], [9, 9, -4]], [[-9, -9, -4], [9, 9, -4], [-9, 9, -4]]], dtype=float
+        [[[-9, -9, -4], [9, -9, -4], [9, 9, -4]], [[-9, -9, -4], [9, 9, -4], [-9, 9, -4]]],
+        dtype=float,
     )
     front = back / 4 + [2.1, 2.2, -1.0]
     return soup(np.concatenate((back, front, front[:1])), SQUARE)
 
 
 def with_class(image: HogelImage, old: Certainty, new: Certainty) -> HogelImage:
-    return replace(image, certainty=np.where(image.certainty == old, np.uint8(new), image.certainty))
+    return replace(
+        image, certainty=np.where(image.certainty == old, np.uint8(new), image.certainty)
+    )
 
 
 def moved(image: HogelImage, factor: float) -> HogelImage:
@@ -126,15 +144,24 @@ def without_a_triangle(image: HogelImage, becomes: int) -> HogelImage:
 
 
 def without_a_companion(image: HogelImage) -> HogelImage:
-    return replace(image, companions=image.companions[1:])
+    return replace(image, tied_triangles=image.tied_triangles[1:])
 
 
 SPOILED: dict[str, tuple[str, Callable[[HogelImage], HogelImage]]] = {
     "another triangle": ("triangle", lambda image: without_a_triangle(image, 1)),
     "nothing": ("triangle", lambda image: without_a_triangle(image, NOTHING)),
-    "a tie not called one": ("certainty", lambda image: with_class(image, Certainty.TIE, Certainty.EXACT)),
-    "a proof called a tie": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.TIE)),
-    "nobody looked": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.UNEXAMINED)),
+    "a tie not called one": (
+        "certainty",
+        lambda image: with_class(image, Certainty.TIE, Certainty.EXACT),
+    ),
+    "a proof called a tie": (
+        "certainty",
+        lambda image: with_class(image, Certainty.PROVEN, Certainty.TIE),
+    ),
+    "nobody looked": (
+        "certainty",
+        lambda image: with_class(image, Certainty.PROVEN, Certainty.UNEXAMINED),
+    ),
     "a companion lost": ("companions", without_a_companion),
     "a position off by 1e-13": ("position", lambda image: moved(image, 1 + 1e-13)),
     "no position": ("position", lambda image: moved(image, np.nan)),
@@ -146,16 +173,18 @@ def test_whatever_is_wrong_is_found(kind: str) -> None:
     about, spoil = SPOILED[kind]
     scene, aperture = small_scene(), at(0, 0)
     image = Reference(scene).trace(aperture)
-    exact, pencil = all_rows(scene.triangles, scene.frustum, aperture)
-    wrong, listed = disagreements(image, exact, pencil, scene.triangles)
+    exact, bundle = all_rows(scene.triangles, scene.frustum, aperture)
+    wrong, listed = disagreements(image, exact, bundle, scene.triangles)
     assert not wrong.any() and listed == ()
-    wrong, listed = disagreements(spoil(image), exact, pencil, scene.triangles)
+    wrong, listed = disagreements(spoil(image), exact, bundle, scene.triangles)
     assert wrong.any()
     assert {one.about for one in listed} >= {about}
     assert all(wrong[one.row, one.column] and one.expected != one.got for one in listed)
 
 
-def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reference_that_believes_its_tracer_fails_the_self_check(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """In float32 the pixels of coinciding and nearly coinciding sheets come out in either order."""
 
     class Believer(Reference):
@@ -163,7 +192,9 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
             self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
         ) -> HogelImage:
             image = super().trace(aperture, sampling, colored=colored)
-            return replace(image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle))
+            return replace(
+                image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle)
+            )
 
     monkeypatch.setattr(module, "Reference", Believer)
     check = selfcheck(["hard/nearly-coincident"], quick=True, processes=1)
@@ -175,7 +206,9 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
 
 def test_processes_make_no_difference() -> None:
     one, two = (selfcheck(["asymmetric"], quick=True, processes=n) for n in (1, 2))
-    assert [replace(v, seconds=0.0) for v in one.views] == [replace(v, seconds=0.0) for v in two.views]
+    assert [replace(v, seconds=0.0) for v in one.views] == [
+        replace(v, seconds=0.0) for v in two.views
+    ]
     assert one.sphere is None
 
 
@@ -221,7 +254,8 @@ def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> 
 def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
     """A square cut along the film's diagonal, and a copy of its lower half."""
     sheet = np.array(
-        [[[-4, -4, -2], [4, -4, -2], [4, 4, -2]], [[-4, -4, -2], [4, 4, -2], [-4, 4, -2]]], dtype=float
+        [[[-4, -4, -2], [4, -4, -2], [4, 4, -2]], [[-4, -4, -2], [4, 4, -2], [-4, 4, -2]]],
+        dtype=float,
     )
     found, _ = all_rows(np.concatenate((sheet, sheet[:1])), SQUARE, at(0, 0))
     np.testing.assert_array_equal(found.s, 2.0)
@@ -233,4 +267,6 @@ def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
     }
     for row, column, number in found.ties.tolist():
         ties[row, column].add(number)
-    assert all(ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties)
+    assert all(
+        ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties
+    )

@@ -33,7 +33,13 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, ColorType, FilmPart, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import (
+    DRAWN_CHANNELS,
+    ColorType,
+    FilmPart,
+    PlateContent,
+    PlateHogel,
+)
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Screen
 
@@ -45,7 +51,10 @@ OPTIONS = [
     DoubleFrustum(near=2.0, offset=Offset.NONE),
     DoubleFrustum(near=1e-6, camera=Camera.C),
 ]
-CULLED = [DoubleFrustum(near=0.3, cull=Cull.BACK), DoubleFrustum(near=0.3, slabs=(20.0,), cull=Cull.BACK)]
+CULLED = [
+    DoubleFrustum(near=0.3, cull=Cull.BACK),
+    DoubleFrustum(near=0.3, slabs=(20.0,), cull=Cull.BACK),
+]
 
 
 def some_apertures(scene: Scene) -> list[Aperture]:
@@ -78,16 +87,28 @@ def checked_one_by_one(
     ("name", "size", "chosen"),
     thinned(
         [
-            # With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order decides.
+            # With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order
+            # decides.
             *(
-                ("asymmetric-recentered", (48, 36), DoubleFrustum(near=0.015, depth=depth, mapping=mapping))
+                (
+                    "asymmetric-recentered",
+                    (48, 36),
+                    DoubleFrustum(near=0.015, depth=depth, mapping=mapping),
+                )
                 for depth, mapping in itertools.product(DepthFormat, DepthMapping)
             ),
-            *((name, (48, 36), one) for name in ("asymmetric", "asymmetric-recentered") for one in OPTIONS),
+            *(
+                (name, (48, 36), one)
+                for name in ("asymmetric", "asymmetric-recentered")
+                for one in OPTIONS
+            ),
             *((name, (48, 36), one) for name in ("crossing", "large-triangles") for one in CULLED),
             *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-recentered", "sheets")),
             *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-studio", "truck")),
-            *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("teapot-recentered", "grating")),
+            *(
+                (name, (64, 48), DoubleFrustum(near=0.1))
+                for name in ("teapot-recentered", "grating")
+            ),
             ("mirror-sphere", (32, 24), DoubleFrustum(near=0.1)),
         ],
         7,
@@ -100,7 +121,9 @@ def test_every_scene_and_setting_is_drawn_as_a_single_hogel_is(
     assert checked_one_by_one(scene, chosen, some_apertures(scene)) > 0.02
 
 
-@pytest.mark.parametrize("chosen", [CULLED[0], DoubleFrustum(near=0.015, slabs=(40.0,)), reversed_d32f(1e-3)])
+@pytest.mark.parametrize(
+    "chosen", [CULLED[0], DoubleFrustum(near=0.015, slabs=(40.0,)), reversed_d32f(1e-3)]
+)
 @pytest.mark.parametrize("name", thinned(["crossing", "asymmetric"], 2))
 def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
     """The scene is smooth and flat, colored and not, textured and not, with three lights and mirrors."""
@@ -112,7 +135,10 @@ def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFru
     ("name", "chosen", "points"),
     thinned(
         [
-            *(("asymmetric-recentered", chosen, 1) for chosen in (*OPTIONS[:3], reversed_d32f(1e-3))),
+            *(
+                ("asymmetric-recentered", chosen, 1)
+                for chosen in (*OPTIONS[:3], reversed_d32f(1e-3))
+            ),
             ("asymmetric-recentered", OPTIONS[0], 3),
             ("car-studio", OPTIONS[0], 1),
             ("empty", OPTIONS[0], 1),
@@ -120,7 +146,9 @@ def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFru
         2,
     ),
 )
-def test_heights_and_normals_are_the_rasterizers(name: str, chosen: DoubleFrustum, points: int) -> None:
+def test_heights_and_normals_are_the_rasterizers(
+    name: str, chosen: DoubleFrustum, points: int
+) -> None:
     """With sub-apertures too: surfaces are those that the middle of the aperture sees."""
     scene = replace(view(name, (24, 18)), sampling=Sampling(aperture=points))
     apertures = some_apertures(scene)
@@ -170,8 +198,12 @@ def test_the_plain_loops_are_the_same_images_too() -> None:
 
 def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """No version of OpenGL promises that a vertex may choose its layer."""
-    monkeypatch.setattr("xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False)
-    monkeypatch.setattr("xfrustum.raster.plate.picture.lets_vertices_choose_layers", lambda _: False)
+    monkeypatch.setattr(
+        "xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False
+    )
+    monkeypatch.setattr(
+        "xfrustum.raster.plate.picture.lets_vertices_choose_layers", lambda _: False
+    )
     scene = view("asymmetric-recentered", (48, 36))
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
         assert plate.batching.hogels == 1
@@ -235,7 +267,9 @@ def test_culling_loses_no_pixel_of_triangles_of_any_size(
 ) -> None:
     """Triangles far larger than everything, across the plate and behind the camera, are kept as well."""
     scene = soup(scattered(seed, 60, size), frustum)
-    apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
+    apertures = [
+        scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))
+    ]
     # Small triangles may cover no pixel of an image; that both are alike is what is asserted.
     assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
@@ -245,10 +279,11 @@ def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) 
     """With points instead of boxes, the points found are those on the film by both its definitions."""
     scene = soup(scattered(seed, 20, 1.0), frustum)
     aperture = scene.plate.aperture(5, 9)
-    # A step back this small moves nothing visibly, and leaves no far plane that float32 could clip at.
+    # A step back this small moves nothing visibly, and leaves no far plane that float32 could clip
+    # at.
     chosen = DoubleFrustum(near=1e-9)
     points = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * (40, 40, 20)
-    boxes = Boxes.of(points, points)
+    boxes = Boxes.from_bounds(points, points)
     found = np.zeros(len(points), dtype=np.bool_)
     for camera in drawing_order(scene, aperture, chosen):
         planes, magnitudes = clip_planes(
@@ -273,7 +308,9 @@ def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[Floats,
 FILM = (96, 80)
 
 
-@pytest.mark.parametrize("name", thinned(["car-studio", "asymmetric-recentered", "large-triangles"], 2, 1))
+@pytest.mark.parametrize(
+    "name", thinned(["car-studio", "asymmetric-recentered", "large-triangles"], 2, 1)
+)
 def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
     scene = view(name, FILM)
     random = np.random.default_rng(7)
@@ -290,7 +327,10 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
         some, whole = list(renderer.hogels(apertures, parts)), list(renderer.hogels(apertures))
     shown = 0
     for one, other in zip(some, whole, strict=True):
-        (left, right), (top, bottom) = parts[one.aperture.index].columns, parts[one.aperture.index].rows
+        (left, right), (top, bottom) = (
+            parts[one.aperture.index].columns,
+            parts[one.aperture.index].rows,
+        )
         here = slice(top, bottom + 1), slice(left, right + 1)
         np.testing.assert_array_equal(one.triangle[here], other.triangle[here])
         np.testing.assert_array_equal(one.color[here], other.color[here])

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from tests.support.brute_force import exact_first
 from tests.support.long_tail import examples
-from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
+from tests.support.strategies import (
+    ANYTHING,
+    apertures,
+    coincidences,
+    frusta,
+    near_misses,
+    triangles,
+)
 from tests.support.views import at, lines_by_definition, soup, view
 from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
 from xfrustum.reference import Reference
@@ -37,12 +44,18 @@ several = examples(60)
 
 def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
     """Return for each pixel the set of all triangles that are first there."""
-    number = np.arange(image.triangle.max() + 1 + len(image.companions)) if parent is None else parent
+    number = (
+        np.arange(image.triangle.max() + 1 + len(image.tied_triangles))
+        if parent is None
+        else parent
+    )
     height, width = image.triangle.shape
     shared: dict[tuple[int, int], set[int]] = {}
-    for row, column, triangle in image.companions.tolist():
+    for row, column, triangle in image.tied_triangles.tolist():
         shared.setdefault((row, column), set()).add(triangle)
-    ties = {(int(row), int(column)) for row, column in np.argwhere(image.certainty == Certainty.TIE)}
+    ties = {
+        (int(row), int(column)) for row, column in np.argwhere(image.certainty == Certainty.TIE)
+    }
     assert set(shared) == ties
     found: Winners = []
     for row in range(height):
@@ -71,9 +84,9 @@ def exact_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 @st.composite
 def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
     frustum, aperture = draw(frusta()), draw(apertures())
-    pencil = crossed_frustum(frustum, aperture)
+    bundle = crossed_frustum(frustum, aperture)
     return soup(
-        draw(near_misses(np.array(pencil.center), pencil.directions().reshape(-1, 3))), frustum
+        draw(near_misses(np.array(bundle.center), bundle.directions().reshape(-1, 3))), frustum
     ), aperture
 
 
@@ -98,17 +111,19 @@ class TestAgainstRationalNumbers:
         self, asked: tuple[Scene, Aperture]
     ) -> None:
         scene, aperture = asked
-        pencil = crossed_frustum(scene.frustum, aperture)
-        d, center = pencil.directions(), np.array(pencil.center)
+        bundle = crossed_frustum(scene.frustum, aperture)
+        d, center = bundle.directions(), np.array(bundle.center)
         image = Reference(scene).trace(aperture)
         for row, column in np.ndindex(*image.triangle.shape):
-            _, first = exact_first(scene.triangles, center, d[row, column], pencil.s_range)
+            _, first = exact_first(scene.triangles, center, d[row, column], bundle.s_range)
             assert image.triangle[row, column] == (first[0] if first else NOTHING)
             assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
 
     @examples(40)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
-    def test_so_do_the_two_offset_cameras_overlaid(self, asked: tuple[Scene, Aperture], near: float) -> None:
+    def test_so_do_the_two_offset_cameras_overlaid(
+        self, asked: tuple[Scene, Aperture], near: float
+    ) -> None:
         scene, aperture = asked
         viewer, back = scene.frustum.reach
         screen = scene.frustum.screen
@@ -130,7 +145,7 @@ class TestAgainstRationalNumbers:
         """Compare pixel by pixel; of several cameras the first that meets something is shown."""
         d = lines_by_definition(scene, aperture)
         shared: dict[tuple[int, int], list[int]] = {}
-        for row, column, triangle in image.companions.tolist():
+        for row, column, triangle in image.tied_triangles.tolist():
             shared.setdefault((row, column), []).append(triangle)
         for row, column in np.ndindex(*image.triangle.shape):
             line = d[row, column]
@@ -142,7 +157,9 @@ class TestAgainstRationalNumbers:
             assert shared.get((row, column), []) == (first if len(first) > 1 else [])
             if s is not None:
                 point = center + float(s) * line
-                np.testing.assert_allclose(image.position[row, column], point, rtol=1e-12, atol=1e-12)
+                np.testing.assert_allclose(
+                    image.position[row, column], point, rtol=1e-12, atol=1e-12
+                )
 
 
 def test_most_pixels_of_real_scenes_are_proven_and_none_unexamined() -> None:
@@ -160,7 +177,9 @@ def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
     once, twice = (Reference(s).trace(scene.plate.middle) for s in (scene, doubled))
     np.testing.assert_array_equal(once.triangle, twice.triangle)
     np.testing.assert_array_equal(twice.certainty == Certainty.TIE, once.covered)
-    twins = [[group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)]
+    twins = [
+        [group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)
+    ]
     assert winners(twice) == twins
 
 
@@ -172,7 +191,9 @@ def test_what_a_pixel_shows_is_imaged_in_that_pixel(
     scene = soup(corners, frustum)
     image = Reference(scene).trace(aperture)
     shown = image.covered & (image.height != 0)
-    off = np.abs(pixel_places(image.position, true_lines(image.camera)) - pixel_centers(image.camera))[shown]
+    off = np.abs(
+        pixel_places(image.position, true_lines(image.camera)) - pixel_centers(image.camera)
+    )[shown]
     # s d + a and the subtraction of a again round by 2^-53 of |a| and |s d| each, over |s|.
     s = np.abs(image.height[shown])[:, None]
     largest = np.abs(image.position[shown, :2]) + np.abs([aperture.x, aperture.y])
@@ -219,7 +240,9 @@ def turned_frustum(frustum: Frustum, swap: bool, signs: tuple[int, int]) -> Frus
     screen = frustum.screen
     if screen is not None:
         x, y = pair(screen.center)
-        screen = Screen(height=screen.height, center=(x * signs[0], y * signs[1]), size=pair(screen.size))
+        screen = Screen(
+            height=screen.height, center=(x * signs[0], y * signs[1]), size=pair(screen.size)
+        )
     return Frustum(
         resolution=pair(frustum.resolution),
         reach=frustum.reach,
@@ -249,7 +272,9 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
     moved = corners[..., axes] * [*signs, 1]
     x, y = np.array([aperture.x, aperture.y])[axes[:2]] * signs
     one = Reference(soup(corners, frustum)).trace(aperture)
-    other = Reference(soup(moved, turned_frustum(frustum, swap, signs))).trace(at(float(x), float(y)))
+    other = Reference(soup(moved, turned_frustum(frustum, swap, signs))).trace(
+        at(float(x), float(y))
+    )
     np.testing.assert_array_equal(other.triangle, picture(one.triangle))
     ties, moved_ties = one.certainty == Certainty.TIE, other.certainty == Certainty.TIE
     np.testing.assert_array_equal(moved_ties, picture(ties))
@@ -276,4 +301,4 @@ def test_the_unit_of_length_makes_no_difference(
     np.testing.assert_array_equal(other.certainty, one.certainty)
     np.testing.assert_array_equal(other.position, one.position * scale)
     np.testing.assert_array_equal(other.normal, one.normal)
-    np.testing.assert_array_equal(other.companions, one.companions)
+    np.testing.assert_array_equal(other.tied_triangles, one.tied_triangles)

@@ -14,21 +14,23 @@ from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, trian
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.certify import occlusion
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
 from xfrustum.scenes import Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 
-def hidden(scene: Scene, pencil: Pencil, points: SurfacePoints) -> Mask:
-    return Reference(scene).hidden_from(pencil, points)
+def hidden(scene: Scene, bundle: RayBundle, points: SurfacePoints) -> Mask:
+    return Reference(scene).hidden_from(bundle, points)
 
 
-def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) -> list[bool]:
+def hidden_by_definition(scene: Scene, bundle: RayBundle, points: SurfacePoints) -> list[bool]:
     """Test every triangle against every point's own line, in rational numbers."""
-    center = np.array(pencil.center)
+    center = np.array(bundle.center)
     found = []
-    for position, own, tolerance in zip(points.position, points.triangle, points.tolerance, strict=True):
+    for position, own, tolerance in zip(
+        points.position, points.triangle, points.tolerance, strict=True
+    ):
         s = center[2] - position[2]
         slopes = (position[:2] - center[:2]) / s
         line = np.array([*slopes, -1.0])
@@ -36,7 +38,11 @@ def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) ->
         hides = False
         for number, corners in enumerate(scene.triangles):
             met = exact_s(corners, center, line)
-            if number == own or met is None or not Fraction(pencil.s_range[0]) <= met < Fraction(end):
+            if (
+                number == own
+                or met is None
+                or not Fraction(bundle.s_range[0]) <= met < Fraction(end)
+            ):
                 continue
             hides |= is_off_plane(position, corners, tolerance)
         found.append(hides)
@@ -60,7 +66,10 @@ def sheet(origin: Floats, across: Floats, along: Floats, cells: tuple[int, int])
         share = [((i + right) / cells[0]).ravel()[:, None], ((j + up) / cells[1]).ravel()[:, None]]
         return np.asarray(origin + share[0] * across + share[1] * along)
 
-    halves = [(corner(0, 0), corner(1, 0), corner(1, 1)), (corner(0, 0), corner(1, 1), corner(0, 1))]
+    halves = [
+        (corner(0, 0), corner(1, 0), corner(1, 1)),
+        (corner(0, 0), corner(1, 1), corner(0, 1)),
+    ]
     return np.concatenate([np.stack(half, axis=1) for half in halves])
 
 
@@ -78,19 +87,26 @@ def points_drawn_on(corners: Floats, count: int) -> SurfacePoints:
 
 
 @st.composite
-def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]) -> SurfacePoints:
+def points_of(
+    draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]
+) -> SurfacePoints:
     """Return points off the plate: on triangles, which they know, and anywhere."""
     number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
     shares = [
-        draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)])) for _ in number
+        draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)]))
+        for _ in number
     ]
     on = [np.array(share) @ corners[one] for share, one in zip(shares, number, strict=True)]
-    anywhere = draw(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=6))
+    anywhere = draw(
+        st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=6)
+    )
     position = np.array([*on, *anywhere], dtype=np.float64)
     position[position[:, 2] == 0, 2] = 1.0
     named = np.array([*number, *([NOTHING] * len(anywhere))], dtype=np.int32)
     tolerance = draw(st.sampled_from([0.0, 1e-6, 0.25]))
-    return SurfacePoints(position=position, triangle=named, tolerance=np.full(len(named), tolerance))
+    return SurfacePoints(
+        position=position, triangle=named, tolerance=np.full(len(named), tolerance)
+    )
 
 
 @pytest.mark.parametrize("coordinates", [EIGHTHS, ANYTHING], ids=["eighths", "anything"])
@@ -102,36 +118,37 @@ def test_a_point_is_hidden_where_rational_arithmetic_says_so(
     # Coordinates of eighths make lines run through edges, corners and planes exactly.
     corners = data.draw(triangles(coordinates=coordinates))
     scene = soup(corners, data.draw(frusta()))
-    pencil = crossed_frustum(scene.frustum, data.draw(apertures()))
+    bundle = crossed_frustum(scene.frustum, data.draw(apertures()))
     points = data.draw(points_of(corners, coordinates))
-    assert hidden(scene, pencil, points).tolist() == hidden_by_definition(scene, pencil, points)
+    assert hidden(scene, bundle, points).tolist() == hidden_by_definition(scene, bundle, points)
 
 
 def test_surfaces_are_told_apart_that_float32_cannot_tell() -> None:
-    # Two sheets whose distance is a hundredth of a rounding of float32, and points on the farther one.
+    # Two sheets whose distance is a hundredth of a rounding of float32, and points on the farther
+    # one.
     scene = view("sheets", (16, 16))
     sheet = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 18, 0]])
     gap = 6.0 * 2.0**-24 / 100
     scene = soup(np.stack((sheet - [0, 0, 6], sheet - [0, 0, 6 + gap])), scene.frustum)
     x, y = (value.ravel() for value in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)))
-    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    bundle = crossed_frustum(scene.frustum, scene.plate.middle)
     for own, other in ((0, 1), (1, 0)):
         points = SurfacePoints(
             position=np.stack((x, y, np.full(x.size, scene.triangles[own, 0, 2])), axis=1),
             triangle=np.full(x.size, own, dtype=np.int32),
             tolerance=np.full(x.size, gap / 4),
         )
-        assert (hidden(scene, pencil, points) == (own == 1)).all()
+        assert (hidden(scene, bundle, points) == (own == 1)).all()
         # Known less exactly than the sheets lie apart, each point lies on both of them.
         blurred = replace(points, tolerance=np.full(x.size, 4 * gap))
-        assert not hidden(scene, pencil, blurred).any()
+        assert not hidden(scene, bundle, blurred).any()
         assert other != own
 
 
 @pytest.mark.parametrize("times_finer", [1, 10, 100, 1000])
 def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(times_finer: int) -> None:
-    # Lines meet the sheet's plane at angles of some 1e-5: where rounding moves a point by 1e-6 behind it, its
-    # line met it 0.1 before, in another triangle of the finest sheet.
+    # Lines meet the sheet's plane at angles of some 1e-5: where rounding moves a point by 1e-6
+    # behind it, its line met it 0.1 before, in another triangle of the finest sheet.
     frustum = view("sheets", (32, 32)).frustum
     corners = sheet(
         np.array([-1.5, 1e-4 - 0.375, -9.0]),
@@ -140,22 +157,24 @@ def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(times_fine
         (1, times_finer),
     )
     points = points_drawn_on(corners, 400)
-    pencil = crossed_frustum(frustum, at(0.0, 0.0))
-    assert not hidden(soup(corners, frustum), pencil, points).any()
+    bundle = crossed_frustum(frustum, at(0.0, 0.0))
+    assert not hidden(soup(corners, frustum), bundle, points).any()
 
 
 @pytest.mark.parametrize("cells", [(1, 1), (16, 32)])
 def test_a_plane_through_the_aperture_does_not_hide_its_own_points(cells: tuple[int, int]) -> None:
-    # Every line to a point of the plane lies in the plane, but rounded points lie beside it: their lines meet
-    # the triangle about the aperture at s = 0.
+    # Every line to a point of the plane lies in the plane, but rounded points lie beside it: their
+    # lines meet the triangle about the aperture at s = 0.
     frustum = view("sheets", (32, 32)).frustum
-    corners = sheet(np.array([-1.5, -2.5, -4.5]), np.array([0.0, 4.0, 0.0]), np.array([3.0, 0.5, 9.0]), cells)
-    pencil = crossed_frustum(frustum, at(0.0, 0.25))
+    corners = sheet(
+        np.array([-1.5, -2.5, -4.5]), np.array([0.0, 4.0, 0.0]), np.array([3.0, 0.5, 9.0]), cells
+    )
+    bundle = crossed_frustum(frustum, at(0.0, 0.25))
     points = points_drawn_on(corners, 400)
-    assert not hidden(soup(corners, frustum), pencil, points).any()
+    assert not hidden(soup(corners, frustum), bundle, points).any()
 
 
-def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
+def seen_and_pushed(name: str) -> tuple[Scene, RayBundle, SurfacePoints, Mask]:
     """Return the true points of an aperture, then the same pushed away, and which are of the second kind."""
     scene = view(name, (48, 36))
     aperture = scene.default_apertures()[-1]
@@ -169,13 +188,18 @@ def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
         triangle=np.concatenate((number, np.full(len(number), NOTHING, dtype=np.int32))),
         tolerance=np.full(2 * len(seen), 1e-9 * scene.frustum.longest_reach),
     )
-    return scene, crossed_frustum(scene.frustum, aperture), points, np.repeat([False, True], len(seen))
+    return (
+        scene,
+        crossed_frustum(scene.frustum, aperture),
+        points,
+        np.repeat([False, True], len(seen)),
+    )
 
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "crossing", "large-triangles"])
 def test_true_points_are_seen_and_what_lies_behind_them_is_not(name: str) -> None:
-    scene, pencil, points, pushed = seen_and_pushed(name)
-    np.testing.assert_array_equal(hidden(scene, pencil, points), pushed)
+    scene, bundle, points, pushed = seen_and_pushed(name)
+    np.testing.assert_array_equal(hidden(scene, bundle, points), pushed)
 
 
 def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +208,9 @@ def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch)
     frustum = view("sheets", (8, 8)).frustum
     layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
     corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
-    x, y, z = (value.ravel() for value in np.meshgrid(np.linspace(-3, 3, 12), [0.5], [-0.5, -3.0, -9.0]))
+    x, y, z = (
+        value.ravel() for value in np.meshgrid(np.linspace(-3, 3, 12), [0.5], [-0.5, -3.0, -9.0])
+    )
     points = SurfacePoints(
         position=np.stack((x, y, z), axis=1),
         triangle=np.full(x.size, NOTHING, dtype=np.int32),

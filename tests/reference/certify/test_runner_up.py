@@ -41,7 +41,10 @@ def by_brute_force(scene: Scene, truth_pixels: Mask) -> Floats:
     center = np.array([aperture.x, aperture.y, 0.0])
     reach = scene.frustum.reach
     hits = first_hits(
-        scene.triangles, center, lines_by_definition(scene, aperture)[truth_pixels], (-reach[0], reach[1])
+        scene.triangles,
+        center,
+        lines_by_definition(scene, aperture)[truth_pixels],
+        (-reach[0], reach[1]),
     )
     other_side = (hits.s < 0) & (hits.second > 0)
     gaps = np.full(len(hits.s), np.inf)
@@ -51,7 +54,11 @@ def by_brute_force(scene: Scene, truth_pixels: Mask) -> Floats:
 
 FRUSTA = [
     Frustum(resolution=(24, 16), reach=(12.0, 9.0), fov=(math.radians(70), math.radians(50))),
-    Frustum(resolution=(16, 24), reach=(9.0, 12.0), screen=Screen(height=5.0, center=(2, -1), size=(9, 7))),
+    Frustum(
+        resolution=(16, 24),
+        reach=(9.0, 12.0),
+        screen=Screen(height=5.0, center=(2, -1), size=(9, 7)),
+    ),
 ]
 
 
@@ -69,7 +76,9 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     np.testing.assert_array_equal(np.isfinite(gaps), np.isfinite(expected))
     found = np.isfinite(gaps)
     assert (truth.height[found] < 0).any() and (truth.height[found] > 0).any()
-    np.testing.assert_allclose(gaps[found], expected[found], rtol=0, atol=ALIKE * max(frustum.reach))
+    np.testing.assert_allclose(
+        gaps[found], expected[found], rtol=0, atol=ALIKE * max(frustum.reach)
+    )
 
 
 def test_each_camera_sees_what_is_on_its_own_side() -> None:
@@ -105,7 +114,11 @@ def test_the_next_surface_that_is_drawn_earlier_is_found_among_smaller_numbers()
 
 def test_surfaces_a_few_roundings_apart_are_told_apart_and_coincident_ones_are_one() -> None:
     close = 3 * (1 + 1e-11)
-    for heights, gap in [([-3.0, -close], close - 3), ([-3.0, -3.0], math.inf), ([-3.0, -3.0, -4.0], 1.0)]:
+    for heights, gap in [
+        ([-3.0, -close], close - 3),
+        ([-3.0, -3.0], math.inf),
+        ([-3.0, -3.0, -4.0], 1.0),
+    ]:
         scene = soup(level_squares(heights), FRUSTA[0])
         gaps = Reference(scene).gaps(at(0.3, -0.2))
         np.testing.assert_allclose(gaps, gap, rtol=0, atol=3 * ROUNDED)
@@ -118,13 +131,17 @@ def test_the_gap_of_a_sphere_is_its_chord() -> None:
     corners = 40 * shape.vertices[shape.faces] + [0, 0, height]
     scene = soup(corners, view("empty", (64, 48)).frustum)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - [0, 0, height]) / np.linalg.norm(normals, axis=1)
+    offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - [0, 0, height]) / np.linalg.norm(
+        normals, axis=1
+    )
     inner, outer = offsets.min(), np.linalg.norm(corners - [0, 0, height], axis=-1).max()
     gaps = Reference(scene).gaps(at(0, 0))
     cosine = 1 / np.linalg.norm(lines_by_definition(scene, at(0, 0)), axis=-1)
 
     def chord(radius: float) -> Floats:
-        return np.asarray(2 * np.sqrt(np.maximum(radius**2 - height**2 * (1 - cosine**2), 0)) * cosine)
+        return np.asarray(
+            2 * np.sqrt(np.maximum(radius**2 - height**2 * (1 - cosine**2), 0)) * cosine
+        )
 
     seen = np.isfinite(gaps)
     assert (seen >= (chord(inner) > 0)).all() and (seen <= (chord(outer) > 0)).all()

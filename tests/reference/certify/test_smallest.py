@@ -23,14 +23,18 @@ from xfrustum.scenes.plate.plate import SMALLEST_SLOPE
 
 FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), math.radians(50)))
 
-FILM = film((16.0, 16.0), hogels=(1, 1), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(100.0, 100.0))
+FILM = film(
+    (16.0, 16.0), hogels=(1, 1), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(100.0, 100.0)
+)
 BLOCK = named("tiny") + FILM + '[[object]]\nshape = "box"\n'
 
 
 def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
     """Return numbers of any size between two, with either sign and few or many digits; and zero."""
     size = st.floats(math.log2(low), math.log2(high)).map(lambda e: 2.0**e)
-    short = st.integers(math.ceil(math.log2(low)), math.floor(math.log2(high))).map(lambda e: 2.0**e)
+    short = st.integers(math.ceil(math.log2(low)), math.floor(math.log2(high))).map(
+        lambda e: 2.0**e
+    )
     value = st.one_of(size, short, st.sampled_from([low, high]))
     return st.one_of(st.just(0.0), value, value.map(lambda v: -v))
 
@@ -47,7 +51,9 @@ def extreme_triangles(draw: st.DrawFn) -> Floats:
             moved[corner] = np.nextafter(moved[corner], np.inf) if moved[corner] else 0.0
             found.append(moved)
         elif kind == "one size":
-            unit = draw(st.sampled_from([SMALLEST_COORDINATE, SMALLEST_COORDINATE, 2.0**-200, 1.0, 1e29]))
+            unit = draw(
+                st.sampled_from([SMALLEST_COORDINATE, SMALLEST_COORDINATE, 2.0**-200, 1.0, 1e29])
+            )
             coordinate = st.one_of(st.integers(-9, 9), st.floats(1, 9), st.floats(-9, -1))
             numbers = draw(st.lists(coordinate, min_size=9, max_size=9))
             found.append(unit * np.array(numbers, dtype=np.float64).reshape(3, 3))
@@ -92,9 +98,12 @@ def test_the_truth_is_that_of_fractions_whatever_the_sizes(
     lines = lines_by_definition(scene, aperture)
     for pixel in np.ndindex(image.triangle.shape):
         _, first = exact_first(
-            scene.triangles, np.array([*place, 0.0]), lines[pixel], (-frustum.reach[0], frustum.reach[1])
+            scene.triangles,
+            np.array([*place, 0.0]),
+            lines[pixel],
+            (-frustum.reach[0], frustum.reach[1]),
         )
-        shared = [n for *where, n in image.companions.tolist() if tuple(where) == pixel]
+        shared = [n for *where, n in image.tied_triangles.tolist() if tuple(where) == pixel]
         assert image.triangle[pixel] == (min(first) if first else -1)
         assert (image.certainty[pixel] == Certainty.TIE) == (len(first) > 1)
         assert sorted(shared) == (first if len(first) > 1 else [])

@@ -25,16 +25,21 @@ def coarse(scene: Scene) -> Scene:
     return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
 
 
-def checked_with_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeImage, every: int) -> int:
+def checked_with_whole_hogels(
+    scene: Scene, pixels: HogelPixels, replayed: EyeImage, every: int
+) -> int:
     """Hold some hogels' parts of a replayed view to their images; return the number of pixels."""
     reference = Reference(scene)
-    hogels = {(int(i), int(j)) for i in pixels.hogel_column for j in pixels.hogel_row if min(i, j) >= 0}
+    hogels = {
+        (int(i), int(j)) for i in pixels.hogel_column for j in pixels.hogel_row if min(i, j) >= 0
+    }
     count = 0
     for column, row in sorted(hogels)[::every]:
         whole = reference.trace(scene.plate.aperture(column, row))
         here = np.ix_(pixels.hogel_row == row, pixels.hogel_column == column)
         there = np.ix_(
-            pixels.film_row[pixels.hogel_row == row], pixels.film_column[pixels.hogel_column == column]
+            pixels.film_row[pixels.hogel_row == row],
+            pixels.film_column[pixels.hogel_column == column],
         )
         np.testing.assert_array_equal(replayed.triangle[here], whole.triangle[there])
         np.testing.assert_array_equal(replayed.position[here], whole.position[there])
@@ -56,13 +61,19 @@ LARGE = replace(EYE, resolution=(160, 120), position=(-30.0, 12.0, 380.0))
         ),
     ],
 )
-def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str, eye: Eye, every: int) -> None:
+def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(
+    name: str, eye: Eye, every: int
+) -> None:
     scene = view(name, (96, 96)) if eye is LARGE else coarse(view(name, (64, 48)))
     eyes = EyeReference(scene)
-    assert checked_with_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every) >= 100
+    assert (
+        checked_with_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every) >= 100
+    )
 
 
-def exact_ray(scene: Scene, eye: Eye, column: int, row: int) -> tuple[list[Fraction], list[Fraction]]:
+def exact_ray(
+    scene: Scene, eye: Eye, column: int, row: int
+) -> tuple[list[Fraction], list[Fraction]]:
     """Return eye and point of the plate of a ray by the definition: centers of equal cells of the plate."""
     (width, height), (across, down) = map(Fraction, scene.plate.size), eye.resolution
     target = [Fraction(2 * column + 1, 2 * across) * width - width / 2]
@@ -79,7 +90,9 @@ def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
     return shear, np.array(screen.size) / 2 / abs(screen.height)
 
 
-def expected_pixel(scene: Scene, eye: Eye, column: int, row: int) -> tuple[int, int, int, int] | None:
+def expected_pixel(
+    scene: Scene, eye: Eye, column: int, row: int
+) -> tuple[int, int, int, int] | None:
     """Return hogel and pixel that a ray takes, in rationals; None where it takes none."""
     start, target = exact_ray(scene, eye, column, row)
     slope = [(target[axis] - start[axis]) / start[2] for axis in range(2)]
@@ -87,7 +100,9 @@ def expected_pixel(scene: Scene, eye: Eye, column: int, row: int) -> tuple[int, 
     i = int((target[0] + size[0] / 2) * hogels[0] / size[0])
     j = int((size[1] / 2 - target[1]) * hogels[1] / size[1])
     shear, half_extent = film(scene, i, j)
-    u, v = ((slope[axis] - Fraction(shear[axis])) / Fraction(half_extent[axis]) for axis in range(2))
+    u, v = (
+        (slope[axis] - Fraction(shear[axis])) / Fraction(half_extent[axis]) for axis in range(2)
+    )
     if max(abs(u), abs(v)) > 1:
         return None
     count = scene.frustum.resolution
@@ -108,7 +123,9 @@ def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) ->
             assert ((*found, *film) if min(*found, *film) >= 0 else None) == expected
 
 
-def brute_force(triangles: Floats, center: Floats, line: Floats, s_range: tuple[float, float]) -> int:
+def brute_force(
+    triangles: Floats, center: Floats, line: Floats, s_range: tuple[float, float]
+) -> int:
     """Return the triangle met first, in rationals; only triangles surely missed are left out."""
     numbers = np.flatnonzero(possible_pairs(triangles - center, line[None])[0])
     _, winners = exact_first(triangles[numbers], center, line, s_range)
@@ -123,13 +140,13 @@ def assert_rays_meet_what_brute_force_finds(scene: Scene, eye: Eye, rays: int) -
         eyes.replayed(eye, shaded=False),
         eyes.replay(eye),
     )
-    pencil, shown, reach = eyes.pencil(eye), pixels.shown, scene.frustum.reach
+    bundle, shown, reach = eyes.bundle(eye), pixels.shown, scene.frustum.reach
     random = np.random.default_rng(18)
     covered = np.argwhere(true.covered | replayed.covered)
     some = random.choice(covered, min(rays, len(covered)), replace=False)
     for row, column in some.tolist():
-        line = np.array([pencil.dx[column], pencil.dy[row], -1.0])
-        met = brute_force(scene.triangles, np.array(pencil.center), line, pencil.s_range)
+        line = np.array([bundle.dx[column], bundle.dy[row], -1.0])
+        met = brute_force(scene.triangles, np.array(bundle.center), line, bundle.s_range)
         assert true.triangle[row, column] == met
         i, j = int(shown.hogel_column[column]), int(shown.hogel_row[row])
         aperture = scene.plate.aperture(i, j)
@@ -149,8 +166,12 @@ def assert_rays_meet_what_brute_force_finds(scene: Scene, eye: Eye, rays: int) -
         ),
     ],
 )
-def test_rays_see_what_brute_force_in_rationals_finds(name: str, size: tuple[int, int], rays: int) -> None:
-    assert_rays_meet_what_brute_force_finds(view(name, size), replace(EYE, resolution=(120, 90)), rays)
+def test_rays_see_what_brute_force_in_rationals_finds(
+    name: str, size: tuple[int, int], rays: int
+) -> None:
+    assert_rays_meet_what_brute_force_finds(
+        view(name, size), replace(EYE, resolution=(120, 90)), rays
+    )
 
 
 def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> None:
@@ -164,7 +185,9 @@ def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> N
     # Rounding of four products and three sums of numbers below one.
     assert np.abs(weights[inner] - 1).max() < 1e-15 * 8
     pupil = eyes.replay(replace(EYE, pupil=4.0))
-    total = sum(np.multiply.outer(part.row_weight, part.column_weight).max() for part in pupil.colors)
+    total = sum(
+        np.multiply.outer(part.row_weight, part.column_weight).max() for part in pupil.colors
+    )
     assert abs(total - 1) < 1e-12
 
 
@@ -175,7 +198,9 @@ def test_what_is_in_focus_is_sharp_and_all_else_is_blurred() -> None:
     # So large a pupil that its blur is several pixels wide.
     height = float(np.nanmedian(sharp.position[..., 2]))
     blurs = [
-        float(np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean())
+        float(
+            np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean()
+        )
         for focus in (height, height + 150.0)
     ]
     assert blurs[0] < blurs[1] / 2

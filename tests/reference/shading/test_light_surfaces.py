@@ -16,8 +16,11 @@ from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 MIDDLE = PLATE.middle
 APERTURE = PLATE.aperture(3, 12)
 
-PAINT = Material(ambient=(0.02, 0.05, 0.03), diffuse=(0.7, 0.4, 0.2), specular=(0.3, 0.5, 0.6), exponent=12.5)
-# Neither parallel to anything nor symmetric: one behind the plate, one before it, seen from its back.
+PAINT = Material(
+    ambient=(0.02, 0.05, 0.03), diffuse=(0.7, 0.4, 0.2), specular=(0.3, 0.5, 0.6), exponent=12.5
+)
+# Neither parallel to anything nor symmetric: one behind the plate, one before it, seen from its
+# back.
 BEHIND = quad([(-30, -25, -40), (28, -20, -60), (33, 30, -52.75), (-25, 25, -32.75)], "paint")
 BEFORE = quad([(6, 2, 30), (4, 9, 34), (16, 12, 41), (18, 5, 37)], "paint")
 
@@ -40,7 +43,8 @@ class TestModel:
         fitted = DoubleFrustum(near=5.0, fit=20.0)
         (camera, *_) = model_cameras(scene.frustum, MIDDLE, fitted)
         scene_along = replace(
-            scene, frustum=replace(scene.frustum, fov=tuple(2 * np.arctan(camera.pencil.half_extent)))
+            scene,
+            frustum=replace(scene.frustum, fov=tuple(2 * np.arctan(camera.bundle.half_extent))),
         )
         truth = Reference(scene_along).trace(MIDDLE).color
         model = Reference(scene).trace_model(MIDDLE, fitted).color
@@ -54,7 +58,9 @@ def test_a_light_from_behind_leaves_the_ambient_term() -> None:
         paint=PAINT,
     )
     color = Reference(scene).trace(scene.plate.middle).color
-    np.testing.assert_array_equal(color, np.broadcast_to(np.array(PAINT.ambient, np.float32), color.shape))
+    np.testing.assert_array_equal(
+        color, np.broadcast_to(np.array(PAINT.ambient, np.float32), color.shape)
+    )
 
 
 def test_faces_have_no_back() -> None:

@@ -36,14 +36,16 @@ from xfrustum.scenes.plate.plate import Aperture
 
 def scene_at(name: str, width: int, height: int) -> Scene:
     scene = open_scene(name)
-    return dataclasses.replace(scene, frustum=dataclasses.replace(scene.frustum, resolution=(width, height)))
+    return dataclasses.replace(
+        scene, frustum=dataclasses.replace(scene.frustum, resolution=(width, height))
+    )
 
 
 def rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
     """Return all lines of an aperture from the viewer's end."""
-    pencil = crossed_frustum(scene.frustum, aperture)
-    directions = pencil.directions().reshape(-1, 3)
-    return np.asarray(pencil.center) + pencil.s_range[0] * directions, directions
+    bundle = crossed_frustum(scene.frustum, aperture)
+    directions = bundle.directions().reshape(-1, 3)
+    return np.asarray(bundle.center) + bundle.s_range[0] * directions, directions
 
 
 class TestTracer:
@@ -51,7 +53,9 @@ class TestTracer:
     @pytest.mark.parametrize(
         "name", thinned(["car", "asymmetric-recentered", "crossing", "large-triangles"], 2, 1)
     )
-    def test_away_from_edges_a_tracer_meets_what_the_truth_shows(self, name: str, tracer: str) -> None:
+    def test_away_from_edges_a_tracer_meets_what_the_truth_shows(
+        self, name: str, tracer: str
+    ) -> None:
         scene = scene_at(name, 160, 120)
         aperture = scene.default_apertures()[-1]
         truth = Reference(scene).trace(aperture)
@@ -67,7 +71,9 @@ class TestTracer:
         o, d = rays(scene, scene.plate.middle)
         hits = MitsubaTracer(scene).first_hits(o, d)
         for factor in (2.0**-60, 2.0**60):
-            parts = tuple(dataclasses.replace(p, vertices=p.vertices * factor) for p in scene.objects)
+            parts = tuple(
+                dataclasses.replace(p, vertices=p.vertices * factor) for p in scene.objects
+            )
             scaled = MitsubaTracer(dataclasses.replace(scene, objects=parts))
             np.testing.assert_array_equal(scaled.first_hits(o * factor, d), hits)
 
@@ -114,7 +120,11 @@ def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = Non
     sensor["film"].update(film or {})
     centers = {"type": "stratified", "sample_count": 1, "jitter": False}
     loaded = mi.load_dict(
-        {**mitsuba_scene(scene), "sensor": {**sensor, "sampler": centers}, "light": {"type": "constant"}}
+        {
+            **mitsuba_scene(scene),
+            "sensor": {**sensor, "sampler": centers},
+            "light": {"type": "constant"},
+        }
     )
     direct = {"type": "direct", "hide_emitters": True}
     integrator = mi.load_dict({"type": "aov", "aovs": "primitive:prim_index", "image": direct})
@@ -145,7 +155,9 @@ class TestSensor:
 
     @pytest.mark.parametrize(
         "crop",
-        thinned([{"crop_offset_x": 7, "crop_offset_y": 5, "crop_width": 16, "crop_height": 12}, {}], 2),
+        thinned(
+            [{"crop_offset_x": 7, "crop_offset_y": 5, "crop_width": 16, "crop_height": 12}, {}], 2
+        ),
         ids=["crop window", "whole film"],
     )
     def test_light_traced_from_the_lamp_arrives_as_from_the_eye(self, crop: dict[str, int]) -> None:
@@ -154,7 +166,11 @@ class TestSensor:
         scene = scene_at("asymmetric-recentered", 32, 24)
         sensor = sensor_parameters(scene, scene.plate.corners[0])
         sensor["film"].update(crop)
-        lamp = {"type": "point", "position": [10.0, 20.0, 225.0], "intensity": {"type": "rgb", "value": 1e5}}
+        lamp = {
+            "type": "point",
+            "position": [10.0, 20.0, 225.0],
+            "intensity": {"type": "rgb", "value": 1e5},
+        }
         sampled = {**sensor, "sampler": {"type": "independent"}}
         loaded = mi.load_dict({**mitsuba_scene(scene), "sensor": sampled, "lamp": lamp})
 
@@ -165,7 +181,9 @@ class TestSensor:
                 red.reshape(red.shape[0] // 4, 4, red.shape[1] // 4, 4).mean((1, 3)), np.float64
             )
 
-        path, light = (np.array([blocks(kind, seed) for seed in range(16)]) for kind in ("path", "ptracer"))
+        path, light = (
+            np.array([blocks(kind, seed) for seed in range(16)]) for kind in ("path", "ptracer")
+        )
         lit = path.mean(0) > 0.1 * path.mean(0).max()
         found = stats.ttest_ind(path[:, lit], light[:, lit], equal_var=False)
         assert np.count_nonzero(lit) >= 3
@@ -177,9 +195,7 @@ class TestSensor:
         numbers = {"shear_x": 0.1, "shear_y": -0.2, "half_extent_x": 0.5, "half_extent_y": 0.4}
         numbers |= {"reach_viewer": 20.0, "reach_back": 30.0}
         floats = "".join(f'<float name="{key}" value="{value}"/>' for key, value in numbers.items())
-        xml = (
-            f'<sensor type="crossed_frustum" version="3.0.0"><point name="aperture" value="1, 2, 0"/>{floats}'
-        )
+        xml = f'<sensor type="crossed_frustum" version="3.0.0"><point name="aperture" value="1, 2, 0"/>{floats}'
         sensor = mitsuba_backend().mitsuba.load_string(xml + "</sensor>")
         assert np.allclose(np.array(sensor.bbox().min), (1, 2, 0))
 
@@ -211,7 +227,9 @@ class TestLlvm:
 
 def test_dr_jit_says_nothing_of_its_own_where_home_is_not_set() -> None:
     code = "from xfrustum.reference.llvm import require_llvm; require_llvm(); from drjit.llvm import Float; "
-    bare = {name: value for name, value in os.environ.items() if name not in ("HOME", "DRJIT_CACHE_DIR")}
+    bare = {
+        name: value for name, value in os.environ.items() if name not in ("HOME", "DRJIT_CACHE_DIR")
+    }
     line = [sys.executable, "-c", f"{code}print(Float(1) + 1)"]
     done = subprocess.run(line, env=bare, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("[2]\n", "")
@@ -220,7 +238,11 @@ def test_dr_jit_says_nothing_of_its_own_where_home_is_not_set() -> None:
 def python(code: str, *arguments: str, llvm: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, LLVM_VARIABLE: llvm}
     return subprocess.run(
-        [sys.executable, "-c", code, *arguments], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 

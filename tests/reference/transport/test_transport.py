@@ -8,7 +8,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
+from tests.support.lit import (
+    CENTERED,
+    LAMP,
+    PLATE,
+    REACH,
+    RECENTERED,
+    ball,
+    card,
+    eyes,
+    lit,
+    quad,
+    sky,
+)
 from tests.support.long_tail import thinned
 from xfrustum.reference import Reference, transport
 from xfrustum.reference.llvm import mitsuba_backend
@@ -44,7 +56,9 @@ def everything() -> tuple[SceneObject, ...]:
     uv = np.array([(0.0, 0.1), (3.3, 0.0), (3.0, 2.2), (0.0, 2.0)])
     picture = np.random.default_rng(8).integers(0, 256, (5, 7, 4), dtype=np.uint8)
     floor = replace(
-        quad([(-40, -35, -70), (38, -30, -90), (43, 40, -82.75), (-35, 35, -62.75)], "paint", uv=uv),
+        quad(
+            [(-40, -35, -70), (38, -30, -90), (43, 40, -82.75), (-35, 35, -62.75)], "paint", uv=uv
+        ),
         textures=(picture,),
         texture_of_triangle=np.array([0, -1], dtype=np.int32),
     )
@@ -57,10 +71,12 @@ def everything() -> tuple[SceneObject, ...]:
 def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
     """p-value of the pixel and channel that lies farthest out, corrected for their number (Bonferroni).
 
-    Student's t by the samples' own spread; where samples do not vary, and everywhere in addition, the two
-    may differ by the rounding of colors.
+    Student's t by the samples' own spread; where samples do not vary, and everywhere in addition,
+    the two may differ by the rounding of colors.
     """
-    difference = np.maximum(np.abs(estimate.mean - expected) - COLOR_ROUNDING * np.abs(expected), 0.0)
+    difference = np.maximum(
+        np.abs(estimate.mean - expected) - COLOR_ROUNDING * np.abs(expected), 0.0
+    )
     error = np.sqrt(estimate.variance_of_mean)
     assert not difference[error == 0].any()
     chance = 2 * stats.t.sf(difference[error > 0] / error[error > 0], estimate.samples - 1)
@@ -83,10 +99,15 @@ class TestDirectLight:
         assert not estimate.variance_of_mean.any()
         same = ~truth.overruled
         np.testing.assert_allclose(
-            estimate.mean[same], truth.color[same].astype(np.float64), rtol=COLOR_ROUNDING, atol=1e-12
+            estimate.mean[same],
+            truth.color[same].astype(np.float64),
+            rtol=COLOR_ROUNDING,
+            atol=1e-12,
         )
 
-    def test_over_pixel_boxes_it_is_the_same_within_its_noise_and_another_light_is_not(self) -> None:
+    def test_over_pixel_boxes_it_is_the_same_within_its_noise_and_another_light_is_not(
+        self,
+    ) -> None:
         sampling = Sampling(supersample=4)
         scene, brighter = (
             lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=paint)
@@ -94,7 +115,9 @@ class TestDirectLight:
         )
         estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
         assert np.count_nonzero(estimate.variance_of_mean > 0) > 1000
-        truth, other = (Reference(s).trace(APERTURE).color.astype(np.float64) for s in (scene, brighter))
+        truth, other = (
+            Reference(s).trace(APERTURE).color.astype(np.float64) for s in (scene, brighter)
+        )
         assert farthest(estimate, truth) > FALSE_ALARM > farthest(estimate, other)
 
     def test_the_claimed_variance_is_that_between_seeds(self) -> None:
@@ -106,8 +129,9 @@ class TestDirectLight:
         claimed = np.mean([one.variance_of_mean for one in found], axis=0)
         noisy = claimed > 0
         assert np.count_nonzero(noisy) > 1000
-        # Ratios of variances with 23 degrees of freedom spread by sqrt(2 / 23) = 0.3 each; their mean over
-        # a thousand pixels or more, channels alike, by less than 0.01 for light tails; paths have heavier.
+        # Ratios of variances with 23 degrees of freedom spread by sqrt(2 / 23) = 0.3 each; their
+        # mean over a thousand pixels or more, channels alike, by less than 0.01 for light tails;
+        # paths have heavier.
         assert 0.9 < (actual[noisy] / claimed[noisy]).mean() < 1.1
 
     def test_seeds_repeat_and_differ(self) -> None:
@@ -119,7 +143,9 @@ class TestDirectLight:
         np.testing.assert_array_equal(first, again)
         assert not np.array_equal(first, other)
 
-    def test_launches_of_any_size_give_the_same_moments(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_launches_of_any_size_give_the_same_moments(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         scene = lit(*everything(), frustum=SMALL, sampling=Sampling(supersample=2), paint=PAINT)
         truth = Reference(scene).trace(APERTURE).color
         monkeypatch.setattr(transport, "PATHS_AT_ONCE", 500)
@@ -168,7 +194,11 @@ def shadow_scene(lights: tuple[DirectionalLight, ...]) -> tuple[Scene, SceneObje
     matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
     frustum = replace(CENTERED, resolution=(96, 72))
     return lit(
-        card((0.0, 0.0, -40.0), (200.0, 200.0), "matt"), screen, frustum=frustum, lights=lights, matt=matt
+        card((0.0, 0.0, -40.0), (200.0, 200.0), "matt"),
+        screen,
+        frustum=frustum,
+        lights=lights,
+        matt=matt,
     ), screen
 
 
@@ -199,7 +229,9 @@ class TestShadows:
     def test_each_light_has_its_own(self) -> None:
         """The shadows of two lights add up, above the ambient term."""
         both, one, other = (
-            PathTracer(shadow_scene(lights)[0]).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
+            PathTracer(shadow_scene(lights)[0])
+            .render(PLATE.middle, Transport(shadows=True, samples=2))
+            .mean
             for lights in ((HIGH, LAMP), (HIGH,), (LAMP,))
         )
         covered = both[..., 0] > 0
@@ -215,7 +247,8 @@ class TestShadows:
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
         plain, shadowed = (
-            PathTracer(scene).render(APERTURE, Transport(shadows=s, samples=2)).mean for s in (False, True)
+            PathTracer(scene).render(APERTURE, Transport(shadows=s, samples=2)).mean
+            for s in (False, True)
         )
         assert np.count_nonzero(plain) > 500
         np.testing.assert_array_equal(shadowed, plain)
@@ -226,7 +259,9 @@ class TestShadows:
         wall = quad([(0, -30, -40), (0, 30, -40), (0, 30, -20), (0, -30, -20)], "matt")
         matt = Material(ambient=(0.1, 0.1, 0.1))
         light = DirectionalLight(direction=(-1.0, 0.0, 1.0))
-        scene = lit(floor, wall, frustum=replace(CENTERED, resolution=(128, 8)), lights=(light,), matt=matt)
+        scene = lit(
+            floor, wall, frustum=replace(CENTERED, resolution=(128, 8)), lights=(light,), matt=matt
+        )
         image = Reference(scene).trace(PLATE.middle)
         shadowed = PathTracer(scene).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
         x = np.where(image.object == 0, image.position[..., 0], np.nan)
@@ -243,14 +278,18 @@ class TestInterreflection:
     def test_a_furnace_glows_as_the_sum_of_all_its_bounces(self) -> None:
         """A closed box with walls that glow with e and scatter the share d shows e / (1 - d) everywhere."""
         wall = Material(ambient=(0.2, 0.3, 0.1), diffuse=(0.5, 0.2, 0.8))
-        corners = np.array([(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float)
+        corners = np.array(
+            [(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float
+        )
         sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         box = [quad(corners[list(side)], "wall") for side in sides]
         # The reach cuts the box open, so that lines see its inside.
         frustum = replace(CENTERED, resolution=(16, 12), reach=(10.0, 60.0))
         scene = lit(*box, frustum=frustum, lights=(), wall=wall)
         estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=512))
-        expected = np.broadcast_to(np.array(wall.ambient) / (1 - np.array(wall.diffuse)), (12, 16, 3))
+        expected = np.broadcast_to(
+            np.array(wall.ambient) / (1 - np.array(wall.diffuse)), (12, 16, 3)
+        )
         assert farthest(estimate, expected) > FALSE_ALARM
         error = np.sqrt(estimate.variance_of_mean.sum(axis=(0, 1))) / (12 * 16)
         assert np.all(np.abs((estimate.mean - expected).mean(axis=(0, 1))) < 4 * error)
@@ -260,17 +299,21 @@ class TestInterreflection:
     """A glowing triangle beyond the reach: not imaged, but it lights and is mirrored."""
 
     def under_the_triangle(self, floor: Material) -> Scene:
-        lamp = SceneObject(name="lamp", vertices=self.TRIANGLE, faces=np.array([(0, 1, 2)]), material="glow")
+        lamp = SceneObject(
+            name="lamp", vertices=self.TRIANGLE, faces=np.array([(0, 1, 2)]), material="glow"
+        )
         glow = Material(ambient=LAMP_COLOR, diffuse=(0.0,) * 3)
         frustum = replace(CENTERED, resolution=(24, 18), reach=(25.0, 120.0))
         part = card((0.0, 0.0, -40.0), (100.0, 90.0), "floor")
-        return lit(part, lamp, frustum=frustum, lights=(), environment=sky(), floor=floor, glow=glow)
+        return lit(
+            part, lamp, frustum=frustum, lights=(), environment=sky(), floor=floor, glow=glow
+        )
 
     def share(self, points: NDArray[np.floating]) -> Floats:
         """Share of the hemisphere above each point, by cosine, that the triangle fills (Lambert, 1760).
 
-        A sum over its edges: 1 / 2 pi times the angle under which each is seen, times the cosine between
-        the normal and that of the plane through the edge and the point.
+        A sum over its edges: 1 / 2 pi times the angle under which each is seen, times the cosine
+        between the normal and that of the plane through the edge and the point.
         """
         seen = self.TRIANGLE - points[..., None, :]
         seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
@@ -279,7 +322,9 @@ class TestInterreflection:
             a, b = seen[..., k, :], seen[..., (k + 1) % 3, :]
             across = np.cross(a, b)
             sine = np.linalg.norm(across, axis=-1)
-            share += np.arctan2(sine, np.sum(a * b, axis=-1)) * across[..., 2] / sine / (2 * math.pi)
+            share += (
+                np.arctan2(sine, np.sum(a * b, axis=-1)) * across[..., 2] / sine / (2 * math.pi)
+            )
         return np.abs(share)
 
     def inside(self, points: NDArray[np.floating], directions: Floats) -> Floats:
@@ -332,7 +377,9 @@ class TestInterreflection:
         np.testing.assert_allclose(estimate.mean, local.astype(np.float64), rtol=COLOR_ROUNDING)
 
     def test_what_is_both_shows_the_sum(self) -> None:
-        floor = Material(ambient=(0.1, 0.2, 0.3), diffuse=(0.6, 0.5, 0.1), reflectivity=(0.1, 0.2, 0.6))
+        floor = Material(
+            ambient=(0.1, 0.2, 0.3), diffuse=(0.6, 0.5, 0.1), reflectivity=(0.1, 0.2, 0.6)
+        )
         scene = self.under_the_triangle(floor)
         image = Reference(scene).trace(APERTURE)
         inside = self.inside(image.position, eyes(scene, APERTURE) * (-1.0, -1.0, 1.0))
@@ -356,7 +403,8 @@ class TestInterreflection:
         ground = Material(ambient=(0.0,) * 3, diffuse=(0.7, 0.5, 0.6))
         plaster = Material(ambient=(0.0,) * 3, diffuse=(0.9, 0.8, 0.3))
         wall = quad([(8, -2, -42), (8, -2, -39), (8, 1, -39), (8, 1, -42)], "plaster")
-        # A floor that ends at 1e4 lacks some (70 / 1e4)^2 of its share, and gets 9 / 70^2 from the wall.
+        # A floor that ends at 1e4 lacks some (70 / 1e4)^2 of its share, and gets 9 / 70^2 from the
+        # wall.
         floor = card((0.0, 0.0, -110.0), (2e4, 2e4), "ground")
         screen = replace(RECENTERED, resolution=(64, 64), reach=(50.0, 200.0))
         scene = lit(wall, floor, frustum=screen, lights=(sun,), ground=ground, plaster=plaster)
@@ -364,7 +412,9 @@ class TestInterreflection:
         assert np.count_nonzero(seen) >= 3
         asked = Transport(shadows=shadows, interreflection=True, samples=1024)
         estimate = PathTracer(scene).render(APERTURE, asked)
-        expected = np.array(plaster.diffuse) * 0.5 * 0.8 * np.array(sun.color) * np.array(ground.diffuse)
+        expected = (
+            np.array(plaster.diffuse) * 0.5 * 0.8 * np.array(sun.color) * np.array(ground.diffuse)
+        )
         part = some(estimate, seen)
         assert farthest(part, np.broadcast_to(expected, part.mean.shape)) > FALSE_ALARM
         assert np.sqrt(part.variance_of_mean.mean()) < 0.04 * expected.mean()

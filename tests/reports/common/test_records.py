@@ -19,7 +19,11 @@ def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
     """Return a made-up row of measurements.parquet."""
     measured = measured_row(DoubleFrustum(near=0.1), comparison)
     measured = replace(measured, predicted=replace(NO_PREDICTION, displacement_px=predicted))
-    made_by = {"scene_name": "scene", "version_scikit-image": "1", "device_OpenGL vendor": "somebody"}
+    made_by = {
+        "scene_name": "scene",
+        "version_scikit-image": "1",
+        "device_OpenGL vendor": "somebody",
+    }
     return measured.table_row(10.0, made_by)
 
 
@@ -36,7 +40,12 @@ def test_a_report_has_the_same_columns_and_types_whatever_was_measured(tmp_path:
         read.append(pq.read_table(tmp_path / f"{number}.parquet"))
     assert read[0].schema == read[1].schema == table_of(TableRow, [BARE, FULL]).schema
     assert not any(pa.types.is_null(one.type) for one in read[0].schema)
-    types = {"near": pa.float64(), "depth": pa.string(), "slabs": pa.list_(pa.float64()), "fit": pa.string()}
+    types = {
+        "near": pa.float64(),
+        "depth": pa.string(),
+        "slabs": pa.list_(pa.float64()),
+        "fit": pa.string(),
+    }
     types |= {"surface_wrong": pa.int64(), "time_raster_s": pa.float64()}
     assert {name: read[0].schema.field(name).type for name in types} == types
     bare, full = (table.to_pylist()[0] for table in read)

@@ -66,7 +66,9 @@ def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
 
 
 def timed(label: str, milliseconds: list[float], moved: float) -> Option:
-    return replace(option(1, moved), label=label, time_s=Timing.of([ms / 1000 for ms in milliseconds]))
+    return replace(
+        option(1, moved), label=label, time_s=Timing.from_values([ms / 1000 for ms in milliseconds])
+    )
 
 
 def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
@@ -74,7 +76,9 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
     quick = timed("quick", [43, 43, 44, 43, 120], 0.4)
     careful = timed("careful", [99, 99.5, 99.5, 100, 101], 0.01)
     said = answers([careful, quick], 0.5)[0].sentence
-    assert said.startswith("The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture")
+    assert said.startswith(
+        "The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture"
+    )
     assert "5 repetitions do not tell apart" in said
     assert ". The least error among them is that of careful, 99.5 ms" in said
     # With further repetitions the interval leaves the outlier out.
@@ -85,20 +89,38 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
 
 
 def test_a_stricter_tolerance_within_the_noise_costs_nothing_that_can_be_told() -> None:
-    loose, strict = timed("loose", [40, 41, 42, 43, 60], 0.4), timed("strict", [44, 45, 46, 47, 48], 0.05)
-    assert "nothing more that can be told: strict, 46 ms" in answers([loose, strict], 0.5)[1].sentence
-    loose, slower = timed("loose", [40, 40, 40, 41, 42], 0.4), timed("slower", [80, 80, 80, 80, 84], 0.05)
-    assert "0.1 px would cost 2.00 times (1.90 to 2.10) the time" in answers([loose, slower], 0.5)[1].sentence
-    assert answers([loose], 0.5)[1].sentence.startswith("Nothing that was measured stays under 0.1 px")
+    loose, strict = (
+        timed("loose", [40, 41, 42, 43, 60], 0.4),
+        timed("strict", [44, 45, 46, 47, 48], 0.05),
+    )
+    assert (
+        "nothing more that can be told: strict, 46 ms" in answers([loose, strict], 0.5)[1].sentence
+    )
+    loose, slower = (
+        timed("loose", [40, 40, 40, 41, 42], 0.4),
+        timed("slower", [80, 80, 80, 80, 84], 0.05),
+    )
+    assert (
+        "0.1 px would cost 2.00 times (1.90 to 2.10) the time"
+        in answers([loose, slower], 0.5)[1].sentence
+    )
+    assert answers([loose], 0.5)[1].sentence.startswith(
+        "Nothing that was measured stays under 0.1 px"
+    )
 
 
 def test_the_last_sentence_says_which_way_to_take() -> None:
-    quick, careful = timed("quick", [40, 40, 40, 41, 42], 0.4), timed("careful", [80, 80, 80, 80, 84], 0.05)
+    quick, careful = (
+        timed("quick", [40, 40, 40, 41, 42], 0.4),
+        timed("careful", [80, 80, 80, 80, 84], 0.05),
+    )
     noisy = timed("noisy", [40, 41, 42, 43, 60], 0.01)
     assert answer([quick, careful]) == "quick is the fastest within 0.5 px: take it."
     assert answer([quick, careful], 0.1) == "Nothing else stays within 0.1 px: take careful."
     assert answer([quick], 0.1).startswith("Nothing here stays within 0.1 px")
-    assert "differs by more than the noise: take noisy, of the least error" in answer([quick, noisy])
+    assert "differs by more than the noise: take noisy, of the least error" in answer(
+        [quick, noisy]
+    )
     assert answer([quick, noisy, careful]).startswith("Of 3 ways within 0.5 px 2 are the fastest")
     once = answer([timed("one", [40], 0.4), timed("other", [90], 0.01)])
     assert (
@@ -112,8 +134,12 @@ repeated = st.lists(st.integers(1, 9), min_size=5, max_size=12)
 
 
 @given(st.lists(repeated, min_size=1, max_size=8))
-def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(times: list[list[int]]) -> None:
-    options = [timed(str(number), [float(one) for one in each], 0.1) for number, each in enumerate(times)]
+def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(
+    times: list[list[int]],
+) -> None:
+    options = [
+        timed(str(number), [float(one) for one in each], 0.1) for number, each in enumerate(times)
+    ]
     ranking = rank(options, 0.5)
     least = min(options, key=lambda one: one.time_s.median)
     for one in options:
@@ -124,21 +150,29 @@ def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(tim
 
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=40))
 def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[float]) -> None:
-    spread = Timing.of(values)
+    spread = Timing.from_values(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
-    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or of tails.
-    ordered = Timing.of(range(len(values)))
+    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or
+    # of tails.
+    ordered = Timing.from_values(range(len(values)))
     outside = int(ordered.interval[0])
-    beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
+    beyond = (
+        2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
+    )
     assert beyond <= 1 - CONFIDENCE or len(values) < 6
-    assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
+    assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(
+        values
+    )
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-1, 1e-7])
 def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach: float) -> None:
     scene = view("car-recentered", (80, 60))
-    reference, settings = Reference(scene), DoubleFrustum(near=near_per_reach * scene.frustum.longest_reach)
+    reference, settings = (
+        Reference(scene),
+        DoubleFrustum(near=near_per_reach * scene.frustum.longest_reach),
+    )
     for aperture in scene.default_apertures()[:2]:
         truth = reference.trace(aperture)
         with Rasterizer(scene) as rasterizer:
@@ -153,12 +187,25 @@ def test_cost_prints_one_object_and_writes_a_page(
 ) -> None:
     monkeypatch.setattr(cost_module, "NEARS_PER_REACH", (1e-2, 1e-5))
     scene = str(tmp_path / "scene.toml")
-    lens = film((40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0))
+    lens = film(
+        (40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0)
+    )
     Path(scene).write_text(named("one part", "mm") + lens + part("torus", 12.0, (3.0, 1.0, 25.0)))
-    arguments = ["cost", scene, "--repeat", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
+    arguments = [
+        "cost",
+        scene,
+        "--repeat",
+        "1",
+        "--quiet",
+        "--json",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert {"raster", "embree", "mitsuba", "certified"} == {row["renderer"] for row in printed["rows"]}
+    assert {"raster", "embree", "mitsuba", "certified"} == {
+        row["renderer"] for row in printed["rows"]
+    }
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     assert len(stays) == len(cost_module.NEARS_WITHOUT_OFFSET_PER_REACH)
     # Cameras in the aperture displace nothing: what is measured is the rounding of positions.
@@ -166,7 +213,9 @@ def test_cost_prints_one_object_and_writes_a_page(
     for row in printed["rows"]:
         assert set(row["error"]) == {"displacement_p99_px", "surface_fraction"}
         low, high = row["time_s"]["interval"]
-        assert row["time_s"]["low"] <= low <= row["time_s"]["median"] <= high <= row["time_s"]["high"]
+        assert (
+            row["time_s"]["low"] <= low <= row["time_s"]["median"] <= high <= row["time_s"]["high"]
+        )
     assert any(row["pareto"] for row in printed["rows"])
     assert [answer["tolerance_px"] for answer in printed["answers"]] == pytest.approx([0.5, 0.1])
     page = (tmp_path / "out" / "index.html").read_text()

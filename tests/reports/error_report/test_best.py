@@ -55,10 +55,11 @@ def judged(
     wrong_colors = None if color is None else float(color.mean())
     numbers = comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors)
     row = measured_row(DoubleFrustum(near=near, depth=depth), numbers)
-    return replace(row, wrong={name: PixelSet.of(mask) for name, mask in wrong.items()})
+    return replace(row, wrong={name: PixelSet.from_mask(mask) for name, mask in wrong.items()})
 
 
-# Which setting is best -----------------------------------------------------------------------------------
+# Which setting is best
+# -----------------------------------------------------------------------------------
 
 
 def test_surfaces_come_first_and_displacement_decides_among_equal_ones() -> None:
@@ -72,12 +73,18 @@ def test_surfaces_come_first_and_displacement_decides_among_equal_ones() -> None
 
 def test_where_all_displacements_are_seen_those_equal_to_the_least_are_best() -> None:
     ties = {1e-6: 0.0, 1e-5: 0.9, 1e-4: 1.1}
-    best = best_setting([measured(near, 0.01, 0.3 + k * DISPLACEMENT_TIE_PX) for near, k in ties.items()])
+    best = best_setting(
+        [measured(near, 0.01, 0.3 + k * DISPLACEMENT_TIE_PX) for near, k in ties.items()]
+    )
     assert (best.settings.near, best.window.low, best.window.high) == (1e-5, 1e-6, 1e-5)
 
 
 def test_displacement_that_nobody_sees_does_not_decide_and_more_does() -> None:
-    rows = [judged(1e-4, some(0), p99=0.004), judged(1e-3, some(0), p99=0.09), judged(1e-2, some(0), p99=0.7)]
+    rows = [
+        judged(1e-4, some(0), p99=0.004),
+        judged(1e-3, some(0), p99=0.09),
+        judged(1e-2, some(0), p99=0.7),
+    ]
     assert {one.near for one in equally_good(rows)} == {1e-4, 1e-3}
     assert {one.near for one in equally_good([rows[2], judged(3e-2, some(0), p99=2.0)])} == {1e-2}
 
@@ -101,7 +108,9 @@ def test_two_pixels_make_no_headline() -> None:
     window = best_setting(rows).window
     assert (window.low, window.high, window.nears) == (0.001, 0.002, 2)
     said = sentence(rows, "mm", 150.0)
-    assert "near 0.001 to 0.002 mm" in said and "the 2 nears measured there are equally good" in said
+    assert (
+        "near 0.001 to 0.002 mm" in said and "the 2 nears measured there are equally good" in said
+    )
 
 
 def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
@@ -130,7 +139,10 @@ def test_pixels_wrong_in_both_say_nothing_and_those_of_one_alone_decide() -> Non
 def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance(
     counts: dict[float, int], window: tuple[float, float, int]
 ) -> None:
-    rows = [judged(near, some(count, 2000 * place)) for place, (near, count) in enumerate(counts.items())]
+    rows = [
+        judged(near, some(count, 2000 * place))
+        for place, (near, count) in enumerate(counts.items())
+    ]
     found = best_setting(rows).window
     assert (found.low, found.high, found.nears) == window
 
@@ -141,7 +153,9 @@ def test_the_command_is_for_the_middle_of_the_window_by_ratio() -> None:
     assert best_setting(rows[:3]).settings.near == 1e-4
 
 
-def test_of_depth_buffers_the_one_with_the_widest_window_is_recommended_and_else_the_first() -> None:
+def test_of_depth_buffers_the_one_with_the_widest_window_is_recommended_and_else_the_first() -> (
+    None
+):
     rows = [judged(near, some(500 if near < 1e-2 else 0)) for near in (1e-3, 1e-2)]
     rows += [judged(near, some(0), depth=DepthFormat.D32F) for near in (1e-3, 1e-2)]
     assert best_setting(rows).settings.depth == DepthFormat.D32F
@@ -164,7 +178,9 @@ def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displac
 
 
 @given(st.integers(0, 60), st.integers(0, 60), st.sampled_from([1, 10, 100]))
-def test_the_paired_test_is_the_exact_one_of_a_coin(here: int, there: int, comparisons: int) -> None:
+def test_the_paired_test_is_the_exact_one_of_a_coin(
+    here: int, there: int, comparisons: int
+) -> None:
     """With many comparisons each one has to be surer."""
     total = here + there
     by_chance = binomtest(here, total, alternative="greater").pvalue if total else 1.0
@@ -172,7 +188,8 @@ def test_the_paired_test_is_the_exact_one_of_a_coin(here: int, there: int, compa
     assert is_worse(here, there, comparisons) == (certain and here > there)
 
 
-# What is said of it --------------------------------------------------------------------------------------
+# What is said of it
+# --------------------------------------------------------------------------------------
 
 
 def test_the_sentence_names_near_format_surface_and_displacement() -> None:
@@ -199,7 +216,10 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
             [(1.0, 0.78, 12345.0), (2.0, 0.98, 12345.0)],
             f"no setting measured keeps to {LIMITS}. The least bad",
         ),
-        ([(1.0, 0.0, 0.51), (2.0, 0.2, 0.51)], f"no setting measured keeps to {LIMITS}. The least bad of 2:"),
+        (
+            [(1.0, 0.0, 0.51), (2.0, 0.2, 0.51)],
+            f"no setting measured keeps to {LIMITS}. The least bad of 2:",
+        ),
         ([(1.0, 0.0101, 0.1)], f"the one setting measured does not keep to {LIMITS}: near 1 mm"),
         ([(1.0, 0.01, 0.5), (2.0, 0.5, 9.0)], "best of 2 settings: near 1 mm"),
         # The one with the fewest wrong surfaces displaces too much; the other one does not.
@@ -212,7 +232,9 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
 def test_a_setting_is_praised_as_far_as_it_keeps_the_tolerances(
     rows: list[tuple[float, float, float]], said: str
 ) -> None:
-    assert sentence([measured(*row) for row in rows], "mm", 150.0).startswith(f"At hogel 1,1: {said}")
+    assert sentence([measured(*row) for row in rows], "mm", 150.0).startswith(
+        f"At hogel 1,1: {said}"
+    )
 
 
 def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
@@ -220,10 +242,13 @@ def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
         rows = [caused(1.0, near_offset=most, depth=1000 - most)]
         text = sentence(rows, "mm", 150.0)
         assert ("wrong surface, most of them by the near offset, and" in text) is said
-    assert "most of them" not in sentence([measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0)
+    assert "most of them" not in sentence(
+        [measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0
+    )
 
 
-# Causes over near ----------------------------------------------------------------------------------------
+# Causes over near
+# ----------------------------------------------------------------------------------------
 
 
 def caused(near: float, offset: Offset = Offset.PLATE, **surface: int) -> Measurement:
@@ -247,4 +272,6 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
         "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
     ]
     stays = caused(1.0, Offset.NONE, near_offset=500)
-    assert cause_sentences([stays], "mm") == ["D24 standard: at n = 1 mm the gap at the plate dominates."]
+    assert cause_sentences([stays], "mm") == [
+        "D24 standard: at n = 1 mm the gap at the plate dominates."
+    ]

@@ -46,7 +46,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 64)))
     corner = scene.plate.aperture(0, 0)
     return make_report(
-        scene, tmp_path_factory.mktemp("report"), ReportOptions(nears=NEARS, depths=D32F, apertures=[corner])
+        scene,
+        tmp_path_factory.mktemp("report"),
+        ReportOptions(nears=NEARS, depths=D32F, apertures=[corner]),
     )
 
 
@@ -110,7 +112,9 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
         tuple(row["settings"][key] for key in ("fit", "offset", "slabs", "near"))
         for row in made.content["rows"]
     ]
-    assert asked == list(product(("angle", 15.0), ("plate", "none"), ([15.0, 40.0], []), (1.0, 0.1)))
+    assert asked == list(
+        product(("angle", 15.0), ("plate", "none"), ([15.0, 40.0], []), (1.0, 0.1))
+    )
     assert "fit 15, no offset, cuts at 15 and 40" in made.html.read_text()
 
 
@@ -121,17 +125,29 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
 
     asked: list[ReportOptions] = []
     monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
-    lists = "--pivot aperture,camera --fit angle,screen,15 --offset plate,none --slabs 15,40;20;none"
-    assert main(f"report car-recentered --no-causes {lists}".split()) == main(["report", "car"]) == 2
+    lists = (
+        "--pivot aperture,camera --fit angle,screen,15 --offset plate,none --slabs 15,40;20;none"
+    )
+    assert (
+        main(f"report car-recentered --no-causes {lists}".split()) == main(["report", "car"]) == 2
+    )
     first, usual = asked
-    assert (first.pivots, first.fits) == ((Pivot.APERTURE, Pivot.CAMERA), (Fit.ANGLE, Fit.SCREEN, 15.0))
-    assert (first.offsets, first.slabs) == ((Offset.PLATE, Offset.NONE), ((15.0, 40.0), (20.0,), ()))
+    assert (first.pivots, first.fits) == (
+        (Pivot.APERTURE, Pivot.CAMERA),
+        (Fit.ANGLE, Fit.SCREEN, 15.0),
+    )
+    assert (first.offsets, first.slabs) == (
+        (Offset.PLATE, Offset.NONE),
+        ((15.0, 40.0), (20.0,), ()),
+    )
     assert usual.causes and not first.causes
 
 
 def test_the_command_to_copy_draws_the_same_cameras() -> None:
     scene = open_scene("car-recentered")
-    settings = DoubleFrustum(near=0.5, pivot=Pivot.CAMERA, fit=Fit.SCREEN, offset=Offset.NONE, slabs=(15.0,))
+    settings = DoubleFrustum(
+        near=0.5, pivot=Pivot.CAMERA, fit=Fit.SCREEN, offset=Offset.NONE, slabs=(15.0,)
+    )
     command = raster_command(scene, scene.plate.middle, settings)
     for words in ("--pivot camera", "--fit screen", "--offset none", "--slabs 15"):
         assert words in command

@@ -18,7 +18,9 @@ EVIL = "<img src=x onerror=document.title=1></script><script>document.title=2</s
 
 SCENE = (
     named("<script>document.title=3</script>\u0007", EVIL)
-    + film((40.0, 30.0), hogels=(2, 2), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + film(
+        (40.0, 30.0), hogels=(2, 2), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0)
+    )
     + part("box", 12.0, (3.0, 1.0, 25.0))
 )
 
@@ -57,7 +59,10 @@ def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_p
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     scripts = policy.split(";")[1]
     assert "unsafe" not in scripts and "http" not in policy
-    own = {base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in SCRIPT.findall(page)}
+    own = {
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        for text in SCRIPT.findall(page)
+    }
     assert own == set(re.findall(r"'sha256-([^']*)'", scripts)) and len(own) == 2
     # No text of a scene becomes markup.
     assert "<img src=x" not in page and not re.search(r"<script>document", page)
@@ -65,11 +70,15 @@ def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_p
 
 @pytest.mark.parametrize("script", sorted(TEMPLATES.glob("*.js")), ids=lambda path: path.name)
 def test_no_script_of_ours_turns_text_into_markup(script: Path) -> None:
-    forbidden = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|srcdoc"
+    forbidden = (
+        r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|srcdoc"
+    )
     assert not re.search(forbidden, script.read_text())
 
 
-@pytest.mark.parametrize("template", sorted(TEMPLATES.glob("[!_]*.html.j2")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "template", sorted(TEMPLATES.glob("[!_]*.html.j2")), ids=lambda path: path.name
+)
 def test_every_page_has_a_policy_and_no_script_that_it_does_not_know(template: Path) -> None:
     text = template.read_text()
     assert text.index("{{ policy() }}") < text.index("<title>")
@@ -84,11 +93,13 @@ def test_json_in_a_page_cannot_end_its_element_nor_a_line_of_script() -> None:
 
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium, which is not installed")
 @pytest.mark.slow
-def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(report_page: Path, tmp_path: Path) -> None:
-    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
-    options = (
-        f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
+def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(
+    report_page: Path, tmp_path: Path
+) -> None:
+    quiet = (
+        "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
     )
+    options = f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--dump-dom"]
     words = [str(BROWSER), *options, report_page.as_uri()]
     shown = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300)
@@ -107,7 +118,9 @@ def test_where_no_hogel_is_usable_page_and_junit_say_so_whatever_the_scene_is_ca
     line = ["verify", scene, "{i}x{j}.png", "--quiet", "--out", "out", "--junit", "junit.xml"]
     assert main(line) == 1
     page = Path("out/index.html").read_text()
-    assert "4 of 4 could not be had" in capsys.readouterr().out and "No hogel could be judged" in page
+    assert (
+        "4 of 4 could not be had" in capsys.readouterr().out and "No hogel could be judged" in page
+    )
     assert "script-src 'none'" in policy_of(page)
     suite = ElementTree.parse("junit.xml").getroot()
     assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("4", "4", "0")

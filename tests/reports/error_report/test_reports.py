@@ -55,7 +55,9 @@ def small(name: str, resolution: tuple[int, int] = (64, 48)) -> Scene:
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     """A report of a sheared frustum, hence of three apertures."""
     out = tmp_path_factory.mktemp("report") / "new" / "folder"
-    return make_report(small("asymmetric-recentered"), out, ReportOptions(nears=NEARS, depths=DEPTHS))
+    return make_report(
+        small("asymmetric-recentered"), out, ReportOptions(nears=NEARS, depths=DEPTHS)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,9 @@ def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger
 
 
 @pytest.mark.slow
-def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(files: ReportFiles) -> None:
+def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(
+    files: ReportFiles,
+) -> None:
     apertures = [(a["column"], a["row"]) for a in files.content["apertures"]]
     columns, rows = open_scene("asymmetric-recentered").plate.hogels
     assert apertures == [(columns // 2, rows // 2), (0, 0), (columns - 1, rows - 1)]
@@ -136,7 +140,9 @@ def test_the_parquet_has_one_row_per_aperture_and_setting_with_the_same_numbers(
             }
 
 
-def test_times_of_every_stage_are_in_every_row_and_add_up_and_the_price_is_said(files: ReportFiles) -> None:
+def test_times_of_every_stage_are_in_every_row_and_add_up_and_the_price_is_said(
+    files: ReportFiles,
+) -> None:
     rows, total, cost = files.content["rows"], files.content["times_s"], files.content["cost"]
     assert {"trace", "raster", "compare", "predict", "causes"} == set(rows[0]["times_s"])
     for stage in ("raster", "compare"):
@@ -147,7 +153,11 @@ def test_times_of_every_stage_are_in_every_row_and_add_up_and_the_price_is_said(
 
 def test_page_and_command_are_for_the_aperture_whose_numbers_are_told(files: ReportFiles) -> None:
     best, html, data = files.content["best"], files.html.read_text(), page_data(files.html)
-    own = [row for row in files.content["rows"] if all(row["settings"][key] == best[key] for key in SETTING)]
+    own = [
+        row
+        for row in files.content["rows"]
+        if all(row["settings"][key] == best[key] for key in SETTING)
+    ]
     worst = max(own, key=lambda row: row["comparison"]["surface"]["fraction"])
     assert len(own) == 3 and best["aperture"] == worst["aperture"] != [20, 15]
     column, row = best["aperture"]
@@ -202,7 +212,11 @@ def test_the_page_is_one_file_with_pictures_and_curves_of_every_row_that_asks_fo
     assert files.sentence in html.replace("\u00a0", " ")
     # The answer comes first, then the views of the scene, each once.
     assert html.count("Side view</text>") == html.count("Top view</text>") == 1
-    assert html.index('class="verdict"') < html.index("Side view</text>") < html.index("Top view</text>")
+    assert (
+        html.index('class="verdict"')
+        < html.index("Side view</text>")
+        < html.index("Top view</text>")
+    )
     assert len(data["rows"]) == len(files.content["rows"])
     assert len(data["curves"]) == len(data["truths"]) == 3
     for row in data["rows"]:
@@ -217,7 +231,9 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     assert made.sentence == (
         "At hogel 40,30: there is nothing to judge: neither the truth nor any raster image shows a surface."
     )
-    no_tracer = "no pixel that Embree alone or Mitsuba alone, in single precision, would have got wrong"
+    no_tracer = (
+        "no pixel that Embree alone or Mitsuba alone, in single precision, would have got wrong"
+    )
     assert no_tracer in made.html.read_text()
     (row,) = made.content["rows"]
     assert row["comparison"]["surface"]["wrong"] == 0 == row["predicted_surface"]["fraction"]
@@ -253,7 +269,9 @@ def test_a_report_replaces_its_files_and_keeps_others_and_one_that_fails_touches
 
 
 @pytest.mark.parametrize("empty", [{"nears": []}, {"apertures": []}])
-def test_a_report_of_nothing_is_refused_before_any_work(empty: dict[str, Any], tmp_path: Path) -> None:
+def test_a_report_of_nothing_is_refused_before_any_work(
+    empty: dict[str, Any], tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match="nothing to measure"):
         make_report(small("car"), tmp_path / "out", ReportOptions(**empty))
     assert list(tmp_path.iterdir()) == []
@@ -265,7 +283,8 @@ def test_by_default_reports_never_go_under_reports() -> None:
     assert ".." not in default_folder(replace(open_scene("car"), name="../..")).parts
 
 
-# Pictures ------------------------------------------------------------------------------------------------
+# Pictures
+# ------------------------------------------------------------------------------------------------
 
 
 def decoded(encoded: bytes) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
@@ -301,7 +320,8 @@ def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
     assert decoded(images.height_map(height, 100.0, HEIGHTS, 2))[0, 0, 2] > 90
 
 
-# Reports without causes: the same pictures and numbers, nothing made that causes alone need, and said so.
+# Reports without causes: the same pictures and numbers, nothing made that causes alone need, and
+# said so.
 
 TWO_NEARS = (10.0, 0.1)
 COARSE = ((DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.REVERSED))
@@ -349,15 +369,24 @@ def test_what_is_measured_is_the_same_bit_for_bit(charged: ReportFiles, plain: R
         assert rows == others
     best, other = charged.content["best"], plain.content["best"]
     assert {**best, "sentence": ""} == {**other, "sentence": ""}
-    shown, without = ([row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain))
-    assert without == [{name: key for name, key in one.items() if name != "causes"} for one in shown]
+    shown, without = (
+        [row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain)
+    )
+    assert without == [
+        {name: key for name, key in one.items() if name != "causes"} for one in shown
+    ]
 
 
 def test_json_table_and_page_say_what_was_left_out_and_have_nothing_of_it(
     charged: ReportFiles, plain: ReportFiles
 ) -> None:
     assert charged.content["left_out"] == [] and set(plain.content) == set(charged.content)
-    assert plain.content["left_out"] == ["causes", "predictions", "frames with exact depth", "traced models"]
+    assert plain.content["left_out"] == [
+        "causes",
+        "predictions",
+        "frames with exact depth",
+        "traced models",
+    ]
     for row in plain.content["rows"]:
         assert row["causes"] == [] and set(row["measured_over_predicted"].values()) == {None}
         for key in ("unexplained", "shear", "predicted_displacement_px", "predicted_surface"):
@@ -369,12 +398,20 @@ def test_json_table_and_page_say_what_was_left_out_and_have_nothing_of_it(
     empty = [name for name in table.column_names if table[name].null_count == len(table)]
     assert {"cause_depth_surface", "unexplained", "predicted_surface_fraction"} <= set(empty)
     with_causes, page = (one.html.read_text() for one in (charged, plain))
-    assert "Left out, as asked for: causes, predictions" in page and "Left out, as" not in with_causes
-    for part in ('id="plot-causes"', 'id="predictions"', 'id="causes"', "Dashed lines are closed forms"):
+    assert (
+        "Left out, as asked for: causes, predictions" in page and "Left out, as" not in with_causes
+    )
+    for part in (
+        'id="plot-causes"',
+        'id="predictions"',
+        'id="causes"',
+        "Dashed lines are closed forms",
+    ):
         assert part in with_causes and part not in page
 
 
-# The report of a shaded scene: color in rows, pictures and the page, and what light costs and misses.
+# The report of a shaded scene: color in rows, pictures and the page, and what light costs and
+# misses.
 
 LIGHT_NEARS = (1.5, 0.15, 0.015)
 FINE = ((DepthFormat.D32F, DepthMapping.REVERSED),)
@@ -403,7 +440,9 @@ def lit(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     )
 
 
-def test_every_row_says_how_far_colors_are_off_and_how_different_they_look(lit: ReportFiles) -> None:
+def test_every_row_says_how_far_colors_are_off_and_how_different_they_look(
+    lit: ReportFiles,
+) -> None:
     errors = [row["comparison"]["radiance"] for row in lit.content["rows"]]
     for name in ("rms", "flip"):
         assert errors[0][name] > errors[1][name] > errors[2][name] > 0
@@ -433,7 +472,10 @@ def test_what_the_raster_misses_is_counted(lit: ReportFiles) -> None:
 
 def test_the_page_has_light_and_colors_are_part_of_what_is_recommended(lit: ReportFiles) -> None:
     own, data, best = page_alone(lit.html), page_data(lit.html), lit.content["best"]
-    assert all(part in own for part in ("<h2>Light</h2>", "What the raster misses", 'data-layer="radiance"'))
+    assert all(
+        part in own
+        for part in ("<h2>Light</h2>", "What the raster misses", 'data-layer="radiance"')
+    )
     assert {"radiance", "flip"} <= set(data["curves"][0][0]) and data["eye"]["data"]
     assert all("radiance" in row["pictures"] for row in data["rows"])
     row = next(row for row in lit.content["rows"] if row["settings"]["near"] == best["near"])

@@ -1,7 +1,7 @@
 """Blender renders the crossed frustum with the script that `camera --for blender` writes.
 
-The tests that need Blender use build/blender, which `make test-blender` makes, or the Python with the package
-bpy that XFRUSTUM_BLENDER_PYTHON names.
+The tests that need Blender use build/blender, which `make test-blender` makes, or the Python with
+the package bpy that XFRUSTUM_BLENDER_PYTHON names.
 """
 
 import io
@@ -29,7 +29,9 @@ from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
 from xfrustum.scenes.files.exr import read_image
 
-BLENDER = Path(os.environ.get("XFRUSTUM_BLENDER_PYTHON", CHECKOUT / "build" / "blender" / "bin" / "python"))
+BLENDER = Path(
+    os.environ.get("XFRUSTUM_BLENDER_PYTHON", CHECKOUT / "build" / "blender" / "bin" / "python")
+)
 needs_blender = pytest.mark.skipif(
     not BLENDER.exists(), reason="needs Blender as a Python module: run make test-blender"
 )
@@ -79,7 +81,10 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
 
     plate_of(small(), tmp_path)
     monkeypatch.setattr(render, "HERE", tmp_path)
-    for apertures, told in (("x", "is not a list of column,row"), ("81,0", "lies outside the plate")):
+    for apertures, told in (
+        ("x", "is not a list of column,row"),
+        ("81,0", "lies outside the plate"),
+    ):
         assert render.main(["--out", "h", "--apertures", apertures]) == 2
         error = capsys.readouterr().err
         assert told in error and error.count("\n") == 1
@@ -114,7 +119,8 @@ def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
     found = verify(scene, command=command, encoding="triangle-id", apertures=[(0, 0), (40, 30)])
     whole = found.as_found
     assert found.passed and found.diagnosis.faults == () and whole is not None
-    # Blender has vertices and rays in 32 bits: a pixel's center within a millionth of an edge may differ.
+    # Blender has vertices and rays in 32 bits: a pixel's center within a millionth of an edge may
+    # differ.
     assert whole.wrong <= 2 and whole.shown > 500
 
 
@@ -167,7 +173,9 @@ def test_hogels_follow_the_empty_in_a_blend_file(tmp_path: Path) -> None:
     write_cameras(scene, "blender", tmp_path)
     run(tmp_path, f"--save {tmp_path}/mine.blend")
     (tmp_path / "move.py").write_text(MOVE)
-    subprocess.run([str(BLENDER), str(tmp_path / "move.py"), str(tmp_path / "mine.blend")], check=True)
+    subprocess.run(
+        [str(BLENDER), str(tmp_path / "move.py"), str(tmp_path / "mine.blend")], check=True
+    )
     blend = f"--blend {tmp_path}/mine.blend --apertures 5,50"
     run(tmp_path, f"{blend} --out {tmp_path}/hogel.exr --encoding exr")
     truth = Reference(scene).trace(scene.plate.aperture(5, 50))
@@ -175,7 +183,9 @@ def test_hogels_follow_the_empty_in_a_blend_file(tmp_path: Path) -> None:
     same = image.triangle == truth.triangle
     # A scene that was moved has other roundings to 32 bits.
     assert (~same).sum() <= 5
-    assert np.allclose(image.position[same & truth.covered], truth.position[same & truth.covered], atol=1e-2)
+    assert np.allclose(
+        image.position[same & truth.covered], truth.position[same & truth.covered], atol=1e-2
+    )
     run(tmp_path, f"{blend} --out {tmp_path}/hogel.png --samples 4")
     picture = np.asarray(Image.open(tmp_path / "hogel.png"))
     assert picture.shape == (48, 64, 3)

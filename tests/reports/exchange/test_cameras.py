@@ -50,9 +50,14 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         n, f = one["near"], one["far"]
         stored = np.full(len(film), depth["clear"])
         xyw = triangles @ matrix[:, :3].T + matrix[:, 3]
-        met = (xyw[..., 2].max(1) >= n) & (xyw[..., 2].min(1) <= f) & (abs(np.linalg.det(xyw)) > 1e-12)
+        met = (
+            (xyw[..., 2].max(1) >= n)
+            & (xyw[..., 2].min(1) <= f)
+            & (abs(np.linalg.det(xyw)) > 1e-12)
+        )
         for index in np.flatnonzero(met):
-            # A point w (u, v, 1) of the triangle's plane is a mean of its corners with weights w * weights.
+            # A point w (u, v, 1) of the triangle's plane is a mean of its corners with weights w *
+            # weights.
             weights = film @ np.linalg.inv(xyw[index])
             with np.errstate(divide="ignore", invalid="ignore"):
                 w = 1 / weights.sum(-1)
@@ -79,11 +84,20 @@ def test_the_numbered_triangles_lie_beside_the_cameras(tmp_path: Path) -> None:
     """A reader of NumPy alone knows which number each triangle and object has, where it is, and its name."""
     path = tmp_path / "scene.toml"
     path.write_text(
-        film((80.0, 60.0), hogels=(3, 3), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(90.0, 90.0))
+        film(
+            (80.0, 60.0),
+            hogels=(3, 3),
+            resolution=(16, 16),
+            fov_deg=(60.0, 60.0),
+            reach=(90.0, 90.0),
+        )
         + part("box", 20.0, (10.0, 0.0, -30.0), rotate_deg=(0.0, 30.0, 0.0))
         + part("torus", 20.0, (0.0, 0.0, 30.0))
     )
-    assert main(["camera", str(path), "--for", "gltf", "--near", "0.1", "--out", str(tmp_path / "a")]) == 0
+    assert (
+        main(["camera", str(path), "--for", "gltf", "--near", "0.1", "--out", str(tmp_path / "a")])
+        == 0
+    )
     scene = open_scene(str(path))
     with np.load(tmp_path / "a" / "scene.npz", allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["vertices"][stored["faces"]], scene.triangles)
@@ -102,14 +116,23 @@ slow = pytest.mark.slow
     [
         ("asymmetric-recentered", DoubleFrustum(near=3.0, slabs=(20.0,), **REVERSED), (5, 50)),
         pytest.param(
-            *("asymmetric-recentered", DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN), (70, 3)),
+            *(
+                "asymmetric-recentered",
+                DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN),
+                (70, 3),
+            ),
             marks=slow,
         ),
         pytest.param(
-            *("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC), (40, 30)), marks=slow
+            *("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC), (40, 30)),
+            marks=slow,
         ),
         pytest.param(
-            *("asymmetric", DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR), (0, 0)),
+            *(
+                "asymmetric",
+                DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR),
+                (0, 0),
+            ),
             marks=slow,
         ),
     ],
@@ -124,14 +147,18 @@ def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     cameras = read(tmp_path / "cameras.json")
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, settings).triangle
-    pixels = np.stack(np.meshgrid(*map(np.arange, scene.frustum.resolution)), axis=-1).reshape(-1, 2)
+    pixels = np.stack(np.meshgrid(*map(np.arange, scene.frustum.resolution)), axis=-1).reshape(
+        -1, 2
+    )
     drawn = drawn.reshape(-1)
     mine = draw(cameras, scene.triangles, pixels)
     other = mine != drawn
     assert other.mean() < 0.03
     moved = [pixels[other] + (x * JITTER_PX, y * JITTER_PX) for x in (-1, 1) for y in (-1, 1)]
     # Only where its own picture changes within the jitter does a pixel lie on an edge.
-    assert np.any([draw(cameras, scene.triangles, some) != mine[other] for some in moved], axis=0).all()
+    assert np.any(
+        [draw(cameras, scene.triangles, some) != mine[other] for some in moved], axis=0
+    ).all()
     assert (drawn >= 0).mean() > 0.025
     wins = {"c": "nearest", "c-star": "farthest"}
     assert all(one["wins"] == wins[one["camera"]] for one in cameras["apertures"][0]["passes"])
@@ -161,7 +188,9 @@ def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any
     settings = SETTINGS if scene.frustum.screen is not None else replace(SETTINGS, fit=None)
     write_cameras(scene, "json", tmp_path, settings, apertures)
     files = write_cameras(scene, other, tmp_path, settings, apertures).files
-    passes = [one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]]
+    passes = [
+        one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]
+    ]
     return passes, read(files[0])
 
 

@@ -32,7 +32,9 @@ FULL = ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", 
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
 
 
-def group(folder: Path, dtype: str, resolution: tuple[int, int] = (6, 5)) -> tuple[Path, np.ndarray]:
+def group(
+    folder: Path, dtype: str, resolution: tuple[int, int] = (6, 5)
+) -> tuple[Path, np.ndarray]:
     """Write a plate of random colors into a Zarr group."""
     rng = np.random.default_rng(1)
     shape = PlateShape(hogels=(4, 3), resolution=resolution).array
@@ -69,15 +71,21 @@ def test_files_of_pleno_are_ppm_also_where_colors_are_floating_point(tmp_path: P
     assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".ppm"}
     assert done.losses[0].endswith("rounded to 1023 levels")
     convert(tmp_path / "out", tmp_path / "back.zarr", read_as="pleno")
-    assert np.array_equal(np.rint(stored(tmp_path, "color") * 1023), np.rint(pixels.astype(float) * 1023))
+    assert np.array_equal(
+        np.rint(stored(tmp_path, "color") * 1023), np.rint(pixels.astype(float) * 1023)
+    )
     with pytest.raises(InputError, match=r"layout pleno end in \.ppm"):
-        convert(source, tmp_path / "other", write_as="pleno", options=ConversionOptions(suffix=".png"))
+        convert(
+            source, tmp_path / "other", write_as="pleno", options=ConversionOptions(suffix=".png")
+        )
 
 
 def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, pixels = group(tmp_path, "float32")
     out = tmp_path / "quilt.png"
-    assert main(["convert", str(source), str(out), "--to", "quilt", "--tiles", "3,2", "--json"]) == 0
+    assert (
+        main(["convert", str(source), str(out), "--to", "quilt", "--tiles", "3,2", "--json"]) == 0
+    )
     told = capsys.readouterr()
     summary = json.loads(told.out)
     assert Path(summary["out"]).name == "quilt_qs3x2a1.333.png"
@@ -86,14 +94,18 @@ def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "note: lost: vertical parallax" in told.err
     convert(Path(summary["out"]), tmp_path / "back.zarr")
     found = stored(tmp_path, "color")
-    assert np.array_equal(found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8))
+    assert np.array_equal(
+        found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8)
+    )
 
 
 def test_quilts_say_that_they_are_linear_and_of_files_that_nobody_knows(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     where = film((6, 4), (4, 3), (6, 1), (60, 60), (9, 9))
     scene.write_text(named("s") + where + part("sphere", 1.0, (0, 0, 3)))
-    drawn = write_plate(open_scene(str(scene)), DoubleFrustum(near=0.1), tmp_path / "drawn.zarr").out
+    drawn = write_plate(
+        open_scene(str(scene)), DoubleFrustum(near=0.1), tmp_path / "drawn.zarr"
+    ).out
     done = convert(drawn, tmp_path / "quilt.png", write_as="quilt")
     assert any("pixels are linear radiance" in note for note in done.notes)
     assert Image.open(done.out).info["gamma"] == 1.0
@@ -114,7 +126,9 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("drawn", "missing"), [(None, 14), (15, 0), (14, 1), (0, 15)])
-def test_hogels_that_were_never_drawn_are_counted(drawn: int | None, missing: int, tmp_path: Path) -> None:
+def test_hogels_that_were_never_drawn_are_counted(
+    drawn: int | None, missing: int, tmp_path: Path
+) -> None:
     """A plate says which hogels are finished; of one that says nothing, those without files are missing."""
     plate = zarr.create_group(tmp_path / "plate.zarr")
     shards = None if drawn is None else (2, 2, 4, 5, 3)
@@ -123,7 +137,9 @@ def test_hogels_that_were_never_drawn_are_counted(drawn: int | None, missing: in
     )
     color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
     if drawn is not None:
-        plate.create_array("finished", data=(np.arange(15) < drawn).astype("u1").reshape(3, 5), chunks=(2, 2))
+        plate.create_array(
+            "finished", data=(np.arange(15) < drawn).astype("u1").reshape(3, 5), chunks=(2, 2)
+        )
     assert missing_hogels(open_plate(tmp_path / "plate.zarr", None)) == missing
     done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
     told = (f"{missing} hogels are not there and count as empty",) if missing else ()
@@ -138,12 +154,16 @@ def test_a_folder_whose_plate_is_stated_lacks_whole_rows(tmp_path: Path) -> None
         (tmp_path / "files" / f"hogel_{column}x2.png").unlink()
     assert convert(tmp_path / "files", tmp_path / "short", write_as="views").hogels == (4, 2)
     (tmp_path / "files" / "plate.json").write_text('{"hogels": [4, 3], "resolution": [6, 5]}')
-    with pytest.raises(InputError, match="4 files of the layout hogels are not there, for a plate of 4 x 3"):
+    with pytest.raises(
+        InputError, match="4 files of the layout hogels are not there, for a plate of 4 x 3"
+    ):
         convert(tmp_path / "files", tmp_path / "views", write_as="views")
     assert not (tmp_path / "views").exists()
 
 
-def test_no_hogel_that_is_there_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_hogel_that_is_there_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source, _ = group(tmp_path, "uint8", (6, 1))
     convert(source, tmp_path / "files", write_as="hogels")
     arguments = ["convert", str(tmp_path / "files"), str(tmp_path / "out"), "--to", "quilt"]
@@ -186,7 +206,8 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     assert sorted(Path().iterdir()) == before
 
 
-# Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing written.
+# Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing
+# written.
 
 
 @pytest.fixture
@@ -238,7 +259,12 @@ def flipped(sound: Path) -> None:
         edited(shape=[2, 3, 4]),
         edited(shape=[30_000, 30_000, 4, 5, 3]),
         edited(shape=[2, 3, 1 << 20, 1 << 20, 3]),
-        edited(chunk_grid={"name": "regular", "configuration": {"chunk_shape": [2, 3, 1 << 18, 1 << 18, 3]}}),
+        edited(
+            chunk_grid={
+                "name": "regular",
+                "configuration": {"chunk_shape": [2, 3, 1 << 18, 1 << 18, 3]},
+            }
+        ),
     ],
 )
 def test_a_damaged_group_is_refused_in_one_line(
@@ -249,7 +275,9 @@ def test_a_damaged_group_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("place", ["chunk", "description", "beside"])
-def test_a_pipe_in_a_group_is_refused_and_not_waited_for(sound: Path, place: str, tmp_path: Path) -> None:
+def test_a_pipe_in_a_group_is_refused_and_not_waited_for(
+    sound: Path, place: str, tmp_path: Path
+) -> None:
     path = {
         "chunk": chunk_of(sound),
         "description": sound / "color" / "zarr.json",
@@ -306,7 +334,9 @@ def scene(tmp_path: Path) -> Path:
 
 
 def plate(scene: Path, out: Path, *words: str) -> int:
-    return main(["plate", str(scene), "--near", "0.5", "--out", str(out), "--quiet", "--json", *words])
+    return main(
+        ["plate", str(scene), "--near", "0.5", "--out", str(out), "--quiet", "--json", *words]
+    )
 
 
 def test_beside_the_group_lies_the_same_plate_as_views(

@@ -14,7 +14,9 @@ from xfrustum.cli.main import main
 
 SCENE = (
     named("two parts", "mm")
-    + film((40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0))
+    + film(
+        (40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0)
+    )
     + part("torus", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
     + part("box", 30.0, (-4.0, 2.0, -35.0), rotate_deg=(10.0, 40.0, 0.0))
 )
@@ -47,7 +49,10 @@ def exr_channels(path: Path) -> Channels:
 def inspected(tmp_path_factory: pytest.TempPathFactory) -> Inspected:
     """A report, a verification of the rasterizer's own files, and a survey, all of one near offset."""
     folder = tmp_path_factory.mktemp("inspected")
-    scene, pages = folder / "parts.toml", {name: folder / name for name in ("report", "verify", "survey")}
+    scene, pages = (
+        folder / "parts.toml",
+        {name: folder / name for name in ("report", "verify", "survey")},
+    )
     scene.write_text(SCENE)
     setting = ["--near", NEAR, "--depth", "d24"]
     for i in range(2):

@@ -20,7 +20,9 @@ from xfrustum.reports.inspection import (
     write_inspection,
 )
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, the extra `browser`")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="needs playwright, the extra `browser`"
+)
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
@@ -36,7 +38,9 @@ PIXELS = 20
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
+        running = driver.chromium.launch(
+            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
+        )
         yield running
         running.close()
 
@@ -129,7 +133,7 @@ def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     hogels = read_inspection(inspected.pages["verify"] / PAGE)
     scene = open_scene(inspected.scene)
     monkeypatch.setattr(inspection_page, "MAX_PAGE_BYTES", 0)
-    map_ = PlateMap.of(scene.plate, "nothing", [])
+    map_ = PlateMap.from_values(scene.plate, "nothing", [])
     write_inspection(
         tmp_path, Inspection(command="verify", scene=scene, told="", hogels=hogels, plate_map=map_)
     )

@@ -32,7 +32,8 @@ SURFACES, COLOR, NORMALS = (
 )
 COMMANDS = {
     "report": SURFACES | COLOR | NORMALS,
-    # What verify is asked for is a surface, not its color; what it reads of an image is not its normals.
+    # What verify is asked for is a surface, not its color; what it reads of an image is not its
+    # normals.
     "verify": SURFACES,
     "survey": SURFACES | COLOR | NORMALS,
 }
@@ -45,7 +46,7 @@ def hogels(inspected: Inspected, command: str) -> list[InspectedHogel]:
 
 def inspection(scene: Scene, shown: list[InspectedHogel]) -> Inspection:
     """Return what a page shows of hogels of a plate of which nothing else is known."""
-    nothing = PlateMap.of(scene.plate, "nothing", [])
+    nothing = PlateMap.from_values(scene.plate, "nothing", [])
     return Inspection(command="verify", scene=scene, told="", hogels=shown, plate_map=nothing)
 
 
@@ -69,7 +70,9 @@ def test_errors_are_those_of_the_two_images(inspected: Inspected, command: str) 
     for hogel in hogels(inspected, command):
         values = hogel.values()
         truth, image, error = values["truth"], values["image"], values["error"]
-        labels = {one.name: np.array(one.labels) for layer in hogel.layers for one in layer.channels}
+        labels = {
+            one.name: np.array(one.labels) for layer in hogel.layers for one in layer.channels
+        }
         state = labels["state"][error["state"]]
         wrong = np.char.startswith(state, "wrong")
         assert 0 < wrong.sum() < wrong.size
@@ -135,7 +138,9 @@ def test_a_later_page_in_a_folder_removes_what_belonged_to_the_earlier_one_and_n
     assert len(read_inspection(tmp_path / PAGE)) == len(whole)
 
 
-def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspected: Inspected) -> None:
+def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(
+    inspected: Inspected,
+) -> None:
     page = (inspected.pages["report"] / PAGE).read_text()
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
     (nonce,) = re.findall(r"'nonce-([^']+)'", policy[1])
@@ -143,7 +148,9 @@ def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspe
     assert "unsafe" not in policy[1].split(";")[1]
 
 
-def test_hogels_with_too_many_pixels_are_listed_without_values(inspected: Inspected, tmp_path: Path) -> None:
+def test_hogels_with_too_many_pixels_are_listed_without_values(
+    inspected: Inspected, tmp_path: Path
+) -> None:
     (hogel, *_) = hogels(inspected, "report")
     scene = open_scene(inspected.scene)
     write_inspection(tmp_path, inspection(scene, [replace(hogel, stream=b"")]))
@@ -153,7 +160,9 @@ def test_hogels_with_too_many_pixels_are_listed_without_values(inspected: Inspec
 
 def test_a_cell_of_a_large_plate_shows_the_worst_of_its_hogels() -> None:
     plate = Plate(size=(100.0, 50.0), hogels=(10 * MAX_MAP_CELLS, 60))
-    cells = PlateMap.of(plate, "share", [(0, 0, 0.1), (9, 0, 0.3), (10, 0, 0.2), (1199, 59, 0.0)]).cells
+    cells = PlateMap.from_values(
+        plate, "share", [(0, 0, 0.1), (9, 0, 0.3), (10, 0, 0.2), (1199, 59, 0.0)]
+    ).cells
     assert cells.shape == (60, MAX_MAP_CELLS)
     assert cells[0, 0] == 0.3 and cells[0, 1] == 0.2 and cells[59, -1] == 0.0
     assert np.isnan(cells).sum() == cells.size - 3

@@ -40,7 +40,9 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_plate(small(), SETTINGS, out, content=ALL, block=BLOCK).out
 
 
-def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_images(clean: Path) -> None:
+def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_images(
+    clean: Path,
+) -> None:
     scene, group = small(), zarr.open_group(clean, mode="r")
     color = array(group, "color")
     assert (color.shards, color.chunks) == ((2, 3, 12, 20, 3), (1, 1, 12, 20, 3))
@@ -53,7 +55,9 @@ def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_
                 np.testing.assert_array_equal(stored, getattr(image, channel))
 
 
-def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(clean: Path, tmp_path: Path) -> None:
+def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(
+    clean: Path, tmp_path: Path
+) -> None:
     """It did not say which hogels are there."""
     plate = Path(shutil.copytree(clean, tmp_path / "x.zarr"))
     shutil.rmtree(plate / "finished")
@@ -94,26 +98,32 @@ def test_the_camera_of_any_hogel_is_the_rasterizers(name: str, tmp_path: Path) -
                 drawn, renderer="", shear=(0, 0), half_extent=(1, 1)
             )
             np.testing.assert_allclose(camera.shear, drawn.shear, rtol=4 * 2**-53, atol=0)
-            np.testing.assert_allclose(camera.half_extent, drawn.half_extent, rtol=4 * 2**-53, atol=0)
+            np.testing.assert_allclose(
+                camera.half_extent, drawn.half_extent, rtol=4 * 2**-53, atol=0
+            )
     with pytest.raises(InputError, match="lies outside the plate"):
         camera_of(out, 7, 0)
 
 
 @pytest.mark.parametrize("block", [(1, 1), BLOCK])
-def test_a_stored_plate_says_which_hogels_are_finished(block: tuple[int, int], tmp_path: Path) -> None:
+def test_a_stored_plate_says_which_hogels_are_finished(
+    block: tuple[int, int], tmp_path: Path
+) -> None:
     scene, out = small(), tmp_path / "x.zarr"
     drawn = [scene.plate.aperture(*index) for index in ((2, 2), (6, 4), (0, 0))]
     write_plate(scene, SETTINGS, out, drawn, EVERYTHING, block=block)
     stored = StoredPlate(out)
-    assert [aperture for aperture in scene.plate.apertures() if stored.finished(aperture)] == sorted(
-        drawn, key=lambda one: (one.row, one.column)
-    )
+    assert [
+        aperture for aperture in scene.plate.apertures() if stored.finished(aperture)
+    ] == sorted(drawn, key=lambda one: (one.row, one.column))
     assert stored.description["scene"]["hash"] == scene.content_hash
 
 
 def test_what_is_no_plate_has_neither_hogels_nor_cameras(tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "other.zarr")
-    group = zarr.create_group(tmp_path / "damaged.zarr", attributes={"xfrustum": {"plate": {"size": "x"}}})
+    group = zarr.create_group(
+        tmp_path / "damaged.zarr", attributes={"xfrustum": {"plate": {"size": "x"}}}
+    )
     for store in (tmp_path / "other.zarr", tmp_path / "nosuch.zarr"):
         for read in (StoredPlate, lambda place: camera_of(place, 0, 0)):
             with pytest.raises(InputError, match="is no plate"):
@@ -132,7 +142,9 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
         here = truth.camera.aperture
         for channel in Channel:
             stored = np.asarray(array(group, channel)[here.row, here.column])
-            np.testing.assert_array_equal(stored, np.asarray(getattr(truth, channel), dtype=stored.dtype))
+            np.testing.assert_array_equal(
+                stored, np.asarray(getattr(truth, channel), dtype=stored.dtype)
+            )
     assert camera_of(out, 0, 4).settings is None
     with pytest.raises(InputError, match="other settings"):
         write_plate(scene, SETTINGS, out, apertures, replace(content, channels=(Channel.COLOR,)))
@@ -179,7 +191,9 @@ def test_the_measures_are_those_of_compare_and_the_others_are_not_a_number(
     with Rasterizer(small()) as rasterizer:
         for here in apertures():
             drawn = rasterizer.render(here, SETTINGS)
-            numbers = compare_images(reference.trace(here), drawn, reference, radiance=False).numbers
+            numbers = compare_images(
+                reference.trace(here), drawn, reference, radiance=False
+            ).numbers
             assert numbers.surface is not None and numbers.displacement_px is not None
             hogel = opened.isel(row=here.row, column=here.column)
             assert int(hogel.surface_wrong) == numbers.surface.wrong
@@ -190,7 +204,10 @@ def test_the_measures_are_those_of_compare_and_the_others_are_not_a_number(
     finite = np.isfinite(opened.displacement_px_p99.values)
     assert {(column, row) for row, column in np.argwhere(finite).tolist()} == set(CHOSEN)
     assert opened.displacement_px_p99.dims == ("row", "column")
-    assert opened.displacement_px_p99.attrs["units"] == "px" and opened.height_rms.attrs["units"] == "mm"
+    assert (
+        opened.displacement_px_p99.attrs["units"] == "px"
+        and opened.height_rms.attrs["units"] == "mm"
+    )
     assert not [name for name in opened if str(name).startswith("radiance")]
 
 
@@ -198,16 +215,18 @@ def test_the_table_has_a_row_for_each_hogel_and_the_columns_of_the_arrays(
     measured: Path,
 ) -> None:
     table = pq.read_table(measured.with_suffix(".parquet"))
-    assert sorted(zip(*(table[name].to_pylist() for name in ("column", "row")), strict=True)) == sorted(
-        CHOSEN
-    )
+    assert sorted(
+        zip(*(table[name].to_pylist() for name in ("column", "row")), strict=True)
+    ) == sorted(CHOSEN)
     opened = xarray.open_zarr(measured, chunks=None)
     for row in table.to_pylist():
         hogel = opened.isel(row=row["row"], column=row["column"])
         assert (row["x"], row["y"]) == (float(hogel.x), float(hogel.y))
         for name, number in hogel.data_vars.items():
             if number.ndim == 0 and name != "finished":
-                assert row[str(name)] == float(number) or (row[str(name)] is None and np.isnan(number))
+                assert row[str(name)] == float(number) or (
+                    row[str(name)] is None and np.isnan(number)
+                )
 
 
 @pytest.mark.parametrize("damage", ["part", "array"])
@@ -258,7 +277,10 @@ def test_two_processes_write_the_measures_of_one_block_at_once(
 
     monkeypatch.setattr(pq, "write_table", overtaken)
     table.add(block, ())
-    assert list(tmp_path.iterdir()) == [table.path(block)] and pq.read_table(table.path(block)).num_rows == 0
+    assert (
+        list(tmp_path.iterdir()) == [table.path(block)]
+        and pq.read_table(table.path(block)).num_rows == 0
+    )
 
 
 @pytest.mark.parametrize("written", [1, pytest.param(12, marks=pytest.mark.slow)])
@@ -285,8 +307,12 @@ def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
     assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
 
 
-@pytest.mark.parametrize(("name", "points"), thinned([("asymmetric-recentered", 3), ("mirror-sphere", 1)], 2))
-def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "points"), thinned([("asymmetric-recentered", 3), ("mirror-sphere", 1)], 2)
+)
+def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
+    name: str, points: int, tmp_path: Path
+) -> None:
     """The one is drawn hogel by hogel, the other many at a time: all channels, light, sub-apertures."""
     scene = replace(small(name), sampling=Sampling(aperture=points))
     content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
@@ -296,7 +322,9 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int
         write_plate(scene, SETTINGS, out, here, content, block=(1, 1), judge=judge)
         written.append({path: data for path, data in tree(out).items() if "/c/" in path})
     with pytest.raises(InputError, match="other content"):
-        write_plate(scene, SETTINGS, tmp_path / "False.zarr", here, content, block=(1, 1), judge=True)
+        write_plate(
+            scene, SETTINGS, tmp_path / "False.zarr", here, content, block=(1, 1), judge=True
+        )
     pixels, with_measures = written
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
@@ -310,7 +338,16 @@ def test_a_table_that_cannot_be_written_is_said_before_anything_is_made(tmp_path
 
 def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "x.zarr"
-    line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out), "--judge"]
+    line = [
+        "plate",
+        "hard/only-behind",
+        "--apertures",
+        "1-2,3",
+        "--quiet",
+        "--out",
+        str(out),
+        "--judge",
+    ]
     assert main([*line, "--near", "0.1"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "2 hogels drawn, 0 found",
@@ -336,14 +373,18 @@ def test_the_programs_run_one_after_the_other(
     """The row is that of a small scene, and has some of its hogels."""
     monkeypatch.chdir(tmp_path)
     scene = view("asymmetric", (16, 12))
-    chosen = blocks_of_apertures(scene.plate, [((column, column), (30, 30)) for column in DRAWN_COLUMNS])
+    chosen = blocks_of_apertures(
+        scene.plate, [((column, column), (30, 30)) for column in DRAWN_COLUMNS]
+    )
     content = PlateContent(channels=(Channel.COLOR, Channel.HEIGHT))
     write_plate(scene, SETTINGS, Path("row.zarr"), chosen, content, judge=True)
     names: dict[str, object] = {}
     for program in PROGRAMS:
         exec(compile(program, "docs/plates.md", "exec"), names)
     printed = capsys.readouterr().out
-    assert "Dimensions" in printed and "displacement_px_p99" in printed and "worst hogel: " in printed
+    assert (
+        "Dimensions" in printed and "displacement_px_p99" in printed and "worst hogel: " in printed
+    )
     mosaic = np.asarray(Image.open("mosaic.png"))
     assert mosaic.shape == (12, 9 * 16, 3)
     shown = [10 * place for place in range(9) if mosaic[:, 16 * place : 16 * (place + 1)].any()]

@@ -18,7 +18,13 @@ from tests.support.views import view
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, layout_of, source_of, write_plate
+from xfrustum.reports.plate.plate import (
+    PlateFiles,
+    blocks_of_apertures,
+    layout_of,
+    source_of,
+    write_plate,
+)
 from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
@@ -37,7 +43,9 @@ def small(name: str = "asymmetric-recentered") -> Scene:
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 def array(group: zarr.Group, name: str) -> zarr.Array[Any]:
@@ -58,7 +66,9 @@ def finished(folder: Path) -> dict[str, tuple[int, int]]:
 
 def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) -> None:
     scene = small()
-    whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(1, 1)).out
+    whole = write_plate(
+        scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(1, 1)
+    ).out
     out = tmp_path / "parts.zarr"
     blocks = [(((1, 3), (0, 2)), 9), (((2, 6), (2, 2)), 3), ((None, (4, 4)), 7), ((None, None), 16)]
     before: dict[str, tuple[int, int]] = {}
@@ -73,7 +83,10 @@ def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) ->
 
 
 def test_hogels_that_show_nothing_are_finished_too(tmp_path: Path) -> None:
-    assert [write_plate(small("empty"), SETTINGS, tmp_path / "x.zarr").drawn for _ in range(2)] == [35, 0]
+    assert [write_plate(small("empty"), SETTINGS, tmp_path / "x.zarr").drawn for _ in range(2)] == [
+        35,
+        0,
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -86,16 +99,25 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda s: (s, replace(SETTINGS, near=0.2), EVERYTHING), "other settings .near was 0.15, now 0.2"),
+        (
+            lambda s: (s, replace(SETTINGS, near=0.2), EVERYTHING),
+            "other settings .near was 0.15, now 0.2",
+        ),
         (lambda s: (s, SETTINGS, PlateContent(ids=True)), "other content .color was"),
         (lambda s: (small("crossing"), SETTINGS, EVERYTHING), "another scene .name was"),
         (lambda s: (replace(s, objects=s.objects[1:]), SETTINGS, EVERYTHING), "another scene;"),
-        (lambda s: (replace(s, appearance=Appearance(lights=())), SETTINGS, EVERYTHING), "another scene"),
+        (
+            lambda s: (replace(s, appearance=Appearance(lights=())), SETTINGS, EVERYTHING),
+            "another scene",
+        ),
         (
             lambda s: (s, SETTINGS, replace(EVERYTHING, effects=ALL_EFFECTS - {Effect.DIFFUSE})),
             "other effects",
         ),
-        (lambda s: (replace(s, sampling=Sampling(aperture=3)), SETTINGS, EVERYTHING), "another sampling"),
+        (
+            lambda s: (replace(s, sampling=Sampling(aperture=3)), SETTINGS, EVERYTHING),
+            "another sampling",
+        ),
     ],
 )
 def test_going_on_with_anything_else_is_refused(
@@ -118,14 +140,21 @@ def test_going_on_with_effects_that_change_no_pixel_is_going_on(tmp_path: Path) 
 def mirrored_in(strength: float, material: Material, name: str) -> Scene:
     parts = tuple(replace(part, material=name) for part in small().objects)
     sky = Environment(radiance=np.full((2, 4, 3), 0.5, dtype=np.float32), strength=strength)
-    return replace(small(), objects=parts, appearance=Appearance(materials={name: material}, environment=sky))
+    return replace(
+        small(), objects=parts, appearance=Appearance(materials={name: material}, environment=sky)
+    )
 
 
 def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
     mirror = Material(reflectivity=(0.5, 0.5, 0.5))
     scene = mirrored_in(1.0, mirror, "mirror")
     smooth = replace(scene, objects=tuple(smoothed(part) for part in scene.objects))
-    others = [mirrored_in(0.5, mirror, "mirror"), mirrored_in(1.0, Material(), "mirror"), smooth, small()]
+    others = [
+        mirrored_in(0.5, mirror, "mirror"),
+        mirrored_in(1.0, Material(), "mirror"),
+        smooth,
+        small(),
+    ]
     assert len({look_hash(other) for other in (scene, *others)}) == 5
     assert {other.content_hash for other in others} == {scene.content_hash}
     assert look_hash(mirrored_in(1.0, mirror, "another name")) == look_hash(scene)
@@ -139,12 +168,18 @@ def test_finer_sampling_is_drawn_as_raster_draws_it_and_said(tmp_path: Path) -> 
     with Rasterizer(scene) as rasterizer:
         for aperture in apertures:
             image = rasterizer.render(aperture, SETTINGS)
-            np.testing.assert_array_equal(array(group, "color")[aperture.row, aperture.column], image.color)
+            np.testing.assert_array_equal(
+                array(group, "color")[aperture.row, aperture.column], image.color
+            )
             np.testing.assert_array_equal(
                 array(group, "triangle")[aperture.row, aperture.column], image.triangle
             )
     said = group.attrs["xfrustum"]
-    assert isinstance(said, dict) and said["sampling"] == {"aperture": 3, "supersample": 2, "multisample": 4}
+    assert isinstance(said, dict) and said["sampling"] == {
+        "aperture": 3,
+        "supersample": 2,
+        "multisample": 4,
+    }
 
 
 def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
@@ -162,7 +197,10 @@ def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
 # A plate that several processes make, and one that something has damaged.
 
 BLOCK = (3, 2)
-SHARD = {"triangle": "triangle/c/1/0/0/0", "color": "color/c/1/0/0/0/0"}  # of columns 0 to 2, rows 2 and 3
+SHARD = {
+    "triangle": "triangle/c/1/0/0/0",
+    "color": "color/c/1/0/0/0/0",
+}  # of columns 0 to 2, rows 2 and 3
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +268,9 @@ def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -
     assert files.damaged == 1 and tree(plate) == tree(clean)
 
 
-def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Path, clean: Path) -> None:
+def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(
+    plate: Path, clean: Path
+) -> None:
     (plate / SHARD["color"]).unlink()
     with pytest.raises(InputError, match=r"another layout \(block was"):
         write_plate(small(), SETTINGS, plate, content=EVERYTHING, block=(2, 2))
@@ -300,7 +340,9 @@ def test_a_scene_that_was_moved_with_its_plate_is_gone_on_with(plate: Path, clea
     files = write_plate(moved, SETTINGS, plate, content=EVERYTHING)
     assert (files.drawn, files.notes) == (6, ())
     assert chunk.read_bytes() == whole
-    assert tree(plate) == tree(clean)  # it goes on saying where the scene was when the plate was made
+    assert tree(plate) == tree(
+        clean
+    )  # it goes on saying where the scene was when the plate was made
 
 
 def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
@@ -325,7 +367,9 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
-def test_what_killed_processes_left_is_removed_unless_somebody_writes(plate: Path, clean: Path) -> None:
+def test_what_killed_processes_left_is_removed_unless_somebody_writes(
+    plate: Path, clean: Path
+) -> None:
     left = (plate / SHARD["color"]).with_suffix(".5f.partial")
     left.write_bytes(b"half")
     with (plate / "zarr.json").open("r+b") as file:
@@ -348,9 +392,13 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     writing = []
     with ThreadPoolExecutor(4) as pool:
         for number, store in enumerate(stores):
-            writing.append(pool.submit(store.write, block, {one.aperture: one for one in drawn[number:34:4]}))
+            writing.append(
+                pool.submit(store.write, block, {one.aperture: one for one in drawn[number:34:4]})
+            )
     for one in writing:
         one.result()
     assert stores[0].missing(block, check=True) == ((), 0)
-    whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(7, 5)).out
+    whole = write_plate(
+        scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(7, 5)
+    ).out
     assert tree(out) == tree(whole)

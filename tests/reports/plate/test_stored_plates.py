@@ -24,7 +24,9 @@ Spoil = Callable[[Path], object]
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_plate(small(), SETTINGS, tmp_path_factory.mktemp("whole") / "p.zarr", content=EVERYTHING).out
+    return write_plate(
+        small(), SETTINGS, tmp_path_factory.mktemp("whole") / "p.zarr", content=EVERYTHING
+    ).out
 
 
 def without(file: str) -> Spoil:
@@ -59,18 +61,28 @@ SPOILED: dict[str, tuple[Spoil, str]] = {
     "no x": (without("x/c/0"), r"7 of 7|6 of 7 values of x are not the scene's"),
     "no v": (without("v/c/0"), "values of v are not"),
     **{
-        f"{name} moved": (moved(name), f"1 of . values of {name}|1 of .. values of {name}") for name in "xyuv"
+        f"{name} moved": (moved(name), f"1 of . values of {name}|1 of .. values of {name}")
+        for name in "xyuv"
     },
     "row moved": (moved("row"), "1 of 5 values of row"),
     "column moved": (moved("column"), "1 of 7 values of column"),
     "fill": (described("triangle", "fill_value", 7, group_too=True), "fill value of triangle is 7"),
-    "fill, own": (described("triangle", "fill_value", 7, group_too=False), "fill value of triangle is 7"),
+    "fill, own": (
+        described("triangle", "fill_value", 7, group_too=False),
+        "fill value of triangle is 7",
+    ),
     "names": (
         described("color", "dimension_names", ["row", "column", "u", "v", "rgb"], group_too=False),
         "dimension names of color",
     ),
-    "type": (described("color", "data_type", "uint32", group_too=True), "data type of color|is damaged"),
-    "type of x": (described("x", "data_type", "int64", group_too=True), "data type of x|values of x"),
+    "type": (
+        described("color", "data_type", "uint32", group_too=True),
+        "data type of color|is damaged",
+    ),
+    "type of x": (
+        described("x", "data_type", "int64", group_too=True),
+        "data type of x|values of x",
+    ),
     "shape": (described("y", "shape", [9], group_too=True), "shape of y"),
 }
 
@@ -84,7 +96,9 @@ def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
     shutil.copytree(whole, place)
     spoil(place)
     readers: dict[str, Callable[[], object]] = {
-        "plate --check": lambda: write_plate(small(), SETTINGS, place, content=EVERYTHING, check=True),
+        "plate --check": lambda: write_plate(
+            small(), SETTINGS, place, content=EVERYTHING, check=True
+        ),
         "plate": lambda: write_plate(small(), SETTINGS, place, content=EVERYTHING),
         "view --plate": lambda: StoredPlate(place, small()),
         "convert": lambda: convert(place, tmp_path / "out", write_as="hogels"),
@@ -111,24 +125,40 @@ def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
 def test_a_plate_says_how_large_it_will_be_and_stops_where_the_disk_is_smaller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["plate", "hard/only-behind", "--near", "0.1", "--ids", "--out", str(tmp_path / "p.zarr")]
+    command = [
+        "plate",
+        "hard/only-behind",
+        "--near",
+        "0.1",
+        "--ids",
+        "--out",
+        str(tmp_path / "p.zarr"),
+    ]
     needed = 25 * 64 * 64 * (3 * 2 + 4)  # hogels, pixels, float16 colors and 32-bit numbers
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
     assert main([*command, "--quiet"]) == 2
     told = capsys.readouterr().err
-    assert "25 hogels to draw take at most 1 MB before compression" in told and told.count("\n") == 1
+    assert (
+        "25 hogels to draw take at most 1 MB before compression" in told and told.count("\n") == 1
+    )
     assert "free some space" in told and "--ignore-disk-space" in told
     assert not list(tmp_path.iterdir())
     assert main([*command, "--quiet", "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
     assert "note: " in (said := capsys.readouterr().err) and "10 hogels to draw" in said
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed * 15 // 25))
     assert main([*command, "--quiet", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out.splitlines()[-1])["bytes_at_most"] == needed * 15 // 25
+    assert (
+        json.loads(capsys.readouterr().out.splitlines()[-1])["bytes_at_most"] == needed * 15 // 25
+    )
 
 
 def test_the_size_said_is_that_of_the_arrays_in_memory(whole: Path) -> None:
     scene, group = small(), zarr.open_group(whole)
     images = [np.asarray(group[name][:]) for name in ("color", "triangle")]  # type: ignore[index]
-    size = plate_size(whole.parent / "new.zarr", layout_of(scene, EVERYTHING, None), scene.plate.apertures())
+    size = plate_size(
+        whole.parent / "new.zarr", layout_of(scene, EVERYTHING, None), scene.plate.apertures()
+    )
     assert size.needed == sum(image.nbytes for image in images)
-    assert plate_size(whole, layout_of(scene, EVERYTHING, None), scene.plate.apertures()).hogels == 0
+    assert (
+        plate_size(whole, layout_of(scene, EVERYTHING, None), scene.plate.apertures()).hogels == 0
+    )

@@ -23,7 +23,9 @@ from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smo
 
 FILE = (
     named("two & a <half>", "mm")
-    + film((80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(150.0, 100.0))
+    + film(
+        (80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(150.0, 100.0)
+    )
     + part("sphere", 60.0, (10.0, -5.0, -60.0), smooth=True)
     + part("torus", 40.0, (0.0, 0.0, 60.0))
     + part("box", 1000.0, (0.0, 0.0, -8500.0))
@@ -38,7 +40,10 @@ def scene(tmp_path: Path) -> str:
 
 
 def words(svg: str) -> list[str]:
-    return [element.text or "" for element in Xml.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+    return [
+        element.text or ""
+        for element in Xml.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")
+    ]
 
 
 def test_check_says_of_each_object_where_it_lies_and_who_sees_it(
@@ -62,7 +67,10 @@ def test_check_says_of_each_object_where_it_lies_and_who_sees_it(
     Path(scene).write_text(text.replace("-60.0]", "-800.0]").replace("60.0]\n[[", "900.0]\n[["))
     assert main(["check", scene]) == 1
     printed = capsys.readouterr()
-    assert "none of 63 apertures" in printed.out and "no aperture of the plate sees anything" in printed.err
+    assert (
+        "none of 63 apertures" in printed.out
+        and "no aperture of the plate sees anything" in printed.err
+    )
 
 
 def test_check_writes_two_views_that_name_what_they_show(scene: str, tmp_path: Path) -> None:
@@ -88,7 +96,9 @@ def test_every_kind_of_scene_has_both_views(name: str) -> None:
 Triple = tuple[float, float, float]
 
 
-def mesh(folder: Path, name: str, extents: Triple = (2.0, 1.0, 0.5), at: Triple = (0.0, 0.0, 0.0)) -> Path:
+def mesh(
+    folder: Path, name: str, extents: Triple = (2.0, 1.0, 0.5), at: Triple = (0.0, 0.0, 0.0)
+) -> Path:
     solid = trimesh.creation.box(extents=extents)
     solid.apply_translation(at)
     solid.export(folder / name)
@@ -139,7 +149,16 @@ def test_new_writes_a_file_that_opens_from_anywhere_and_says_what_fits(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()
     mesh(tmp_path, 'a "quoted" näme.obj', at=(7.0, 0.0, 0.0))
-    arguments = ["new", 'a "quoted" näme.obj', "--out", "scenes/new.toml", "--size", "100", "--units", "mm"]
+    arguments = [
+        "new",
+        'a "quoted" näme.obj',
+        "--out",
+        "scenes/new.toml",
+        "--size",
+        "100",
+        "--units",
+        "mm",
+    ]
     assert main(arguments) == 0
     said = capsys.readouterr().out
     assert "100 x 50 x 25 mm, from 12.5 mm behind the plate to 12.5 mm before it" in said
@@ -198,7 +217,12 @@ ARCMIN = math.pi / 180 / 60
     [
         # Cells that an eye sees from nearer than the pitch / 1'.
         (["--plate", "60cm,40cm", "--viewer", "2m"], (600, 400), (1032, 688), None),
-        (["--plate", "600,400", "--viewer", "600", "--pitch", "1"], (600, 400), (600, 400), "3,438 mm"),
+        (
+            ["--plate", "600,400", "--viewer", "600", "--pitch", "1"],
+            (600, 400),
+            (600, 400),
+            "3,438 mm",
+        ),
         (["--size", "55", "--pitch", "0.7"], (80.5, 40.6), (115, 58), None),
         (
             ["--size", "500", "--viewer", "50mm", "--plate", "60,40", "--pitch", "0.02"],
@@ -217,7 +241,16 @@ def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = str(tmp_path / "part.toml")
-    arguments = ["new", str(mesh(tmp_path, "part.obj")), "--out", path, "--units", "mm", "--json", *asked]
+    arguments = [
+        "new",
+        str(mesh(tmp_path, "part.obj")),
+        "--out",
+        path,
+        "--units",
+        "mm",
+        "--json",
+        *asked,
+    ]
     assert main(arguments) == 0
     printed = capsys.readouterr()
     content, scene = json.loads(printed.out), open_scene(path)
@@ -225,7 +258,9 @@ def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
     pitch = max(plate[0] / hogels[0], plate[1] / hogels[1])
     assert content["pitch"] == pytest.approx(pitch)
     assert content["cells_within"] == pytest.approx(pitch / ARCMIN)
-    assert (told in content["warning"] and told in printed.err) if told else content["warning"] is None
+    assert (
+        (told in content["warning"] and told in printed.err) if told else content["warning"] is None
+    )
     # A mesh of no stated size fits the plate.
     low, high = box(scene.objects[0])
     within = np.subtract(high, low)[:2] < plate
@@ -239,13 +274,15 @@ def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer(tmp_path: P
     np.testing.assert_allclose(np.subtract(high, low), (1.0, 8.0, 2.0), atol=1e-4)
     np.testing.assert_allclose(np.add(high, low), 0.0, atol=1e-3)
     assert written.mesh == pytest.approx((1.0, 2.0, 8.0), abs=1e-4)
-    # What was up, +z, is up in the scene; what looked along -y, as Blender's front does, looks at the viewer.
+    # What was up, +z, is up in the scene; what looked along -y, as Blender's front does, looks at
+    # the viewer.
     turned = placement(1.0, written.rotate_deg)[:3, :3]
     np.testing.assert_allclose(turned @ [0, 0, 1], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(turned @ [0, -1, 0], [0, 0, 1], atol=1e-15)
 
 
-# Winding -------------------------------------------------------------------------------------------------
+# Winding
+# -------------------------------------------------------------------------------------------------
 
 
 def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene_file_turns_it(
@@ -258,7 +295,11 @@ def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene
     drawn = [*("raster", str(path), "--near", "0.1", "--out", str(tmp_path / "a.exr")), "--cull"]
     told = "faces away from the viewer, and `--cull back` leaves it out"
     capsys.readouterr()
-    for command, expected in ((["check", str(path)], 1), ([*drawn, "back"], 1), ([*drawn, "none"], 0)):
+    for command, expected in (
+        (["check", str(path)], 1),
+        ([*drawn, "back"], 1),
+        ([*drawn, "none"], 0),
+    ):
         assert main(command) == 0
         assert capsys.readouterr().err.count(told) == expected
     wrong = open_scene(str(path)).objects[0]
@@ -278,7 +319,8 @@ def test_normals_of_a_flipped_mesh_lie_on_the_side_of_its_new_winding(side: floa
     np.testing.assert_array_equal(turned, -np.asarray(smoothed(ball).vertex_normals))
 
 
-# Surfaces in the plate -----------------------------------------------------------------------------------
+# Surfaces in the plate
+# -----------------------------------------------------------------------------------
 
 TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\nf 1 2 2\n"
 
@@ -307,7 +349,13 @@ def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_pat
     solid = mesh(tmp_path, "part.obj")
     assert xfrustum.new_scene(solid, tmp_path / "a.toml").warning is None
     (tmp_path / "near.toml").write_text(
-        film((80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+        film(
+            (80.0, 60.0),
+            hogels=(9, 7),
+            resolution=(16, 16),
+            fov_deg=(60.0, 60.0),
+            reach=(50.0, 50.0),
+        )
         + part("square", 40.0, (0.0, 0.0, 1e-4))
     )
     assert not xfrustum.check(open_scene(str(tmp_path / "near.toml"))).warnings
@@ -322,9 +370,12 @@ def test_features_that_are_not_read_are_listed_and_warned_about(
     mesh.write_text(square + "f 1 2 3\nf 1 4 3\n")
     flat.write_text("v 0 0 0\nv 1 0 0\nv 3 0 0\nf 1 2 3\nf 1 1 2\n")
     objects = "".join(
-        f'\n[[object]]\nmesh = "{name}"\ntranslate = [0.0, 0.0, -20.0]\n' for name in ("a.obj", "flat.obj")
+        f'\n[[object]]\nmesh = "{name}"\ntranslate = [0.0, 0.0, -20.0]\n'
+        for name in ("a.obj", "flat.obj")
     )
-    frame = film((20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+    frame = film(
+        (20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0)
+    )
     (tmp_path / "scene.toml").write_text(named("lines", "mm") + frame + objects)
     assert main(["check", str(tmp_path / "scene.toml"), "--json"]) == 0
     printed = capfd.readouterr()
@@ -356,7 +407,9 @@ def test_a_scene_of_triangles_without_area_is_seen_by_no_aperture(
 ) -> None:
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 3 0 0\nf 1 2 3\n")
     place = '\n[[object]]\nmesh = "flat.obj"\ntranslate = [0.0, 0.0, -20.0]\n'
-    frame = film((20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+    frame = film(
+        (20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0)
+    )
     (tmp_path / "scene.toml").write_text(named("flat", "mm") + frame + place)
     assert main(["check", str(tmp_path / "scene.toml"), "--json"]) == 1
     assert "has triangles without area alone" in capfd.readouterr().err

@@ -32,7 +32,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.sampling import risk_of_claim, share_beyond
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.exchange.convert import LaidOutPlate
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.scout import plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.survey import Chosen, survey
@@ -48,7 +48,9 @@ def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two boxes, one on each side of a plate of 5 by 4 hogels."""
     path = tmp_path_factory.mktemp("scene") / "boxes.toml"
     objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
-    path.write_text(named("boxes", "mm") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60)) + objects)
+    path.write_text(
+        named("boxes", "mm") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60)) + objects
+    )
     return path
 
 
@@ -57,9 +59,21 @@ def scene(scene_path: Path) -> Scene:
     return open_scene(scene_path)
 
 
-def surveyed(scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+def surveyed(
+    scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str
+) -> dict[str, Any]:
     """Run the command in this process and return its JSON object, with its exit status."""
-    words = ["survey", str(scene_path), "--workers", "1", "--out", str(out), "--quiet", "--json", *more]
+    words = [
+        "survey",
+        str(scene_path),
+        "--workers",
+        "1",
+        "--out",
+        str(out),
+        "--quiet",
+        "--json",
+        *more,
+    ]
     status = main(words)
     printed = capsys.readouterr()
     return {"status": status, **json.loads(printed.out or "{}"), "errors": printed.err}
@@ -76,14 +90,18 @@ def whole(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows_of(out: Path) -> pa.Table:
-    return pa.concat_tables(pq.ParquetFile(path).read() for path in sorted(out.glob("survey.parquet/part-*")))
+    return pa.concat_tables(
+        pq.ParquetFile(path).read() for path in sorted(out.glob("survey.parquet/part-*"))
+    )
 
 
 def parts_of(out: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in out.glob("survey.parquet/part-*")}
 
 
-def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: Path, scene: Scene) -> None:
+def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(
+    whole: Path, scene: Scene
+) -> None:
     rows = rows_of(whole)
     assert sorted(zip(rows["column"].to_pylist(), rows["row"].to_pylist(), strict=True)) == sorted(
         aperture.index for aperture in scene.plate.apertures()
@@ -108,7 +126,11 @@ def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
     """The others are empty and not beyond where all are judged, and the bound counts them so."""
     place = named("corner", "mm") + film((60, 40), (15, 10), (8, 8), (40, 40), (40, 40))
     (tmp_path / "corner.toml").write_text(place + part("box", 3, (-26, 17, -6)))
-    scene, settings, here = open_scene(tmp_path / "corner.toml"), DoubleFrustum(near=2.0), Engine(workers=1)
+    scene, settings, here = (
+        open_scene(tmp_path / "corner.toml"),
+        DoubleFrustum(near=2.0),
+        Engine(workers=1),
+    )
     found, whole, few = (
         survey(scene, settings, tmp_path / str(sample), Chosen(sample=sample), engine=here)
         for sample in (75, None, 3)
@@ -158,8 +180,13 @@ def test_displacement_by_depth_adds_up_and_the_page_has_maps(whole: Path) -> Non
 
 
 def test_a_map_is_blank_where_the_nearest_judged_hogel_shows_nothing() -> None:
-    tally, places = rows.Tally((10, 1)), {"column": [1, 8], "row": [0, 0]}
-    numbers = {"beyond": [True, False], "covered": [9, 0], rows.P99: [2.0, None], rows.SURFACE: [0.0, 0.0]}
+    tally, places = rows.SettingStats((10, 1)), {"column": [1, 8], "row": [0, 0]}
+    numbers = {
+        "beyond": [True, False],
+        "covered": [9, 0],
+        rows.P99: [2.0, None],
+        rows.SURFACE: [0.0, 0.0],
+    }
     tally.add(pa.table(places | numbers))
     assert (tally.judged, tally.beyond, tally.empty) == (2, 1, 1)
     plate = Plate(size=(10.0, 1.0), hogels=(10, 1))
@@ -179,7 +206,9 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
     assert parts_of(out) == parts_of(whole)
     assert {p for p, time in before.items() if p.stat().st_mtime_ns != time} == {gone}
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
-    with pytest.raises(InputError, match=rf"begun with other settings \(near was {NEAR}, now 0.5\);"):
+    with pytest.raises(
+        InputError, match=rf"begun with other settings \(near was {NEAR}, now 0.5\);"
+    ):
         survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
 
 
@@ -202,14 +231,26 @@ def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
 ) -> None:
     facts = json.loads((whole / "survey.json").read_text())
     said = surveyed(
-        scene_path, tmp_path / "s", capsys, "--nears", f"{NEAR},0.001", "--sample", "9", "--seed", "4"
+        scene_path,
+        tmp_path / "s",
+        capsys,
+        "--nears",
+        f"{NEAR},0.001",
+        "--sample",
+        "9",
+        "--seed",
+        "4",
     )
     assert (said["status"], said["judged"], said["confidence"], said["seed"]) == (0, 9, 0.95, 4)
     coarse, fine = said["settings"]
     assert facts["beyond"] / 20 <= coarse["share_beyond_at_most"]
     # The best setting is told.
     assert fine["beyond"] == 0 == said["beyond"]
-    assert said["share_beyond_at_most"] == fine["share_beyond_at_most"] < coarse["share_beyond_at_most"]
+    assert (
+        said["share_beyond_at_most"]
+        == fine["share_beyond_at_most"]
+        < coarse["share_beyond_at_most"]
+    )
     # Bonferroni: with two settings each bound is wider than with one.
     assert fine["share_beyond_at_most"] == share_beyond(0, 9, 20, risk_of_claim(settings=2))
     assert fine["share_beyond_at_most"] > share_beyond(0, 9, 20, risk_of_claim(settings=1))
@@ -222,7 +263,9 @@ def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
     good = surveyed(scene_path, tmp_path / "good", capsys, "--near", "0.001", "--until", "40%")
     assert good["status"] == 0 and good["share_beyond_at_most"] <= 0.4 and good["judged"] < 20
     # Looks share the risk, and the first one was enough.
-    assert good["share_beyond_at_most"] == share_beyond(0, good["judged"], 20, risk_of_claim(look=0))
+    assert good["share_beyond_at_most"] == share_beyond(
+        0, good["judged"], 20, risk_of_claim(look=0)
+    )
     bad = surveyed(scene_path, tmp_path / "bad", capsys, "--near", str(NEAR), "--until", "40%")
     assert bad["status"] == 1 and bad["share_beyond_at_most"] > 0.4
 
@@ -232,8 +275,13 @@ def test_a_stated_tolerance_that_is_exceeded_is_a_no(
     scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ("--near", "0.001", "--sample", "3")
-    assert surveyed(scene_path, tmp_path / "a", capsys, *words, "--tolerance-px", "0.00001")["status"] == 1
-    assert surveyed(scene_path, tmp_path / "b", capsys, *words, "--tolerance-px", "50")["status"] == 0
+    assert (
+        surveyed(scene_path, tmp_path / "a", capsys, *words, "--tolerance-px", "0.00001")["status"]
+        == 1
+    )
+    assert (
+        surveyed(scene_path, tmp_path / "b", capsys, *words, "--tolerance-px", "50")["status"] == 0
+    )
     # No displacement that is allowed allows wrong surfaces.
     coarse = ("--near", str(NEAR), "--sample", "3", "--tolerance-px", "50")
     assert surveyed(scene_path, tmp_path / "c", capsys, *coarse)["status"] == 1
@@ -244,18 +292,18 @@ def test_two_surveys_of_one_folder_are_one(
     whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second begins and ends while the first judges its first block."""
-    out, write = tmp_path / "survey", Parts.write
+    out, write = tmp_path / "survey", ParquetParts.write
 
     def run() -> None:
         survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
 
     def overtaken(*first: Any) -> None:
-        monkeypatch.setattr(Parts, "write", write)
+        monkeypatch.setattr(ParquetParts, "write", write)
         run()
         assert parts_of(out) == parts_of(whole)
         write(*first)
 
-    monkeypatch.setattr(Parts, "write", overtaken)
+    monkeypatch.setattr(ParquetParts, "write", overtaken)
     run()
     assert parts_of(out) == parts_of(whole)
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
@@ -285,15 +333,31 @@ def test_a_survey_needs_no_engine_to_be_named(scene_path: Path, tmp_path: Path) 
 # Surveys of the plates of other renderers say what `verify` says.
 
 
-def box(path: Path, hogels: tuple[int, int], resolution: tuple[int, int], size: tuple[float, float]) -> Path:
+def box(
+    path: Path, hogels: tuple[int, int], resolution: tuple[int, int], size: tuple[float, float]
+) -> Path:
     """Write a scene of one box behind the plate."""
-    text = named("box") + film(size, hogels, resolution, (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    text = (
+        named("box")
+        + film(size, hogels, resolution, (60, 60), (60, 60))
+        + part("box", 12, (4, 0, -14))
+    )
     path.write_text(text)
     return path
 
 
 def survey_of(scene: Path, pattern: Path, out: Path, *more: str) -> int:
-    words = ["survey", str(scene), "--images", str(pattern), "--all", "--out", str(out), "--quiet", *more]
+    words = [
+        "survey",
+        str(scene),
+        "--images",
+        str(pattern),
+        "--all",
+        "--out",
+        str(out),
+        "--quiet",
+        *more,
+    ]
     return main([*words, "--workers", "1"])
 
 
@@ -310,7 +374,9 @@ def assert_alike(rows: list[dict[str, Any]], verified: Verification) -> None:
             continue
         assert (row["shown"], row["wrong"], row["by"]) == (found.shown, found.wrong, found.by)
         assert row["surface_wrong"] == (found.surface.wrong if found.surface else None)
-        assert row["displacement_px_p99"] == (found.displacement_px.p99 if found.displacement_px else None)
+        assert row["displacement_px_p99"] == (
+            found.displacement_px.p99 if found.displacement_px else None
+        )
         assert hogel.corrected is not None
         assert row["corrected_wrong"] == hogel.corrected.wrong
 
@@ -329,7 +395,10 @@ def test_a_survey_of_images_says_what_verify_says(
     scene = open_scene(path)
     with Rasterizer(scene) as rasterizer:
         for one in [each for each in scene.plate.apertures() if each.index != (1, 1)]:
-            write_image(Path(f"{one.column}x{one.row}.exr"), rasterizer.render(one, DoubleFrustum(near=near)))
+            write_image(
+                Path(f"{one.column}x{one.row}.exr"),
+                rasterizer.render(one, DoubleFrustum(near=near)),
+            )
     assert survey_of(path, pattern, out) == 1
     verified = verify(scene, str(pattern))
     rows = rows_of(out).to_pylist()
@@ -337,7 +406,11 @@ def test_a_survey_of_images_says_what_verify_says(
     said = json.loads((out / "survey.json").read_text())
     assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > (near > 0.1)
     # A hogel that is missing is worse than any that is wrong.
-    assert said["worst"] == {"aperture": [1, 1], "displacement_p99_px": None, "surface_fraction": None}
+    assert said["worst"] == {
+        "aperture": [1, 1],
+        "displacement_p99_px": None,
+        "surface_fraction": None,
+    }
     page = (out / "index.html").read_text()
     assert "<b>1,1</b>: missing</summary>" in page
     assert "This hogel is missing" in page

@@ -11,7 +11,7 @@ from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
 from xfrustum.compare.metrics.error_maps import Spread
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
 from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Scene
@@ -44,7 +44,11 @@ def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hog
         causes={"edge": 2 * wrong, "order": 0, "lost": 0, "unexplained": 0},
     )
     share = Check(
-        figure="wrong surfaces", value=wrong / SHOWN, limit=0.01, unit="share", held=wrong <= SHOWN / 100
+        figure="wrong surfaces",
+        value=wrong / SHOWN,
+        limit=0.01,
+        unit="share",
+        held=wrong <= SHOWN / 100,
     )
     return Hogel(aperture=aperture, as_found=numbers, corrected=numbers, checks=(share,))
 
@@ -55,7 +59,7 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
         scene=scene(),
         source="hogels/{i}x{j}.png",
         limits=Limits(),
-        diagnosis=Diagnosis(model=DrawnModel(), faults=(), does_not_explain=(), means="numbers"),
+        diagnosis=Diagnosis(model=RendererModel(), faults=(), does_not_explain=(), means="numbers"),
         hogels=tuple(hogel_of(place, number, p99) for place, number in wrong.items()),
         worst=WorstHogels(),
     )

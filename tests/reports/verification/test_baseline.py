@@ -43,14 +43,20 @@ def held(
     folder: Path, wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1, **options: Any
 ) -> Baseline:
     if "tolerance" in options:
-        options["tolerance"] = Stated.of(options["tolerance"])
+        options["tolerance"] = Stated.from_text(options["tolerance"])
     asked = BaselineOptions(**{"device": "toy", "repository": folder, **options})
     return baseline(verification(wrong, p99), folder / "kept", asked)
 
 
 def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Path) -> None:
     runs, commits = [], []
-    for wrong, approve in ((RIGHT, True), (RIGHT, False), (WORSE, False), (WORSE, True), (WORSE, False)):
+    for wrong, approve in (
+        (RIGHT, True),
+        (RIGHT, False),
+        (WORSE, False),
+        (WORSE, True),
+        (WORSE, False),
+    ):
         commits.append(commit(tmp_path, "Another"))
         runs.append(held(tmp_path, wrong, approve=approve))
     assert [one.change for one in runs] == ["new", "same", "worse", "worse", "same"]
@@ -86,7 +92,9 @@ def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) ->
     for setting, value in settings.items():
         git(folder, "config", setting, str(value))
 
-    (folder / "a.txt").write_text("two\n")  # of the same size: git compares the content, by way of the filter
+    (folder / "a.txt").write_text(
+        "two\n"
+    )  # of the same size: git compares the content, by way of the filter
     assert held(folder, RIGHT, approve=True).run.commit == name
     control = shutil.copytree(folder, tmp_path / "control", symlinks=True)
     # As in a clone that fetches what it lacks.
@@ -133,7 +141,9 @@ def test_a_hogel_whose_runs_are_alike_by_chance_has_the_spread_of_all(tmp_path: 
         assert held(tmp_path, {(0, 0): wrong, (1, 0): 7, (2, 0): 7}).passed is passed
 
 
-def test_what_is_worse_at_the_same_commit_is_no_noise_unless_the_user_says_so(tmp_path: Path) -> None:
+def test_what_is_worse_at_the_same_commit_is_no_noise_unless_the_user_says_so(
+    tmp_path: Path,
+) -> None:
     """A clean commit may have been built by another compiler: its 5,000 wrong pixels are not forgiven."""
     commit(tmp_path, "A renderer")
     held(tmp_path, {(0, 0): 40}, approve=True)
@@ -158,7 +168,9 @@ def test_of_states_that_two_branches_accepted_the_later_one_counts(tmp_path: Pat
     assert not held(tmp_path, {(0, 0): 41}).passed
 
 
-def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_counted(tmp_path: Path) -> None:
+def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_counted(
+    tmp_path: Path,
+) -> None:
     held(tmp_path, RIGHT, approve=True)
     fine = held(tmp_path, {(0, 0): 3, (1, 0): 0, (3, 0): 2})
     told = "note: Not compared: 1 hogel not accepted before; 1 hogel accepted, and not judged now."
@@ -184,7 +196,9 @@ def test_a_missing_hogel_is_told_and_a_stated_tolerance_holds(tmp_path: Path) ->
     gone = held(tmp_path, {**RIGHT, (2, 0): None})
     assert "missing hogels of hogel 2,0: 0 accepted, 1 now" in lines(gone)
     assert held(tmp_path, {**RIGHT, (1, 0): 2}, tolerance="wrong_surfaces=2,wrong_pixels=4").passed
-    assert not held(tmp_path, {**RIGHT, (1, 0): 3}, tolerance="wrong_surfaces=2,wrong_pixels=4").passed
+    assert not held(
+        tmp_path, {**RIGHT, (1, 0): 3}, tolerance="wrong_surfaces=2,wrong_pixels=4"
+    ).passed
 
 
 def test_other_devices_and_options_are_new_and_what_is_accepted_is_named(tmp_path: Path) -> None:
@@ -198,15 +212,21 @@ def test_other_devices_and_options_are_new_and_what_is_accepted_is_named(tmp_pat
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b'{"run": 1}'])
-def test_what_is_no_accepted_run_is_named_and_nothing_is_kept(content: bytes, tmp_path: Path) -> None:
+def test_what_is_no_accepted_run_is_named_and_nothing_is_kept(
+    content: bytes, tmp_path: Path
+) -> None:
     held(tmp_path, RIGHT, approve=True)
     (tmp_path / "kept" / ACCEPTED / "20260101-damaged.json").write_bytes(content)
-    with pytest.raises(InputError, match=r"20260101-damaged\.json: is no accepted run of this version"):
+    with pytest.raises(
+        InputError, match=r"20260101-damaged\.json: is no accepted run of this version"
+    ):
         held(tmp_path, RIGHT, approve=True)
     assert len(list((tmp_path / "kept" / ACCEPTED).iterdir())) == 2
 
 
-def test_the_summary_for_github_is_appended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_summary_for_github_is_appended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     summary = tmp_path / "summary.md"
     summary.write_text("what another step wrote\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
@@ -235,7 +255,11 @@ def test_the_json_object_names_what_changed(tmp_path: Path) -> None:
     what = {"measure": "wrong_surfaces", "aperture": [1, 0], "change": "worse"}
     assert told["changes"][0] == what | values
     displacements = {f"displacement_{name}_px" for name in ("rms", "p99", "max")}
-    assert {one["measure"] for one in told["changes"]} == {"wrong_surfaces", "wrong_pixels", *displacements}
+    assert {one["measure"] for one in told["changes"]} == {
+        "wrong_surfaces",
+        "wrong_pixels",
+        *displacements,
+    }
 
 
 # `verify --baseline` from the command line, and the action; the verification itself is a stand-in.
@@ -249,7 +273,9 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     sphere = part("sphere", 14.0, (4.0, 2.0, 22.0))
-    (tmp_path / "scene.toml").write_text(film((40, 40), (3, 2), (40, 40), (60, 60), (50, 60)) + sphere)
+    (tmp_path / "scene.toml").write_text(
+        film((40, 40), (3, 2), (40, 40), (60, 60), (50, 60)) + sphere
+    )
     return tmp_path
 
 
@@ -299,7 +325,11 @@ def test_the_action_has_every_input_that_it_uses_and_every_option_of_baselines()
     assert all(("uses" in step) != ("shell" in step and "run" in step) for step in runs["steps"])
     assert all("${{" not in step.get("run", "") for step in runs["steps"])
     assert verify is not None
-    options = {one.name for one in verify.params if "--baseline" in f"{one.opts} {getattr(one, 'help', '')}"}
+    options = {
+        one.name
+        for one in verify.params
+        if "--baseline" in f"{one.opts} {getattr(one, 'help', '')}"
+    }
     assert {"baseline", "approve", "renderer", "device"} <= options
     assert {str(name).removeprefix("baseline_") for name in options} <= set(ACTION["inputs"])
 
@@ -308,12 +338,28 @@ def test_the_action_has_every_input_that_it_uses_and_every_option_of_baselines()
     ("given", "expected"),
     [
         # Nothing is approved, and so nothing is noise.
-        ({"source": "hogels/{i}x{j}.png", "repeated": "true"}, {"approve": False, "repeated": False}),
         (
-            {"command": "build/r --x {x} --y {y} --out {out}", "renderer": "mine; rm -rf", "tolerance": "5%"}
-            | {"apertures": "0,0;2,1", "accept": "orientation", "approve": "true", "repeated": "true"}
+            {"source": "hogels/{i}x{j}.png", "repeated": "true"},
+            {"approve": False, "repeated": False},
+        ),
+        (
+            {
+                "command": "build/r --x {x} --y {y} --out {out}",
+                "renderer": "mine; rm -rf",
+                "tolerance": "5%",
+            }
+            | {
+                "apertures": "0,0;2,1",
+                "accept": "orientation",
+                "approve": "true",
+                "repeated": "true",
+            }
             | {"arguments": "--max-wrong 0.5% --timeout '20'"},
-            {"command": "build/r --x {x} --y {y} --out {out}", "renderer": "mine; rm -rf", "timeout_s": 20.0}
+            {
+                "command": "build/r --x {x} --y {y} --out {out}",
+                "renderer": "mine; rm -rf",
+                "timeout_s": 20.0,
+            }
             | {
                 "approve": True,
                 "repeated": True,
@@ -342,5 +388,8 @@ def test_the_command_line_of_the_action_is_one_that_verify_accepts(
     assert words[0] == "verify" and verify is not None
     context = verify.make_context("verify", words[1:])
     assert context.params["scene"] == "scene.toml"
-    assert (context.params["device"], str(context.params["baseline"])) == ("Linux-X64", "xfrustum-baseline")
+    assert (context.params["device"], str(context.params["baseline"])) == (
+        "Linux-X64",
+        "xfrustum-baseline",
+    )
     assert {name: context.params[name] for name in expected} == expected

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reports.verification.verdict import Check, Limits
 
 PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
@@ -28,8 +28,10 @@ def test_hogels_that_cannot_be_judged_refute_no_fault(
     before: Any, after: Any, mended: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def checks(_: Limits, figures: Any, excused: int = 0) -> tuple[Check, ...]:
-        return tuple(Check(figure="", value=None, limit=1.0, unit="px", held=held) for held in figures.kept)
+        return tuple(
+            Check(figure="", value=None, limit=1.0, unit="px", held=held) for held in figures.kept
+        )
 
     monkeypatch.setattr(Limits, "checks", checks)
     found, corrected = (SimpleNamespace(kept=kept, rounded=0) for kept in (before, after))
-    assert Limits().mends(found, corrected, DrawnModel()) is mended  # type: ignore[arg-type]
+    assert Limits().mends(found, corrected, RendererModel()) is mended  # type: ignore[arg-type]

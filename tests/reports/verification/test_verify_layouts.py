@@ -106,7 +106,8 @@ def mirrored(plate: Plates) -> Plates:
 
 
 MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
-    # Plate, layout, what is changed in the plate or in its files, how it is read, faults, and their words.
+    # Plate, layout, what is changed in the plate or in its files, how it is read, faults, and their
+    # words.
     "columns before rows, upright": (
         *("full", "burnett", None, "hogels"),
         *({"orientation", "aperture-order"}, "turned by 180 degrees"),
@@ -147,7 +148,9 @@ MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
 FAST = ("views as hogels",)
 
 
-@pytest.mark.parametrize("case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD])
+@pytest.mark.parametrize(
+    "case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD]
+)
 def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
     shape, layout, change, read, named, told = MISREAD[case]
     scene, plate = plated(shape)
@@ -164,7 +167,9 @@ def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
     assert told in "; ".join(f"{fault.words}; {fault.value}" for fault in found.diagnosis.faults)
     if case == "views as hogels":
         assert [fault.value for fault in found.diagnosis.faults] == ["views"]
-        assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
+        assert all(
+            hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels
+        )
 
 
 def sheared_views(scene: Scene, factor: float) -> Plates:
@@ -206,7 +211,9 @@ def test_openexr_files_keep_their_numbers_points_and_turns(tmp_path: Path) -> No
     assert found.passed and found.as_found is not None and found.as_found.wrong == 0
 
 
-def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_layout(tmp_path: Path) -> None:
+def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_layout(
+    tmp_path: Path,
+) -> None:
     scene, plate = plated("full")
     (written(plate, "views", tmp_path) / "3_4.png").unlink()
     with pytest.raises(InputError, match="cannot be read in the layout hocking"):

@@ -26,10 +26,10 @@ from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.diagnosis import doubtful
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
-from xfrustum.compare.diagnosis.faults import HYPOTHESES, Fault
+from xfrustum.compare.diagnosis.faults import HYPOTHESES, Defect
 from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.renderer_model import drawn_model
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
+from xfrustum.compare.renderer_model.drawn_model import OneCamera, RendererModel
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import (
     plate_map,
@@ -43,7 +43,9 @@ from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
     named("three parts", "mm")
-    + film((40.0, 40.0), hogels=(3, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + film(
+        (40.0, 40.0), hogels=(3, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0)
+    )
     + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
     + part("sphere", 30.0, (-4.0, 2.0, -35.0))
 )
@@ -76,9 +78,13 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[
 def test_right_files_pass_and_leave_page_json_and_junit(
     pattern: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status, found = run(capsys, pattern, "--encoding", "triangle-id", "--out", "out", "--junit", "junit.xml")
+    status, found = run(
+        capsys, pattern, "--encoding", "triangle-id", "--out", "out", "--junit", "junit.xml"
+    )
     assert (status, found["verdict"], found["diagnosis"]) == (0, "pass", [])
-    assert [hogel["aperture"] for hogel in found["hogels"]] == [[i, j] for j in (0, 1) for i in (0, 1, 2)]
+    assert [hogel["aperture"] for hogel in found["hogels"]] == [
+        [i, j] for j in (0, 1) for i in (0, 1, 2)
+    ]
     assert json.loads(Path("out/verification.json").read_text()) == found
     page = Path("out/index.html").read_text()
     assert "Right: all 6 hogels" in page
@@ -151,7 +157,9 @@ def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
 ) -> None:
     """A wrong field is answered with `{i:03d}` and `{x:.6f}` as examples: these work."""
     Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
-    status, found = run(capsys, "--command", command.format(python=sys.executable), "--apertures", "2,0")
+    status, found = run(
+        capsys, "--command", command.format(python=sys.executable), "--apertures", "2,0"
+    )
     assert status == 1
     aperture = world.plate.aperture(2, 0)
     assert told.format(x=aperture.x, y=aperture.y) in found["hogels"][0]["problem"]
@@ -204,26 +212,40 @@ def test_a_renderer_that_shows_nothing_of_nothing_is_right(world: Scene) -> None
 
 
 @pytest.mark.parametrize("kept", ["triangle", "object", "position"])
-def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, tmp_path: Path) -> None:
+def test_any_subset_of_an_exr_files_channels_is_judged(
+    kept: str, world: Scene, tmp_path: Path
+) -> None:
     chosen = [world.plate.aperture(*index) for index in ((0, 0), (2, 1))]
     with Rasterizer(world) as rasterizer:
         for aperture in chosen:
             image = rasterizer.render(aperture, NEAR)
-            nothing, nowhere = np.full_like(image.triangle, -1), np.full_like(image.position, np.nan)
+            nothing, nowhere = (
+                np.full_like(image.triangle, -1),
+                np.full_like(image.position, np.nan),
+            )
             empty = replace(
                 image, triangle=nothing, object=nothing, position=nowhere, normal=None, color=None
             )
             channel: dict[str, Any] = {kept: getattr(image, kept)}
-            write_image(tmp_path / f"{aperture.column}{aperture.row}.exr", replace(empty, **channel))
-    found = xfrustum.verify(world, str(tmp_path / "{i}{j}.exr"), apertures=[one.index for one in chosen])
+            write_image(
+                tmp_path / f"{aperture.column}{aperture.row}.exr", replace(empty, **channel)
+            )
+    found = xfrustum.verify(
+        world, str(tmp_path / "{i}{j}.exr"), apertures=[one.index for one in chosen]
+    )
     assert found.passed
     assert found.diagnosis.faults == ()
 
 
 # What a verification says: of refuted faults, of guesses, and of displacement that is not known.
 
-SHIFT = Fault(
-    fault="shift-x", value=0.1, unit="px", words="shifted; or near", alternatives=("near",), explains=1.0
+SHIFT = Defect(
+    fault="shift-x",
+    value=0.1,
+    unit="px",
+    words="shifted; or near",
+    alternatives=("near",),
+    explains=1.0,
 )
 
 
@@ -246,7 +268,9 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
     assert (tested.diagnosis.faults == (fault,)) is tested.explained is named
     assert ("explained: 100 %" in text) is named
     for words in (text, page):
-        assert ("o single fault that was tried explains all hogels" in words) is (told and not named)
+        assert ("o single fault that was tried explains all hogels" in words) is (
+            told and not named
+        )
         assert ("o known fault explains what is wrong" in words) is (not told and not named)
     if not named:
         (guess,) = tested.diagnosis.does_not_explain
@@ -259,7 +283,9 @@ def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> Non
     found = verification({(0, 0): 100})
     (hogel,) = found.hogels
     assert hogel.as_found is not None
-    blind = replace(hogel.as_found, by="outlines", surface=None, displacement_by=MeasuredBy.NO_OUTLINES)
+    blind = replace(
+        hogel.as_found, by="outlines", surface=None, displacement_by=MeasuredBy.NO_OUTLINES
+    )
     hogel = replace(hogel, corrected=replace(blind, wrong=0), mended=False)
     diagnosis = replace(found.diagnosis, faults=(SHIFT,))
     tested = with_correction_tested(replace(found, hogels=(hogel,), diagnosis=diagnosis))
@@ -281,7 +307,9 @@ def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -
 @pytest.mark.parametrize(("explains", "told"), [(0.0, False), (0.004, False), (0.3, True)])
 def test_a_guess_is_told_where_it_explains_anything(explains: float, told: bool) -> None:
     found = verification({(0, 0): 900, (1, 0): 0})
-    guess = doubtful(replace(Fault(fault="shift-x", value=1.5, unit="px", words="moved"), explains=explains))
+    guess = doubtful(
+        replace(Defect(fault="shift-x", value=1.5, unit="px", words="moved"), explains=explains)
+    )
     found = replace(found, diagnosis=replace(found.diagnosis, does_not_explain=(guess,)))
     assert "no known fault explains what is wrong" in table(found)
     assert ("moved: would explain only" in table(found)) is told
@@ -331,17 +359,21 @@ def test_the_examples_in_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_every_fault_is_in_the_table() -> None:
     text = DOCS.read_text()
-    known = {value for name, value in vars(faults).items() if name.isupper() and isinstance(value, str)}
+    known = {
+        value for name, value in vars(faults).items() if name.isupper() and isinstance(value, str)
+    }
     known |= {one.fault for one in HYPOTHESES} | set(drawn_model.FAULT_NAMES)
     for side, name in itertools.product((-1, 1), drawn_model.FAULT_NAMES):
-        known.add(faults.one_camera_name(name, DrawnModel(one_camera=OneCamera(side))))
+        known.add(faults.one_camera_name(name, RendererModel(one_camera=OneCamera(side))))
     assert len(known) > 50
     assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []
 
 
 def test_the_job_gives_verify_a_command_line_that_it_takes() -> None:
     """The job's pip fetches a checkout; tests/test_wheel.py tests that a wheel installs and runs."""
-    (block,) = re.findall(r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE)
+    (block,) = re.findall(
+        r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE
+    )
     (job,) = yaml.safe_load(textwrap.dedent(block)).values()
     install, line = [step["run"].strip() for step in job["steps"] if "run" in step][-2:]
     words = shlex.split(string.Template(install).substitute(job["env"]))
@@ -350,5 +382,7 @@ def test_the_job_gives_verify_a_command_line_that_it_takes() -> None:
     command = cli.get_command(Context(cli), name)
     assert (program, name) == ("xfrustum", "verify") and command is not None
     asked = command.make_context("verify", words).params
-    (kept,) = [step["with"]["path"] for step in job["steps"] if "upload-artifact" in step.get("uses", "")]
+    (kept,) = [
+        step["with"]["path"] for step in job["steps"] if "upload-artifact" in step.get("uses", "")
+    ]
     assert kept.split() == [str(asked["out"]), str(asked["junit"])]

@@ -60,7 +60,9 @@ def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
         found = judged(tmp_path, of, wrong(points, center), stored)
         assert not found.passed, name
     with Rasterizer(of) as rasterizer:
-        offset = judged(tmp_path, of, rasterizer.render(aperture, DoubleFrustum(near=1.0)).position, stored)
+        offset = judged(
+            tmp_path, of, rasterizer.render(aperture, DoubleFrustum(near=1.0)).position, stored
+        )
     assert [fault.fault for fault in offset.diagnosis.faults] == ["near"]
 
 
@@ -75,11 +77,15 @@ def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
         ("n_overscan", True),
     ],
 )
-def test_files_of_other_programs_are_read_as_they_are_meant(tmp_path: Path, name: str, right: bool) -> None:
+def test_files_of_other_programs_are_read_as_they_are_meant(
+    tmp_path: Path, name: str, right: bool
+) -> None:
     of = scene()
     (tmp_path / "h_2x2.exr").symlink_to(TRIED / f"{name}.exr")
     # The beauty part of one of them is black all over.
-    found = xfrustum.verify(of, str(tmp_path / "h_{i}x{j}.exr"), apertures=[(2, 2)], compare="geometry")
+    found = xfrustum.verify(
+        of, str(tmp_path / "h_{i}x{j}.exr"), apertures=[(2, 2)], compare="geometry"
+    )
     assert found.passed == right
     numbers = found.as_found
     assert numbers is not None and numbers.surface is not None
@@ -89,6 +95,8 @@ def test_files_of_other_programs_are_read_as_they_are_meant(tmp_path: Path, name
 def test_files_whose_format_changes_pixels_are_said_in_text_and_json(tmp_path: Path) -> None:
     of = open_scene("hard/only-behind")
     Image.new("RGB", of.frustum.resolution, (90, 90, 90)).save(tmp_path / "h_0x0.jpg")
-    found = xfrustum.verify(of, str(tmp_path / "h_{i}x{j}.jpg"), encoding="srgb", apertures=[(0, 0)])
+    found = xfrustum.verify(
+        of, str(tmp_path / "h_{i}x{j}.jpg"), encoding="srgb", apertures=[(0, 0)]
+    )
     assert found.summary()["storage"] == {"JPEG, lossy": 1}
     assert "stored as: JPEG, lossy (1 of 1 hogels)" in found.table()

@@ -88,7 +88,10 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     shutil.copy(images / "0x0.exr", images / "2x1.exr")
     assert verified(right_path, out, pattern, "--part", "1/6") == 2
     line = capsys.readouterr().err
-    assert "begun with another state of the images" in line and f"delete {folder} to begin anew" in line
+    assert (
+        "begun with another state of the images" in line
+        and f"delete {folder} to begin anew" in line
+    )
 
 
 def command_of(path: Path, folder: Path) -> tuple[Path, tuple[str, str]]:
@@ -107,7 +110,9 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
     out = tmp_path / "verified"
 
     def times() -> dict[str, int]:
-        return {path.name: path.stat().st_mtime_ns for path in out.glob("verification.parquet/part-*")}
+        return {
+            path.name: path.stat().st_mtime_ns for path in out.glob("verification.parquet/part-*")
+        }
 
     assert verified(right_path, out, *words, "--part", "1/3") == 0
     module.write_text('case "$1x$2" in 1x0) exit 3;; esac\n')
@@ -116,7 +121,9 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
     module.write_text("")
     assert verified(right_path, out, *words, "--part", "2/3") == 0
     after = times()
-    assert [name for name in sorted(before) if after[name] != before[name]] == ["part-0000001.parquet"]
+    assert [name for name in sorted(before) if after[name] != before[name]] == [
+        "part-0000001.parquet"
+    ]
     assert verified(right_path, out, *words, "--part", "3/3") == 0
     # There are six blocks: a part that has none of them does not begin them anew.
     whole = times()
@@ -156,7 +163,9 @@ def test_a_command_runs_in_the_folder_of_the_caller(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", [("--workers", "2"), ("--part", "1/1", "--apertures", "4,3;0,0;2,1")])
+@pytest.mark.parametrize(
+    "words", [("--workers", "2"), ("--part", "1/1", "--apertures", "4,3;0,0;2,1")]
+)
 def test_workers_and_single_hogels_say_what_one_process_says(
     scene_path: Path, words: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.support.foreign_renderers import oblong, saying
 from xfrustum.compare.judging.judged import judge
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.where import places_of
@@ -13,7 +13,7 @@ from xfrustum.scenes import NOTHING
 
 def test_a_plain_picture_shows_what_is_not_black() -> None:
     """Colors that are wrong in all of a picture but its black corner."""
-    scene, right = oblong(), DrawnModel()
+    scene, right = oblong(), RendererModel()
     reference = Reference(scene)
     truth = trace_drawn(reference, right, scene.plate.aperture(2, 2))
     picture = saying(colored(scene, right, truth), "color")

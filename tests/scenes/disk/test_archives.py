@@ -17,7 +17,9 @@ from xfrustum.scenes.disk.input_files import input_memory, read_input
 from xfrustum.scenes.model.device_model import DeviceModel
 
 HOSTILE = CHECKOUT.parent / "shared" / "data" / "inputs" / "hostile"
-SCENE = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+SCENE = film(
+    (10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0)
+)
 ADVICE = "archive", "make it again"
 
 

@@ -20,9 +20,11 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes import InputError
-from xfrustum.scenes.disk.durable import Aside, _host, new_file, remove_abandoned, write_file
+from xfrustum.scenes.disk.durable import TempPath, _host, new_file, remove_abandoned, write_file
 
-FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+FILM = film(
+    (80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
+)
 SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
@@ -46,13 +48,15 @@ def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
     program = f"""
 import sys, time
 from pathlib import Path
-from xfrustum.scenes.disk.durable import Aside, new_file
+from xfrustum.scenes.disk.durable import TempPath, new_file
 made = {what}
 made.__enter__()
 print("made", flush=True)
 time.sleep(600)
 """
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=folder)
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=folder
+    )
     assert process.stdout is not None and process.stdout.readline() == "made\n"
     return process
 
@@ -126,7 +130,9 @@ for name in sys.argv[1:]:
     print("after", flush=True)
 """
     with (tmp_path / "log").open("w") as log:
-        subprocess.run([sys.executable, "-c", program, *names], stdout=log, check=True, cwd=tmp_path)
+        subprocess.run(
+            [sys.executable, "-c", program, *names], stdout=log, check=True, cwd=tmp_path
+        )
     assert (tmp_path / "log").read_text() == "before\ncontent\nafter\n" * len(names)
 
 
@@ -153,8 +159,12 @@ def test_what_no_file_can_be_written_into_is_refused_in_one_line(
         pytest.fail("was begun")
 
 
-@pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "new_file(Path('x'))"])
-def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(what: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "what", ["TempPath(Path())", "TempPath(Path(), folder=True)", "new_file(Path('x'))"]
+)
+def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(
+    what: str, tmp_path: Path
+) -> None:
     processes = [left_behind(tmp_path, what) for _ in range(2)]
     try:
         assert len(made_by_us(tmp_path)) == 2
@@ -192,7 +202,9 @@ def test_only_what_bears_our_name_is_removed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("made", [True, False])
-def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(made: bool, tmp_path: Path) -> None:
+def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(
+    made: bool, tmp_path: Path
+) -> None:
     for place in (tmp_path, tmp_path / "out") if made else (tmp_path,):
         place.mkdir(exist_ok=True)
         left = place / f".xfrustum-{_host()}-999999999-0a1b2c3d"
@@ -262,7 +274,9 @@ def test_nothing_has_its_name_before_it_is_on_the_disk(
     assert seen == [(False, False), (True, True)]
 
 
-def test_an_error_of_the_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_disk_keeps_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "x").write_text("old")
 
     def failing(descriptor: int) -> None:
@@ -279,7 +293,7 @@ def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
     try:
         with new_file(tmp_path / "x"):
             pass
-        with Aside(tmp_path) as aside:
+        with TempPath(tmp_path) as aside:
             assert aside.path.exists()
     finally:
         os.umask(mask)
@@ -329,7 +343,8 @@ def assert_done_or_absent(outcome: Outcome, whole: Outcome) -> None:
     assert outcome.status == 2, at
     assert re.fullmatch(r"xfrustum: error: [^\n]+\n", outcome.error), at
     kept = {
-        # The plate's finished hogels stay, and so does a folder that is complete when the other file fails.
+        # The plate's finished hogels stay, and so does a folder that is complete when the other
+        # file fails.
         name: content
         for name, content in outcome.files.items()
         if not name.startswith(("x.zarr", "v"))
@@ -369,7 +384,10 @@ def test_a_report_is_whole_or_absent(images: Path) -> None:
     sizes = [0, 1000, 9000, 15_000, 20_000, 30_000, 100_000, 1_000_000, 4_000_000]
     whole = {
         "folder",
-        *(f"folder/{name}" for name in ("index.html", "inspect.html", "report.json", "measurements.parquet")),
+        *(
+            f"folder/{name}"
+            for name in ("index.html", "inspect.html", "report.json", "measurements.parquet")
+        ),
     }
     for outcome in run(COMMANDS["report"].split(), [*sizes, UNLIMITED], images):
         if outcome.status == 0:

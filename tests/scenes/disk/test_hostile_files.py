@@ -27,10 +27,14 @@ from xfrustum.scenes.geometry.tessellation import load_patches
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 GIBIBYTE = 1 << 30
-SCENE = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+SCENE = film(
+    (10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0)
+)
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 TRIANGLE = CORNERS + "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
+    f"property float {axis}\n" for axis in "xyz"
+)
 PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 NET = "1\n2 2\n" + "".join(f"{x} {y} {x * y}\n" for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0))
 """A file of one Bezier patch."""
@@ -84,7 +88,10 @@ def gltf_of_gigabytes() -> str:
 def archive_of_megabytes() -> bytes:
     """Return a small archive of a mesh that is a thousand times as large."""
     held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.obj", "w") as member:
+    with (
+        zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.obj", "w") as member,
+    ):
         for _ in range(70):
             member.write(b"v 0 0 0\n" * (1 << 17))
         member.write(b"f 1 2 3\n")
@@ -114,13 +121,19 @@ def zeroed(data: bytes) -> bytes:
 
 SCREEN = "screen = { height = 20.0, center = [0.0, 0.0], size = [60.0, 5e-22] }"
 LIGHT = "[[light]]\ndirection = [0.0, 0.0, 1.0]\ncolor = 1e308\n[[object]]"
-BEYOND = "1\n2 2\n" + "".join(f"{x} {y} {1e300 * (x == y == 1)}\n" for x in range(3) for y in range(3))
+BEYOND = "1\n2 2\n" + "".join(
+    f"{x} {y} {1e300 * (x == y == 1)}\n" for x in range(3) for y in range(3)
+)
 
 Content = str | bytes | Callable[[], bytes]
 DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.obj", "", "the mesh file is empty"),
     ("mesh.obj", CORNERS, "no triangles"),
-    ("mesh.obj", CORNERS.replace("1 0 0", "1 nan 0") + "f 1 2 3\n", "1 of 3 vertices are NaN or infinite"),
+    (
+        "mesh.obj",
+        CORNERS.replace("1 0 0", "1 nan 0") + "f 1 2 3\n",
+        "1 of 3 vertices are NaN or infinite",
+    ),
     ("mesh.obj", CORNERS.replace("v 1 0 0", "v inf 0 0") + "f 1 2 3\n", "the first is number 1"),
     ("mesh.obj", CORNERS + "f 1 2 9\n", "faces point past the vertices"),
     ("mesh.obj", CORNERS + "f -1 -2 -9\n", "faces point past the vertices"),
@@ -150,10 +163,16 @@ DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.bpt", "1\n1 1\n" + "0 0 0\n1 1 1\n" * 2, "no triangles"),
     ("mesh.bpt", b"\xff\xfe\x00", "not a text of Bezier patches"),
     ("image.exr", "hello", "not an OpenEXR image"),
-    *(("image.exr", image(partial(cut, share=share)), "damaged") for share in (0.001, 0.02, 0.5, 0.998)),
+    *(
+        ("image.exr", image(partial(cut, share=share)), "damaged")
+        for share in (0.001, 0.02, 0.5, 0.998)
+    ),
     ("image.exr", image(zeroed), "damaged"),
     ("image.exr", image(reordered), "damaged"),
-    *(("image.exr", renamed(n), "damaged") for n in (b"certainty", b"P.X", b"channels", b"dataWindow")),
+    *(
+        ("image.exr", renamed(n), "damaged")
+        for n in (b"certainty", b"P.X", b"channels", b"dataWindow")
+    ),
     ("image.exr", image(enlarged), "--max-input-memory"),
     *(("sky.exr", partial(made, "sky.exr", value), "finite") for value in (np.nan, np.inf)),
     ("sky.exr", partial(made, "sky.exr", -1e-3), "not negative"),
@@ -165,9 +184,17 @@ DAMAGED: list[tuple[str, Content, str]] = [
     ("scene.toml", scene("size = [10.0", "size = [1" + "0" * 400), "plate.size"),
     ("scene.toml", scene("[20.0, 20.0]", "[" * 600 + "]" * 600), "nested too deeply"),
     ("scene.toml", scene("fov_deg = [60.0, 60.0]", SCREEN), "no image resolves such angles"),
-    ("scene.toml", scene("fov_deg = [60.0, 60.0]", "fov_deg = [60.0, 1e-20]"), "no image resolves such"),
+    (
+        "scene.toml",
+        scene("fov_deg = [60.0, 60.0]", "fov_deg = [60.0, 1e-20]"),
+        "no image resolves such",
+    ),
     ("scene.toml", scene("[[object]]", LIGHT), "light[0].color"),
-    ("scene.toml", scene("[[object]]", "[material.m]\ndiffuse = 1e308\n[[object]]"), "material.m.diffuse"),
+    (
+        "scene.toml",
+        scene("[[object]]", "[material.m]\ndiffuse = 1e308\n[[object]]"),
+        "material.m.diffuse",
+    ),
 ]
 """A file's name, which says how it is read, its content or what makes it, and what is said of it."""
 
@@ -190,7 +217,9 @@ def refusal(path: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "content", "told"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED])
+@pytest.mark.parametrize(
+    ("name", "content", "told"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED]
+)
 def test_a_damaged_file_is_one_line_that_names_it_and_no_library_says_more(
     name: str, content: Content, told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

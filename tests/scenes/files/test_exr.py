@@ -40,7 +40,10 @@ def a_camera() -> HogelCamera:
         light_paths=64,
         renderer="nobody 1.0",
         settings=DoubleFrustum(
-            near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, camera=Camera.C_STAR
+            near=0.1 + 0.2,
+            depth=DepthFormat.D32F,
+            mapping=DepthMapping.REVERSED,
+            camera=Camera.C_STAR,
         ),
     )
 
@@ -61,7 +64,7 @@ def an_image() -> HogelImage:
         color=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
         variance=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
         certainty=rng.integers(0, 4, (HEIGHT, WIDTH)).astype(np.uint8),
-        rendering=Rendering.of(
+        rendering=Rendering.from_effects(
             [Effect.SPECULAR, Effect.C],
             Sampling(supersample=2, multisample=4, aperture=16),
             Transport(shadows=True, samples=64),
@@ -72,7 +75,8 @@ def an_image() -> HogelImage:
 def rows(image: HogelImage, start: int, stop: int) -> HogelImage:
     names = ("triangle", "object", "position", "normal", "color", "variance", "certainty")
     cut: dict[str, Any] = {
-        name: None if getattr(image, name) is None else getattr(image, name)[start:stop] for name in names
+        name: None if getattr(image, name) is None else getattr(image, name)[start:stop]
+        for name in names
     }
     return replace(image, **cut)
 
@@ -104,7 +108,9 @@ def test_every_array_and_every_double_of_the_camera_comes_back(tmp_path: Path) -
 
 def test_what_an_image_has_not_is_not_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "image.exr"
-    nothing: dict[str, Any] = dict.fromkeys(("normal", "color", "variance", "certainty", "rendering"))
+    nothing: dict[str, Any] = dict.fromkeys(
+        ("normal", "color", "variance", "certainty", "rendering")
+    )
     bare = replace(an_image(), camera=replace(a_camera(), settings=None), **nothing)
     write_image(path, bare)
     assert_same(read_image(path), bare)
@@ -161,7 +167,9 @@ def test_a_foreign_image_with_numbers_only_takes_the_camera_that_is_given(tmp_pa
     assert (image.normal, image.color, image.certainty) == (None, None, None)
 
 
-def test_a_foreign_image_with_positions_only_is_covered_where_they_are_numbers(tmp_path: Path) -> None:
+def test_a_foreign_image_with_positions_only_is_covered_where_they_are_numbers(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "foreign.exr"
     height = np.full((HEIGHT, WIDTH), np.nan, dtype=np.float32)
     height[3:9] = 4.0
@@ -180,7 +188,9 @@ def test_the_files_own_camera_comes_first_but_for_a_foreign_file(tmp_path: Path)
 
 
 def _whole() -> dict[str, Any]:
-    return {name: np.ones((HEIGHT, WIDTH), np.float32) for name in ("P.X", "P.Y", "P.Z", "id.triangle")}
+    return {
+        name: np.ones((HEIGHT, WIDTH), np.float32) for name in ("P.X", "P.Y", "P.Z", "id.triangle")
+    }
 
 
 @pytest.mark.parametrize(
@@ -189,7 +199,11 @@ def _whole() -> dict[str, Any]:
         ({"R": np.ones((HEIGHT, WIDTH), np.float32)}, {}, "neither id.triangle nor P.X"),
         ({"A": np.ones((HEIGHT, WIDTH), np.float32)}, {}, "neither id.triangle nor P.X"),
         ({name: plane for name, plane in _whole().items() if name != "P.Y"}, {}, "no channel P.Y"),
-        (_whole() | {"id.triangle": np.full((HEIGHT, WIDTH), 0.5, np.float32)}, {}, "whole numbers"),
+        (
+            _whole() | {"id.triangle": np.full((HEIGHT, WIDTH), 0.5, np.float32)},
+            {},
+            "whole numbers",
+        ),
         ({name: plane[1:] for name, plane in _whole().items()}, {}, "its camera says 37 x 21"),
         (_whole(), {"xfrustum:camera": "{"}, "not a camera"),
         (_whole(), {"xfrustum:camera": "{}"}, "not a camera (aperture: Field required)"),
@@ -198,7 +212,11 @@ def _whole() -> dict[str, Any]:
             {"xfrustum:camera": '{"settings": {"near": -1}}'},
             "not a camera (near must be a positive length, not -1.0)",
         ),
-        (_whole(), {"xfrustum:rendering": '{"effects": ["magic"]}'}, "not a rendering (effects.0: "),
+        (
+            _whole(),
+            {"xfrustum:rendering": '{"effects": ["magic"]}'},
+            "not a rendering (effects.0: ",
+        ),
     ],
 )
 def test_what_cannot_be_understood_is_one_line_that_names_the_file(
@@ -212,7 +230,9 @@ def test_what_cannot_be_understood_is_one_line_that_names_the_file(
     assert "\n" not in str(caught.value)
 
 
-def test_an_image_larger_than_openexr_counts_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+def test_an_image_larger_than_openexr_counts_is_refused_before_anything_is_written(
+    tmp_path: Path,
+) -> None:
     huge = replace(a_camera(), resolution=(1 << 15, (1 << 14) + 1))
     told = r"32768 x 16385 pixels .* lower frustum\.resolution"
     with pytest.raises(InputError, match=told), image_writer(tmp_path / "huge.exr", huge):

@@ -50,7 +50,9 @@ def vector(name: str, values: NDArray[Any], axes: str = "XYZ") -> Planes:
 def written(path: Path, *parts: Part, **header: Any) -> Path:
     kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
     named = [
-        OpenEXR.Part(kind | ({"name": name} if name else {}), {n: p.copy() for n, p in planes.items()}, name)
+        OpenEXR.Part(
+            kind | ({"name": name} if name else {}), {n: p.copy() for n, p in planes.items()}, name
+        )
         for name, planes in parts
     ]
     OpenEXR.File(named).write(str(path))
@@ -74,7 +76,9 @@ def test_a_background_has_no_surface_whatever_its_position_is(
 
 def test_any_position_is_a_background_where_the_number_is_0(tmp_path: Path) -> None:
     planes = vector("P.", points(7.5)) | {"id.triangle": numbers()}
-    np.testing.assert_array_equal(read(written(tmp_path / "a.exr", ("", planes))).position, points())
+    np.testing.assert_array_equal(
+        read(written(tmp_path / "a.exr", ("", planes))).position, points()
+    )
 
 
 @pytest.mark.parametrize("background", [0.0, 7.5, 1e10])
@@ -82,9 +86,13 @@ def test_an_empty_hogel_is_empty_and_numbers_that_nobody_set_hide_nothing(
     tmp_path: Path, background: float
 ) -> None:
     zero = np.zeros((HEIGHT, WIDTH), np.uint32)
-    empty = vector("P.", np.full((HEIGHT, WIDTH, 3), background, np.float32)) | {"id.triangle": zero}
+    empty = vector("P.", np.full((HEIGHT, WIDTH, 3), background, np.float32)) | {
+        "id.triangle": zero
+    }
     assert not read(written(tmp_path / "a.exr", ("", empty))).covered.any()
-    unset = vector("ViewLayer.Position.", points(0.0)) | {"ViewLayer.IndexOB.X": zero.astype(np.float32)}
+    unset = vector("ViewLayer.Position.", points(0.0)) | {
+        "ViewLayer.IndexOB.X": zero.astype(np.float32)
+    }
     np.testing.assert_array_equal(read(written(tmp_path / "b.exr", ("", unset))).position, points())
 
 
@@ -93,7 +101,9 @@ def layers(prefix: str, position: Planes, number: str) -> list[Part]:
     normal = vector(f"{prefix}Normal.", np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
     secret = vector(f"{prefix}CryptoObject00.", np.ones((HEIGHT, WIDTH, 4), np.float32), "RGBA")
     depth = {f"{prefix}Depth.Z": np.full((HEIGHT, WIDTH), 4.0, np.float32)}
-    return [("", color | normal | secret | depth | position | {number: numbers().astype(np.float32)})]
+    return [
+        ("", color | normal | secret | depth | position | {number: numbers().astype(np.float32)})
+    ]
 
 
 @pytest.mark.parametrize(
@@ -127,7 +137,9 @@ def layers(prefix: str, position: Planes, number: str) -> list[Part]:
         ),
     ],
 )
-def test_channels_have_the_names_of_other_programs(tmp_path: Path, parts: list[Part], number: str) -> None:
+def test_channels_have_the_names_of_other_programs(
+    tmp_path: Path, parts: list[Part], number: str
+) -> None:
     image = read(written(tmp_path / "a.exr", *parts))
     np.testing.assert_array_equal(image.position, points())
     np.testing.assert_array_equal(getattr(image, number), numbers().astype(np.int64) - 1)
@@ -139,7 +151,9 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
     expected = numbers().astype(np.int64) - 1
     np.testing.assert_array_equal(read(path, Encoding.TRIANGLE_ID).triangle, expected)
     np.testing.assert_array_equal(read(path, Encoding.OBJECT_ID).object, expected)
-    with pytest.raises(InputError, match=r"say with --encoding triangle-id or object-id .* it has id"):
+    with pytest.raises(
+        InputError, match=r"say with --encoding triangle-id or object-id .* it has id"
+    ):
         read(path)
     placed = written(tmp_path / "b.exr", ("", {"id": numbers()} | vector("P.", points(7.5))))
     np.testing.assert_array_equal(read(placed).position, points())
@@ -150,7 +164,10 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
     ("parts", "told"),
     [
         ([("", {"depth": points()[..., 0]})], "none of .* it has depth"),
-        ([("", vector("CryptoObject00.", points(), "RGB"))], r"it has Crypto.*\(Cryptomatte is not read\)"),
+        (
+            [("", vector("CryptoObject00.", points(), "RGB"))],
+            r"it has Crypto.*\(Cryptomatte is not read\)",
+        ),
         (
             [("", vector("A.Position.", points()) | vector("B.Position.", points()))],
             "P.X lies in A.Position.X, B.Position.X; keep one",
@@ -159,10 +176,15 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
             [("left", {"id.triangle": numbers()}), ("right", {"id.triangle": numbers()})],
             "id.triangle lies in left/id.triangle, right/id.triangle; keep one",
         ),
-        ([("", {"id.triangle": np.full((HEIGHT, WIDTH), 2050, np.float16)})], "above 2,048, which its type"),
+        (
+            [("", {"id.triangle": np.full((HEIGHT, WIDTH), 2050, np.float16)})],
+            "above 2,048, which its type",
+        ),
     ],
 )
-def test_what_is_not_read_is_refused_with_what_is_there(tmp_path: Path, parts: list[Part], told: str) -> None:
+def test_what_is_not_read_is_refused_with_what_is_there(
+    tmp_path: Path, parts: list[Part], told: str
+) -> None:
     with pytest.raises(InputError, match=told):
         read(written(tmp_path / "a.exr", *parts))
 
@@ -219,7 +241,9 @@ def test_storage_says_how_exactly_it_holds_positions(tmp_path: Path) -> None:
         (np.float32, OpenEXR.DWAA_COMPRESSION, "RGB"),
         (np.float16, OpenEXR.B44_COMPRESSION, "XYZ"),
     ):
-        with pytest.raises(InputError, match=r"channel P\.[XR] is stored with (DWAA|B44), which changes"):
+        with pytest.raises(
+            InputError, match=r"channel P\.[XR] is stored with (DWAA|B44), which changes"
+        ):
             stored(kind, compression, axes)
 
 
@@ -228,7 +252,12 @@ def test_dwa_changes_no_value_by_more_than_is_derived(tmp_path: Path, level: flo
     rng, side = np.random.default_rng(11), 64
     steps = np.where(rng.random((side, side)) < 0.3, 0.0, 50 * rng.random((side, side)) - 20)
     slope = np.add.outer(np.linspace(-30, 30, side), np.linspace(-50, 50, side))
-    for values in (steps, slope, rng.normal(size=(side, side)) * 1e-3, rng.normal(size=(side, side)) * 1e4):
+    for values in (
+        steps,
+        slope,
+        rng.normal(size=(side, side)) * 1e-3,
+        rng.normal(size=(side, side)) * 1e4,
+    ):
         header = {"compression": OpenEXR.DWAA_COMPRESSION, "type": OpenEXR.scanlineimage}
         path = tmp_path / "a.exr"
         planes = {"P.Y": values.astype(np.float32)}
@@ -247,7 +276,9 @@ def test_a_compressed_background_is_one(tmp_path: Path) -> None:
 
 
 def test_colors_that_a_format_changed_are_said(tmp_path: Path) -> None:
-    planes = vector("", np.full((HEIGHT, WIDTH, 3), 0.3, np.float32), "RGB") | {"id.triangle": numbers()}
+    planes = vector("", np.full((HEIGHT, WIDTH, 3), 0.3, np.float32), "RGB") | {
+        "id.triangle": numbers()
+    }
     for compression, told in (
         (OpenEXR.DWAA_COMPRESSION, "OpenEXR DWAA, lossy"),
         (OpenEXR.ZIP_COMPRESSION, None),

@@ -101,7 +101,9 @@ def test_a_plate_is_written_recognized_and_read_again_bit_by_bit_whole_and_row_b
     assert np.array_equal(with_levels(found.plate.pixels, found.plate.levels, 255), before.pixels)
     for column, line in ((0, 0), (3, 1), (1, 2)):
         hogel = found.hogel(column, line)
-        assert np.array_equal(with_levels(hogel.pixels, hogel.levels, 255), before.pixels[line, column])
+        assert np.array_equal(
+            with_levels(hogel.pixels, hogel.levels, 255), before.pixels[line, column]
+        )
     # Files of other layouts have pixels from all over the plate.
     assert isinstance(found.rows(), Plates) == (name not in ("hogels", "hocking", "burnett"))
     after = plate_with_levels(found.rows(), 255)
@@ -136,7 +138,9 @@ def test_video_rows_are_read_again_bit_by_bit(tmp_path: Path) -> None:
     pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
     before = plate(PlateShape(hogels=(4, 3), resolution=(16, 8)))
     write_files(before, target("burnett", ".avi"), tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"HogelRow_{j}.avi" for j in range(3)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"HogelRow_{j}.avi" for j in range(3)
+    ]
     found = find_files(tmp_path)
     assert found.layout.name == "burnett" and not found.plate.lossy
     assert np.array_equal(found.plate.pixels, before.pixels)
@@ -176,7 +180,9 @@ def test_pleno_has_ten_bits_big_endian(tmp_path: Path) -> None:
     assert first == round(int(before.pixels[0, 0, 4, 1, 0]) * 1023 / 255)
 
 
-@pytest.mark.parametrize(("name", "first", "size"), [("quilt", (1, 0), (3, 2)), ("cubevi", (0, 0), (8, 5))])
+@pytest.mark.parametrize(
+    ("name", "first", "size"), [("quilt", (1, 0), (3, 2)), ("cubevi", (0, 0), (8, 5))]
+)
 def test_the_first_view_of_a_quilt_is_that_of_the_leftmost_eye(
     name: str, first: tuple[int, int], size: tuple[int, int], tmp_path: Path
 ) -> None:
@@ -239,7 +245,9 @@ def test_aperture_views_may_name_their_direction_too(tmp_path: Path) -> None:
 def test_two_files_of_the_same_numbers_are_refused(tmp_path: Path) -> None:
     write_files(plate(shape_for("hogels")), target("hogels"), tmp_path)
     write_files(plate(shape_for("hogels"), "float32"), target("hogels", ".exr"), tmp_path)
-    with pytest.raises(InputError, match=r"hogel_0x0\.exr and hogel_0x0\.png state the same numbers"):
+    with pytest.raises(
+        InputError, match=r"hogel_0x0\.exr and hogel_0x0\.png state the same numbers"
+    ):
         find_files(tmp_path)
 
 

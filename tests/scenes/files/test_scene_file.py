@@ -47,7 +47,9 @@ def test_every_key_arrives_in_the_scene(tmp_path: Path) -> None:
     scene = open_scene(write(tmp_path, PLATE, FRUSTUM.replace("fov_deg = [60, 45.0]", screen)))
     assert scene.frustum.screen == Screen(height=-5, center=(1, 2), size=(3, 4))
     assert len(scene.faces) == 0 and (scene.sampling, scene.transport) == (Sampling(), Transport())
-    tables = "[sampling]\naperture = 16\nsupersample = 2\n[transport]\nshadows = true\nsamples = 8\n"
+    tables = (
+        "[sampling]\naperture = 16\nsupersample = 2\n[transport]\nshadows = true\nsamples = 8\n"
+    )
     asked = open_scene(write(tmp_path, PLATE, FRUSTUM, tables))
     assert asked.sampling == Sampling(supersample=2, aperture=16)
     assert asked.transport == Transport(shadows=True, samples=8)
@@ -78,7 +80,10 @@ def test_a_mesh_lies_beside_its_scene_file(tmp_path: Path, monkeypatch: pytest.M
 
 
 MISTAKES_OF_LIGHT = [
-    (PAINT + "difuse = 1\n", ["material.paint.difuse", "nearest valid key is material.paint.diffuse"]),
+    (
+        PAINT + "difuse = 1\n",
+        ["material.paint.difuse", "nearest valid key is material.paint.diffuse"],
+    ),
     (PAINT + "diffuse = -1\n", ["material.paint.diffuse[0]", "equal to 0, not -1"]),
     (PAINT + "reflectivity = 1.5\n", ["material.paint.reflectivity[0]", "equal to 1, not 1.5"]),
     ('[material."car paint"]\nexponent = 0\n', ['material."car paint".exponent']),
@@ -86,7 +91,10 @@ MISTAKES_OF_LIGHT = [
     (LIGHT + "colour = 1\n", ["light[0].colour", "light[0].color"]),
     (LIGHT + LIGHT.replace("3, 4", "0, 0"), ["light[1].direction", "a length"]),
     ("[light]\ndirection = [1, 0, 0]\n", ["light", "[[light]]"]),
-    ("[sampling]\nsamples = 4\n", ["sampling.samples", "nearest valid key is sampling.supersample"]),
+    (
+        "[sampling]\nsamples = 4\n",
+        ["sampling.samples", "nearest valid key is sampling.supersample"],
+    ),
     ("[transport]\nshadows = 1\n", ["transport.shadows", "boolean, not 1"]),
     (BOX + "chord_tolerance = 1\n", ["object[0]", "only Bezier patches"]),
     (BOX + 'material = "gold"\n' + PAINT, ["object[0].material", "gold", "paint"]),
@@ -98,7 +106,10 @@ MISTAKES_OF_LIGHT = [
     ("tables", "told"),
     [
         ([PLATE], ["frustum is missing"]),
-        ([PLATE, FRUSTUM, "fovdeg = [1, 1]\n"], ["frustum.fovdeg", "nearest valid key is frustum.fov_deg"]),
+        (
+            [PLATE, FRUSTUM, "fovdeg = [1, 1]\n"],
+            ["frustum.fovdeg", "nearest valid key is frustum.fov_deg"],
+        ),
         ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels[0]", "valid integer", "81.5"]),
         ([PLATE.replace("81", "0"), FRUSTUM], ["plate.hogels[0]", "equal to 1, not 0"]),
         ([PLATE, FRUSTUM.replace("150", "0")], ["frustum.reach[0]", "greater than 0"]),
@@ -106,27 +117,47 @@ MISTAKES_OF_LIGHT = [
         ([PLATE.replace("80", "-80"), FRUSTUM], ["plate.size[0]", "greater than 0, not -80"]),
         ([PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM], ["plate.size[1] is missing"]),
         ([PLATE, FRUSTUM.replace("45.0", "180")], ["frustum.fov_deg[1]", "less than 180, not 180"]),
-        ([PLATE, FRUSTUM.replace("fov_deg = [60, 45.0]\n", "")], ["fov_deg = [x, y] degrees", "screen = {"]),
-        ([PLATE, FRUSTUM, "screen = {height = 1, center = [0, 0], size = [1, 1]}\n"], ["fov_deg", "screen"]),
-        ([PLATE, FRUSTUM, "screen = { height = 1, centre = [0, 0] }\n"], ["frustum.screen.centre", "center"]),
+        (
+            [PLATE, FRUSTUM.replace("fov_deg = [60, 45.0]\n", "")],
+            ["fov_deg = [x, y] degrees", "screen = {"],
+        ),
+        (
+            [PLATE, FRUSTUM, "screen = {height = 1, center = [0, 0], size = [1, 1]}\n"],
+            ["fov_deg", "screen"],
+        ),
+        (
+            [PLATE, FRUSTUM, "screen = { height = 1, centre = [0, 0] }\n"],
+            ["frustum.screen.centre", "center"],
+        ),
         ([PLATE, FRUSTUM, "[[object]]\n"], ["object[0]", "mesh or shape", "box, square, sphere"]),
         ([PLATE, FRUSTUM, BOX, 'mesh = "a.obj"\n'], ["object[0]", "not both"]),
         ([PLATE, FRUSTUM, BOX.replace("box", "bax")], ["object[0].shape", "nearest is box"]),
         (
-            [PLATE, FRUSTUM, BOX, "scale = 1\ntransform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"],
+            [
+                PLATE,
+                FRUSTUM,
+                BOX,
+                "scale = 1\ntransform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n",
+            ],
             ["both transform and scale", "any of scale, rotate_deg and translate"],
         ),
         (
             [PLATE, FRUSTUM, BOX, "transform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]\n"],
             ["object[0].transform must be four rows", "its last row is [0.0, 0.0, 1.0, 1.0]"],
         ),
-        ([PLATE, FRUSTUM, BOX, "transform = [[1,0,0,0],[2,0,0,0],[0,0,1,0],[0,0,0,1]]\n"], ["are singular"]),
+        (
+            [PLATE, FRUSTUM, BOX, "transform = [[1,0,0,0],[2,0,0,0],[0,0,1,0],[0,0,0,1]]\n"],
+            ["are singular"],
+        ),
         (
             [PLATE, FRUSTUM, BOX, "scale = 1e300\ntranslate = [1, 1, 1]\n", BOX, "scale = inf\n"],
             ["object[1].sc"],
         ),
         ([PLATE, FRUSTUM, "[object]\nshape = 'box'\n"], ["object", "[[object]]"]),
-        ([PLATE, FRUSTUM, '[[object]]\nmesh = "none.obj"\n'], ["object[0].mesh", "none.obj", "no such mesh"]),
+        (
+            [PLATE, FRUSTUM, '[[object]]\nmesh = "none.obj"\n'],
+            ["object[0].mesh", "none.obj", "no such mesh"],
+        ),
         (["plate = \n"], ["not valid TOML", "line 1"]),
         *(([PLATE, FRUSTUM, tables], told) for tables, told in MISTAKES_OF_LIGHT),
     ],
@@ -155,7 +186,9 @@ def test_an_unknown_name_names_the_nearest_scene() -> None:
         open_scene("nosuch")
 
 
-def test_lengths_that_32_bit_images_cannot_hold_and_a_screen_almost_in_the_plate_are_refused() -> None:
+def test_lengths_that_32_bit_images_cannot_hold_and_a_screen_almost_in_the_plate_are_refused() -> (
+    None
+):
     scene = open_scene("asymmetric-recentered")
     for size in (1e-33, 1e31):
         with pytest.raises(InputError, match="choose another unit of length"):
@@ -172,7 +205,9 @@ def sky() -> Singles:
 
 
 def test_a_material_has_what_its_table_says_and_the_rest_from_the_defaults(tmp_path: Path) -> None:
-    paint = PAINT + "ambient = 0.25\ndiffuse = [0.5, 0, 1]\nexponent = 7\nreflectivity = [0, 0.5, 1]\n"
+    paint = (
+        PAINT + "ambient = 0.25\ndiffuse = [0.5, 0, 1]\nexponent = 7\nreflectivity = [0, 0.5, 1]\n"
+    )
     scene = open_scene(write(tmp_path, PLATE, FRUSTUM, BOX, 'material = "paint"\n', BOX, paint))
     assert scene.materials == (
         Material(ambient=(0.25,) * 3, diffuse=(0.5, 0, 1), exponent=7, reflectivity=(0, 0.5, 1)),
@@ -204,7 +239,9 @@ def test_only_a_file_without_light_and_environment_gets_the_default_light(
 ) -> None:
     write_map(tmp_path / "sky.exr", sky)
     path = tmp_path / "scene.toml"
-    path.write_text(tables + PLATE + FRUSTUM if tables.startswith("light") else PLATE + FRUSTUM + tables)
+    path.write_text(
+        tables + PLATE + FRUSTUM if tables.startswith("light") else PLATE + FRUSTUM + tables
+    )
     found = open_scene(str(path)).appearance.lights
     assert len(found) == len(lights)
     assert all(want in (light, light.direction) for light, want in zip(found, lights, strict=True))
@@ -242,5 +279,9 @@ def test_a_transform_that_mirrors_is_said_unless_the_winding_is_flipped(tmp_path
             f"transform = [[{first}, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]\n"
         )
         assert (
-            any("object[0].transform mirrors sphere" in one for one in open_scene(str(path)).warnings) == said
+            any(
+                "object[0].transform mirrors sphere" in one
+                for one in open_scene(str(path)).warnings
+            )
+            == said
         )

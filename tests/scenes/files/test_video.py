@@ -40,7 +40,9 @@ def test_frames_that_are_too_many_are_not_kept_and_too_few_are_named(tmp_path: P
         read_video(written(tmp_path / "a.avi", 3), 4, (16, 12))
 
 
-def test_frames_that_take_too_much_memory_are_refused_before_they_are_decoded(tmp_path: Path) -> None:
+def test_frames_that_take_too_much_memory_are_refused_before_they_are_decoded(
+    tmp_path: Path,
+) -> None:
     path = written(tmp_path / "HogelRow_0.avi", 2, (256, 256))
     with input_memory(1 << 20), pytest.raises(InputError, match="--max-input-memory"):
         find_files(tmp_path)

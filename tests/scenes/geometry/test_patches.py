@@ -35,7 +35,9 @@ PRINTED = math.sqrt(3) * 0.5e-6
 """A mesh file with six decimals moves a vertex by half a unit of the last one along each axis."""
 
 NETS = st.tuples(st.integers(1, 3), st.integers(1, 3)).flatmap(
-    lambda degrees: npst.arrays(np.float64, (degrees[0] + 1, degrees[1] + 1, 3), elements=st.floats(-3, 3))
+    lambda degrees: npst.arrays(
+        np.float64, (degrees[0] + 1, degrees[1] + 1, 3), elements=st.floats(-3, 3)
+    )
 )
 
 
@@ -47,10 +49,13 @@ def paraboloid() -> Floats:
     return np.stack([x, y, square + 2 * x * y], axis=-1)
 
 
-def chord_errors(nets: list[Floats], part: SceneObject, steps: list[tuple[int, int]], samples: int) -> Floats:
+def chord_errors(
+    nets: list[Floats], part: SceneObject, steps: list[tuple[int, int]], samples: int
+) -> Floats:
     """Return, for each patch, how far its surface is from its own triangles, densely sampled.
 
-    A distance to fewer triangles than all is an upper bound: each sample looks at those of its own cell.
+    A distance to fewer triangles than all is an upper bound: each sample looks at those of its own
+    cell.
     """
     found = []
     start = 0
@@ -60,9 +65,12 @@ def chord_errors(nets: list[Floats], part: SceneObject, steps: list[tuple[int, i
         u = (np.arange(a)[:, None] + (np.arange(samples) + 0.5) / samples).ravel() / a
         v = (np.arange(b)[:, None] + (np.arange(samples) + 0.5) / samples).ravel() / b
         points = surface(net, u, v).reshape(a, samples, b, samples, 3).swapaxes(1, 2).reshape(-1, 3)
-        p, q, r, s = (grid[i : a + i, j : b + j].reshape(-1, 3) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+        p, q, r, s = (
+            grid[i : a + i, j : b + j].reshape(-1, 3) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+        )
         halves = [
-            np.repeat(np.stack(corners, axis=1), samples**2, axis=0) for corners in ((p, q, r), (p, r, s))
+            np.repeat(np.stack(corners, axis=1), samples**2, axis=0)
+            for corners in ((p, q, r), (p, r, s))
         ]
         apart = [np.linalg.norm(closest_point(half, points) - points, axis=1) for half in halves]
         found.append(np.minimum(*apart).max())
@@ -85,7 +93,9 @@ def test_a_surface_of_known_polynomials_is_evaluated_exactly() -> None:
 
 def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
     """A parabolic arch of height 1/4: the middle one of n level chords lies 1/(4 n^2) below its top."""
-    net = np.array([[[u, v, z] for v in (0.0, 1.0)] for u, z in ((0.0, 0.0), (0.5, 0.5), (1.0, 0.0))])
+    net = np.array(
+        [[[u, v, z] for v in (0.0, 1.0)] for u, z in ((0.0, 0.0), (0.5, 0.5), (1.0, 0.0))]
+    )
     assert second_derivative_bounds(net) == [2.0, 0.0, 0.0]
     for count in (1, 3, 7):
         sagitta = 1 / (4 * count**2)
@@ -107,7 +117,8 @@ def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> N
 
 @examples(40)
 @given(
-    net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)), turns=st.tuples(*[st.booleans()] * 4)
+    net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)),
+    turns=st.tuples(*[st.booleans()] * 4),
 )
 def test_patches_that_share_an_edge_share_its_points_to_the_last_bit(
     net: Floats, turns: tuple[bool, bool, bool, bool]
@@ -156,7 +167,9 @@ def test_the_border_of_a_closed_set_of_patches_is_closed(shared_data: Path) -> N
         key = min(side.tolist(), side[::-1].tolist())
         owners[np.array(key).tobytes()] = owners.get(np.array(key).tobytes(), 0) + 1
     lone = [np.frombuffer(key).reshape(-1, 1, 3) for key, number in owners.items() if number == 1]
-    curves = np.concatenate([surface(side, np.linspace(0, 1, 2001), np.zeros(1))[:, 0] for side in lone])
+    curves = np.concatenate(
+        [surface(side, np.linspace(0, 1, 2001), np.zeros(1))[:, 0] for side in lone]
+    )
     # Half of the distance between two of 2,001 points on curves shorter than five.
     assert cKDTree(curves).query(border)[0].max() < 5 / 2000
 
@@ -174,7 +187,10 @@ def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
         else:
             # On a cone the normal is the same all the way up.
             np.testing.assert_allclose(found[:, -1], found[:, 0], atol=1e-14)
-        for turned, expected in ((net[:, ::-1], found[:, ::-1]), (net.swapaxes(0, 1), found.swapaxes(0, 1))):
+        for turned, expected in (
+            (net[:, ::-1], found[:, ::-1]),
+            (net.swapaxes(0, 1), found.swapaxes(0, 1)),
+        ):
             u, v = (evenly(expected.shape[axis] - 1) for axis in (0, 1))
             np.testing.assert_allclose(normals(turned, u, v), -expected, atol=1e-14)
 
@@ -204,7 +220,9 @@ def patch_text(net: Floats) -> str:
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
-def test_the_chord_tolerance_of_a_scene_file_is_a_length_of_the_scene(tmp_path: Path, scale: float) -> None:
+def test_the_chord_tolerance_of_a_scene_file_is_a_length_of_the_scene(
+    tmp_path: Path, scale: float
+) -> None:
     (tmp_path / "one.bpt").write_text("1\n" + patch_text(paraboloid()))
     entry = f'[[object]]\nmesh = "one.bpt"\nscale = {scale}\n'
     path = tmp_path / "scene.toml"
@@ -218,7 +236,8 @@ def test_the_chord_tolerance_of_a_scene_file_is_a_length_of_the_scene(tmp_path: 
 
 def test_degrees_and_order_of_points_are_those_of_the_file(tmp_path: Path) -> None:
     nets = [
-        np.random.default_rng(seed).normal(size=shape) for seed, shape in enumerate([(2, 4, 3), (4, 3, 3)])
+        np.random.default_rng(seed).normal(size=shape)
+        for seed, shape in enumerate([(2, 4, 3), (4, 3, 3)])
     ]
     (tmp_path / "two.bpt").write_text("2\n" + "".join(patch_text(net) for net in nets))
     for found, net in zip(read_patches(tmp_path / "two.bpt"), nets, strict=True):

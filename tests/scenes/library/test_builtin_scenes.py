@@ -58,8 +58,11 @@ def test_refining_splits_every_triangle_in_four_on_the_same_surface(name: str) -
     assert len(fine.faces) == 16 * len(scene.faces)
     parents = np.repeat(np.arange(len(scene.faces)), 16)
     np.testing.assert_array_equal(fine.object_of_triangle, scene.object_of_triangle[parents])
-    np.testing.assert_allclose(areas(fine.triangles), areas(scene.triangles)[parents] / 16, rtol=1e-6)
-    # A middle is rounded once per level: half an ulp per coordinate, two levels, sqrt(3) for the length.
+    np.testing.assert_allclose(
+        areas(fine.triangles), areas(scene.triangles)[parents] / 16, rtol=1e-6
+    )
+    # A middle is rounded once per level: half an ulp per coordinate, two levels, sqrt(3) for the
+    # length.
     rounding = 2 * math.sqrt(3) * np.spacing(np.abs(scene.vertices).max())
     offsets = fine.triangles - scene.triangles[parents, :1]
     assert np.abs(np.einsum("tcx,tx->tc", offsets, scene.normals[parents])).max() < 8 * rounding
@@ -72,8 +75,14 @@ def test_shapes_are_closed_and_face_outward(name: str) -> None:
     volume = np.einsum("tx,tx->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     assert volume > 0
     keys = np.unique(shape.vertices, axis=0, return_inverse=True)[1].reshape(-1)[shape.faces]
-    directed = {tuple(edge) for face in keys.tolist() for edge in zip(face, face[1:] + face[:1], strict=True)}
-    assert all((b, a) in directed for a, b in directed), "every edge is walked once in each direction"
+    directed = {
+        tuple(edge)
+        for face in keys.tolist()
+        for edge in zip(face, face[1:] + face[:1], strict=True)
+    }
+    assert all((b, a) in directed for a, b in directed), (
+        "every edge is walked once in each direction"
+    )
 
 
 # The shaded built-in scenes: closed forms that hold, and nothing symmetric that could hide a flip.

@@ -55,9 +55,9 @@ def truth_of(name: str, aperture: Index = MIDDLE) -> HogelImage:
 
 def companions_of(image: HogelImage) -> dict[Index, list[int]]:
     """Return the triangles of every tie in ascending order, by row and column."""
-    assert image.companions is not None
+    assert image.tied_triangles is not None
     found: dict[Index, list[int]] = defaultdict(list)
-    for row, column, triangle in image.companions.tolist():
+    for row, column, triangle in image.tied_triangles.tolist():
         found[row, column].append(triangle)
     return {index: sorted(triangles) for index, triangles in found.items()}
 
@@ -113,21 +113,25 @@ def test_every_case_is_documented_listed_and_opened_by_its_name() -> None:
 def test_the_truth_is_finite_and_consistent(name: str, aperture: Index) -> None:
     scene, image = scene_of(name), truth_of(name, aperture)
     assert image.normal is not None and image.color is not None
-    assert image.certainty is not None and image.companions is not None
+    assert image.certainty is not None and image.tied_triangles is not None
     shown = image.triangle != NOTHING
     np.testing.assert_array_equal(image.covered, shown)
     assert np.isfinite(image.position[shown]).all() and np.isnan(image.position[~shown]).all()
     np.testing.assert_allclose(np.linalg.norm(image.normal[shown], axis=-1), 1.0, rtol=1e-12)
     assert np.isnan(image.normal[~shown]).all()
     assert np.isfinite(image.color).all() and not image.color[~shown].any()
-    np.testing.assert_array_equal(image.object[shown], scene.object_of_triangle[image.triangle[shown]])
+    np.testing.assert_array_equal(
+        image.object[shown], scene.object_of_triangle[image.triangle[shown]]
+    )
     assert (image.object[~shown] == NOTHING).all()
     viewer, back = scene.frustum.reach
     assert (image.height[shown] <= viewer).all() and (image.height[shown] >= -back).all()
 
     assert not (image.certainty == Certainty.UNEXAMINED).any()
     ties = companions_of(image)
-    assert sorted(ties) == [tuple(index) for index in np.argwhere(image.certainty == Certainty.TIE).tolist()]
+    assert sorted(ties) == [
+        tuple(index) for index in np.argwhere(image.certainty == Certainty.TIE).tolist()
+    ]
     for (row, column), triangles in ties.items():
         assert len(set(triangles)) == len(triangles) >= 2
         assert image.triangle[row, column] == min(triangles)
@@ -159,7 +163,10 @@ def test_rational_arithmetic_agrees(name: str, aperture: Index) -> None:
 
 def bits(image: HogelImage) -> list[bytes]:
     assert image.normal is not None and image.color is not None
-    return [a.tobytes() for a in (image.triangle, image.object, image.position, image.normal, image.color)]
+    return [
+        a.tobytes()
+        for a in (image.triangle, image.object, image.position, image.normal, image.color)
+    ]
 
 
 @pytest.mark.parametrize("name", thinned(SMALL, 9))
@@ -190,7 +197,9 @@ def peak_memory(work: str) -> int:
     """Return the largest memory, bytes, that a process of its own needed for some work."""
     # Not ru_maxrss: a program begins with that of the process that started it.
     measured = f"{work}\nfrom pathlib import Path\nprint(Path('/proc/self/status').read_text())"
-    done = subprocess.run([sys.executable, "-c", measured], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", measured], capture_output=True, text=True, check=True
+    )
     peak = re.search(r"VmHWM:\s*(\d+) kB", done.stdout)
     assert peak, done.stdout
     return int(peak[1]) * KIB
@@ -249,7 +258,9 @@ def inside(values: Indices, limits: tuple[float, float]) -> Mask:
 
 
 @pytest.mark.parametrize(("part", "columns"), [(0, (2, 30)), (1, (34, 62))])
-def test_lines_through_vertices_and_edges_meet_all_triangles_there(part: int, columns: Index) -> None:
+def test_lines_through_vertices_and_edges_meet_all_triangles_there(
+    part: int, columns: Index
+) -> None:
     """In the image the sheet is a grid of squares cut along one diagonal, whatever its depths."""
     name, rows = "hard/vertices-and-edges", (2, 58)
     image, ties = truth_of(name), companions_of(truth_of(name))
@@ -265,7 +276,13 @@ def test_lines_through_vertices_and_edges_meet_all_triangles_there(part: int, co
         found[index] = len(triangles)
     np.testing.assert_array_equal(found[interior], expected[interior])
     assert (certain(image, Certainty.PROVEN) == (expected == 1))[interior].all()
-    either = (column >= 2) & (column <= 62) & ~inside(column, (30, 34)) & (row >= rows[0]) & (row <= rows[1])
+    either = (
+        (column >= 2)
+        & (column <= 62)
+        & ~inside(column, (30, 34))
+        & (row >= rows[0])
+        & (row <= rows[1])
+    )
     np.testing.assert_array_equal(image.covered, either)
 
 
@@ -321,7 +338,9 @@ IN_PLATE = {"inside": (1, 3), "on an edge": (2, 2), "on a corner": (0, 4), "besi
 def test_a_triangle_in_the_plate_is_met_wherever_it_holds_the_aperture(place: str) -> None:
     image = truth_of("hard/triangle-in-plate", IN_PLATE[place])
     met = place != "beside"
-    assert (image.triangle == (0 if met else 1)).all() and (image.height == (0 if met else -100)).all()
+    assert (image.triangle == (0 if met else 1)).all() and (
+        image.height == (0 if met else -100)
+    ).all()
     assert not certain(image, Certainty.TIE).any()
 
 
@@ -370,9 +389,13 @@ def test_the_upper_of_nearly_coincident_sheets_shows_down_to_one_step_of_a_doubl
 def test_the_reach_is_closed() -> None:
     image = truth_of("hard/at-the-reach")
     column, row = pixel_grid("hard/at-the-reach")
-    behind, in_front = (inside(column, hard.AT_REACH[0]) & inside(row, rows) for rows in hard.AT_REACH)
+    behind, in_front = (
+        inside(column, hard.AT_REACH[0]) & inside(row, rows) for rows in hard.AT_REACH
+    )
     np.testing.assert_array_equal(image.covered, behind | in_front)
-    assert (image.height[behind] == -hard.REACH).all() and (image.height[in_front] == hard.REACH).all()
+    assert (image.height[behind] == -hard.REACH).all() and (
+        image.height[in_front] == hard.REACH
+    ).all()
     assert (image.object[image.covered] == 0).all()
 
 
@@ -391,11 +414,15 @@ def test_one_side_alone_shows_alone(name: str, side: int) -> None:
     assert (side * (heights - side * 50)).mean() * side > 0, "the side turned to the viewer"
 
 
-def test_an_edge_on_triangle_covers_nothing_and_one_turned_by_a_step_of_a_double_its_column() -> None:
+def test_an_edge_on_triangle_covers_nothing_and_one_turned_by_a_step_of_a_double_its_column() -> (
+    None
+):
     image = truth_of("hard/edge-on")
     column, _ = pixel_grid("hard/edge-on")
     _, dy = slopes("hard/edge-on")
-    turned = (column == hard.TURNED_COLUMN) & (np.abs(dy) * hard.TURNED_MIDDLE <= hard.TURNED_HALF_HEIGHT)
+    turned = (column == hard.TURNED_COLUMN) & (
+        np.abs(dy) * hard.TURNED_MIDDLE <= hard.TURNED_HALF_HEIGHT
+    )
     assert turned.sum() == 26
     np.testing.assert_array_equal(image.triangle, np.where(turned, 1, 2))
     np.testing.assert_array_equal(image.height, np.where(turned, -hard.TURNED_MIDDLE, -100.0))
@@ -441,12 +468,17 @@ def test_the_smallest_sheets_hide_each_other_and_the_wall() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "scale"), [("hard/far-from-origin", 1.0), *((f"hard/{k}", s) for k, s in hard.SCALES.items())]
+    ("name", "scale"),
+    [("hard/far-from-origin", 1.0), *((f"hard/{k}", s) for k, s in hard.SCALES.items())],
 )
 @pytest.mark.parametrize("aperture", [(40, 30), (12, 50)])
-def test_neither_place_in_the_file_nor_size_moves_a_bit(name: str, scale: float, aperture: Index) -> None:
+def test_neither_place_in_the_file_nor_size_moves_a_bit(
+    name: str, scale: float, aperture: Index
+) -> None:
     scene, parts = scene_of(name), hard.asymmetric_on_a_grid()
-    plain = Scene(name="near", plate=hard.ASYMMETRIC_PLATE, frustum=hard.ASYMMETRIC_FRUSTUM, objects=parts)
+    plain = Scene(
+        name="near", plate=hard.ASYMMETRIC_PLATE, frustum=hard.ASYMMETRIC_FRUSTUM, objects=parts
+    )
     where = plain.plate.aperture(*aperture)
     expected, image = Reference(plain).trace(where), truth_of(name, aperture)
     assert expected.covered.sum() > 500
@@ -456,14 +488,20 @@ def test_neither_place_in_the_file_nor_size_moves_a_bit(name: str, scale: float,
     settings = DoubleFrustum(near=1e-3 * 150)
     with Rasterizer(plain) as near, Rasterizer(scene) as other:
         drawn = near.render(where, settings)
-        same = other.render(scene.plate.aperture(*aperture), replace(settings, near=settings.near * scale))
+        same = other.render(
+            scene.plate.aperture(*aperture), replace(settings, near=settings.near * scale)
+        )
     np.testing.assert_array_equal(same.triangle, drawn.triangle)
     np.testing.assert_array_equal(same.position, drawn.position * np.float32(scale))
 
 
-@pytest.mark.parametrize("name", ["hard/steep", "hard/screen-near-plate", "hard/screen-near-plate-in-front"])
+@pytest.mark.parametrize(
+    "name", ["hard/steep", "hard/screen-near-plate", "hard/screen-near-plate-in-front"]
+)
 @pytest.mark.parametrize("aperture", [MIDDLE, (0, 3)])
-def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, aperture: Index) -> None:
+def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(
+    name: str, aperture: Index
+) -> None:
     """Lines end at the first of the planes x = +-24, y = +-24 and z = 20 on the way to the viewer."""
     image = truth_of(name, aperture)
     where = scene_of(name).plate.aperture(*aperture)
@@ -472,7 +510,9 @@ def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, ap
         (half + center * np.sign(d)) / np.abs(d)
         for half, center, d in zip(hard.ROOM[:2], (where.x, where.y), (dx, dy), strict=True)
     ]
-    np.testing.assert_allclose(image.height, np.minimum(np.minimum(*ways), hard.ROOM[2]), rtol=1e-14)
+    np.testing.assert_allclose(
+        image.height, np.minimum(np.minimum(*ways), hard.ROOM[2]), rtol=1e-14
+    )
     if name == "hard/steep":
         assert 11 < np.abs(dx).max() < 11.5
     else:
@@ -500,7 +540,9 @@ def test_the_picture_on_the_screen_fills_every_aperture_alike() -> None:
         image = truth_of(name, aperture)
         np.testing.assert_array_equal(image.triangle, middle.triangle)
         np.testing.assert_array_equal(image.certainty, middle.certainty)
-        np.testing.assert_array_equal(image.height, np.where(hole, -90.0, hard.SHEARED_SCREEN.height))
+        np.testing.assert_array_equal(
+            image.height, np.where(hole, -90.0, hard.SHEARED_SCREEN.height)
+        )
         np.testing.assert_array_equal(image.position[~hole][:, 0], x[~hole])
         np.testing.assert_array_equal(image.position[~hole][:, 1], y[~hole])
     shear = truth_of(name, (0, 0)).camera

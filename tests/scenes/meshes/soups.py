@@ -16,7 +16,9 @@ def soup(path: Path) -> Floats:
     found = []
     for triangle in mesh.vertices[mesh.faces].tolist():
         least = triangle.index(min(triangle))
-        found.append([number for corner in triangle[least:] + triangle[:least] for number in corner])
+        found.append(
+            [number for corner in triangle[least:] + triangle[:least] for number in corner]
+        )
     return np.array(sorted(found))
 
 

@@ -42,7 +42,9 @@ def cases() -> Iterator[Case]:
         file = Gltf()
         file.node(mesh=flat(file), **node)
         yield case(f"{name}.glb", file.glb())
-    file = Gltf(extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"])
+    file = Gltf(
+        extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"]
+    )
     bytes_of_normals = file.accessor(np.rint(NORMALS * 127), (BYTE, "VEC3"), normalized=True)
     file.node(mesh=flat(file, bytes_of_normals))
     yield case("quantized.glb", file.glb())
@@ -55,7 +57,10 @@ def cases() -> Iterator[Case]:
     mesh = flat(file)
     joints = file.accessor(np.zeros((len(POINTS), 4)), (UBYTE, "VEC4"))
     shares = file.accessor(EVERY, (FLOAT, "VEC4"))
-    file.json["meshes"][mesh]["primitives"][0]["attributes"] |= {"JOINTS_0": joints, "WEIGHTS_0": shares}
+    file.json["meshes"][mesh]["primitives"][0]["attributes"] |= {
+        "JOINTS_0": joints,
+        "WEIGHTS_0": shares,
+    }
     joint = file.node(scale=[1, 4, 1], rotation=[1, 0, 0, 0])
     file.add("skins", joints=[joint])
     file.node(mesh=mesh, skin=0)
@@ -82,7 +87,9 @@ def textured(name: str, sets: list[int], **texture: int) -> Case:
     """Return a file with texture coordinates of these component types, and a texture of one pixel."""
     png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNgYGAAAAAEAAH2FzhVAAAAAElFTkSuQmCC"
     file = Gltf(images=[{"uri": f"data:image/png;base64,{png}"}], textures=[{"source": 0}])
-    file.json["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}]
+    file.json["materials"] = [
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}
+    ]
     attributes = {}
     for number, (kind, values) in enumerate(zip(sets, (UV, OTHER), strict=False)):
         largest = LARGEST.get(kind)

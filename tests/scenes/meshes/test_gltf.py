@@ -21,7 +21,9 @@ from xfrustum.scenes.disk.input_files import input_memory
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "inputs"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="no folder of test data beside the checkout"
+)
 
 PLAIN = TENT.astype(np.float64)[TENT_FACES.reshape(-1, 3)]
 """Corners of the triangles of `TENT`, where nothing moves it."""
@@ -45,7 +47,11 @@ def read(writer: Writer, folder: Path, name: str = "mesh.glb") -> SceneObject:
 @pytest.mark.parametrize(
     ("plain", "other", "largest"),
     [
-        ("box_float", "box_normalized_int16", 0.5 * 0.03 / 32767),  # half a step of 16 bits, times the scale
+        (
+            "box_float",
+            "box_normalized_int16",
+            0.5 * 0.03 / 32767,
+        ),  # half a step of 16 bits, times the scale
         ("box_float", "box_uv_uint16", 0),
         ("figure_baked", "figure_skinned", 0),
         ("hill_baked", "hill_morph", 0),
@@ -62,7 +68,9 @@ def test_a_file_has_the_triangles_of_its_twin(plain: str, other: str, largest: f
     if other.startswith("field"):  # nodes count from the last, instances from the first
         expected = expected.reshape(-1, 12, 3, 3)[::-1].reshape(expected.shape)
     # A fan ends each triangle with the center, where its twin begins: the winding is the same.
-    turns = [np.abs(expected - np.roll(measured, turn, axis=1)).max(axis=(1, 2)) for turn in range(3)]
+    turns = [
+        np.abs(expected - np.roll(measured, turn, axis=1)).max(axis=(1, 2)) for turn in range(3)
+    ]
     assert (np.min(turns, axis=0) if other == "mixed_modes" else turns[0]).max() <= largest
 
 
@@ -84,7 +92,9 @@ def test_all_visible_nodes_are_walked(
 ) -> None:
     mesh = load_mesh(DATA / f"{name}.glb")
     assert len(mesh.faces) == triangles
-    np.testing.assert_array_equal([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)], [low, high])
+    np.testing.assert_array_equal(
+        [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)], [low, high]
+    )
 
 
 def sparse(base: bool) -> Writer:
@@ -108,7 +118,9 @@ def sparse(base: bool) -> Writer:
 def interleaved() -> Writer:
     writer, stored = Writer(), np.full((5, 5), 77, "<f4")
     stored[:, 1:4] = TENT
-    points = writer.array(TENT, bufferView=writer.view(stored.tobytes(), byteStride=20), byteOffset=4)
+    points = writer.array(
+        TENT, bufferView=writer.view(stored.tobytes(), byteStride=20), byteOffset=4
+    )
     primitive = {"attributes": {"POSITION": points}, "indices": writer.array(TENT_FACES)}
     writer.node(mesh=writer.add("meshes", primitives=[primitive]))
     return writer
@@ -209,7 +221,9 @@ WRITTEN: dict[str, Callable[[], Writer]] = {
 
 
 @pytest.mark.parametrize("feature", WRITTEN)
-def test_a_feature_gives_the_triangles_that_are_written_plainly(feature: str, tmp_path: Path) -> None:
+def test_a_feature_gives_the_triangles_that_are_written_plainly(
+    feature: str, tmp_path: Path
+) -> None:
     measured = corners(read(WRITTEN[feature](), tmp_path))
     turned = feature.startswith("instances")  # by a quaternion, which rounds
     np.testing.assert_allclose(measured, PLAIN, rtol=0, atol=ROUNDING if turned else 0)
@@ -275,7 +289,9 @@ def test_instances_are_numbered_one_after_the_other_and_mirrored_ones_turn_their
         expected = PLAIN * size
         assert {*map(tuple, a[number])} <= {*map(tuple, expected.reshape(-1, 3))}
         # The faces look outward: they enclose a positive volume, 4 x 3 x 5 / 3.
-        assert np.einsum("fx,fx->", a[number], np.cross(b[number], c[number])) / 6 == pytest.approx(volume)
+        assert np.einsum("fx,fx->", a[number], np.cross(b[number], c[number])) / 6 == pytest.approx(
+            volume
+        )
     assert whole.vertex_normals is not None
     normal = np.array([[0, 0.6, 0.8], [0, 0.6, 0.8], [0, 0.3, -0.8] / np.hypot(0.3, 0.8)])
     np.testing.assert_allclose(whole.vertex_normals[::5], normal, atol=1e-7)
@@ -298,7 +314,8 @@ def test_a_skin_blends_its_joints_and_turns_faces_where_they_mirror(tmp_path: Pa
 def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
     """Random trees, with mirrors and meshes of two primitives.
 
-    Matrices of three and more levels are multiplied in another order, so that vertices round otherwise.
+    Matrices of three and more levels are multiplied in another order, so that vertices round
+    otherwise.
     """
     chance = np.random.default_rng(51)
     for number in range(12):
@@ -306,14 +323,21 @@ def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
         meshes = [writer.tent(), writer.mesh(TENT * np.float32(0.3), TENT_FACES[:9]), writer.tent()]
         writer.tree["meshes"][2]["primitives"] *= 2
         for index in range(9):
-            placed = {"translation": chance.normal(size=3).tolist(), "scale": chance.normal(size=3).tolist()}
+            placed = {
+                "translation": chance.normal(size=3).tolist(),
+                "scale": chance.normal(size=3).tolist(),
+            }
             rotation = chance.normal(size=4)
-            node = writer.node(rotation=(rotation / np.linalg.norm(rotation)).tolist(), **placed, root=False)
+            node = writer.node(
+                rotation=(rotation / np.linalg.norm(rotation)).tolist(), **placed, root=False
+            )
             if chance.random() < 0.8:
                 writer.tree["nodes"][node]["mesh"] = meshes[chance.integers(3)]
             parent = chance.integers(-2, index) if index else -1
             of = writer.tree["scenes"][0]["nodes"] if parent < 0 else None
-            (writer.tree["nodes"][parent].setdefault("children", []) if of is None else of).append(node)
+            (writer.tree["nodes"][parent].setdefault("children", []) if of is None else of).append(
+                node
+            )
         path = writer.save(tmp_path / f"{number}.glb")
         ours, theirs = load_mesh(path), trimesh.load_scene(str(path), process=False).to_mesh()
         np.testing.assert_array_equal(ours.faces, theirs.faces)
@@ -352,7 +376,9 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
     writer = Writer()
     writer.add("images", uri="a%20b.png")
     writer.add("textures", source=0)
-    first, second = (np.array(uv, "<f4") for uv in ([[9, 9]] * 5, [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]))
+    first, second = (
+        np.array(uv, "<f4") for uv in ([[9, 9]] * 5, [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+    )
     info: dict[str, Any] = {"index": 0, "texCoord": 1}
     writer.add("materials", pbrMetallicRoughness={"baseColorTexture": info})
     attributes = {"TEXCOORD_0": writer.array(first), "TEXCOORD_1": writer.array(second)}
@@ -405,7 +431,9 @@ def painted(materials: tuple[int, ...], folder: Path) -> Writer:
         writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
     mesh = writer.tent(attributes={"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))})
     [primitive] = writer.tree["meshes"][mesh]["primitives"]
-    writer.tree["meshes"][mesh]["primitives"] = [{**primitive, "material": one} for one in materials]
+    writer.tree["meshes"][mesh]["primitives"] = [
+        {**primitive, "material": one} for one in materials
+    ]
     writer.node(mesh=mesh)
     return writer
 
@@ -556,8 +584,12 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 STRANGE: tuple[Any, ...] = (None, True, "7", -1, 0, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
 
 
-@pytest.mark.parametrize("make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__)
-def test_values_of_any_type_end_in_a_mesh_or_in_one_line(make: Callable[..., Writer], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__
+)
+def test_values_of_any_type_end_in_a_mesh_or_in_one_line(
+    make: Callable[..., Writer], tmp_path: Path
+) -> None:
     """Every value of four documents replaced by values of every JSON type, one at a time."""
     writer = make() if make in (skinned, instanced) else make(True)
     text = writer.save(tmp_path / "mesh.gltf").read_text()
@@ -605,7 +637,9 @@ def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> 
     mesh = writer.mesh(points, attributes={"NORMAL": writer.array(points)})
     [primitive] = writer.tree["meshes"][mesh].pop("primitives")
     faces = np.arange(count - count % 3, dtype="<u4").reshape(-1, 3)[:, ::-1]
-    shares = [{**primitive, "indices": writer.array(own.ravel())} for own in np.array_split(faces, 100)]
+    shares = [
+        {**primitive, "indices": writer.array(own.ravel())} for own in np.array_split(faces, 100)
+    ]
     writer.tree["meshes"][mesh]["primitives"] = shares
     writer.node(mesh=mesh)
     with input_memory(1 << 26):
@@ -614,14 +648,18 @@ def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> 
     np.testing.assert_array_equal(corners(whole), points[faces])
     assert whole.vertex_normals is not None
     lengths = np.linalg.norm(points[faces], axis=-1, keepdims=True)
-    np.testing.assert_allclose(whole.vertex_normals[whole.faces], points[faces] / lengths, atol=1e-6)
+    np.testing.assert_allclose(
+        whole.vertex_normals[whole.faces], points[faces] / lengths, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])
 def test_sparse_arrays_are_measured_before_they_are_made(name: str, tmp_path: Path) -> None:
     writer = skinned()
     [primitive] = writer.tree["meshes"][0]["primitives"]
-    number = primitive["attributes"].setdefault(name, writer.tree["skins"][0]["inverseBindMatrices"])
+    number = primitive["attributes"].setdefault(
+        name, writer.tree["skins"][0]["inverseBindMatrices"]
+    )
     if name == "NORMAL":
         number = primitive["attributes"][name] = writer.array(TENT)
     if name == "inverse":

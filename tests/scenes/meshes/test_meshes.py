@@ -21,19 +21,31 @@ from tests.support.scene_file import film
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import (
+    DoubleFrustum,
+    Frustum,
+    InputError,
+    Plate,
+    Scene,
+    SceneObject,
+    open_scene,
+)
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="no folder of test data beside the checkout"
+)
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
 @needs_data
-@pytest.mark.parametrize(("name", "triangles"), [("teapot.obj", 6_320), ("CesiumMilkTruck.glb", 3_624)])
+@pytest.mark.parametrize(
+    ("name", "triangles"), [("teapot.obj", 6_320), ("CesiumMilkTruck.glb", 3_624)]
+)
 def test_triangles_are_numbered_as_the_contract_says(name: str, triangles: int) -> None:
     ours = load_mesh(DATA / name)
     parts = trimesh.load_scene(str(DATA / name), process=False)
@@ -108,7 +120,9 @@ def written(folder: Path, name: str, text: str) -> SceneObject:
 
 def alone(part: SceneObject) -> Scene:
     frustum = Frustum(resolution=(4, 4), reach=(10.0, 10.0), fov=(1.0, 1.0))
-    return Scene(name="one", plate=Plate(size=(1, 1), hogels=(1, 1)), frustum=frustum, objects=(part,))
+    return Scene(
+        name="one", plate=Plate(size=(1, 1), hogels=(1, 1)), frustum=frustum, objects=(part,)
+    )
 
 
 def normals_of(part: SceneObject) -> Floats:
@@ -153,14 +167,17 @@ def placed_ball(matrix: Floats, folder: Path) -> SceneObject:
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_a_node_places_normals_with_its_mesh_also_where_it_mirrors(tmp_path: Path, mirror: float) -> None:
+def test_a_node_places_normals_with_its_mesh_also_where_it_mirrors(
+    tmp_path: Path, mirror: float
+) -> None:
     matrix = np.diag([mirror * 2.0, 0.5, 3.0, 1.0])
     matrix[:3, 3] = (5, 6, 7)
     part = placed_ball(matrix, tmp_path)
     # On the ellipsoid of these half axes the normal is along x / a^2, y / b^2, z / c^2.
     outward = (part.vertices - (5, 6, 7)) / np.array([2.0, 0.5, 3.0]) ** 2
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    # Normals of 32-bit floats, averaged over the facets of an icosphere: not those of the ball exactly.
+    # Normals of 32-bit floats, averaged over the facets of an icosphere: not those of the ball
+    # exactly.
     assert (np.einsum("vx,vx->v", outward, normals_of(part)) > 0.99).all()
     agree = np.einsum("fx,fcx->fc", winding_normals(part), normals_of(part)[part.faces])
     assert (agree > 0).all(), "on the side that the winding faces"
@@ -176,7 +193,10 @@ def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
     if np.linalg.norm(normal) < 0.05:
         return
     part = SceneObject(
-        name="t", vertices=corners, faces=np.array([[0, 1, 2]]), vertex_normals=np.tile(normal, (3, 1))
+        name="t",
+        vertices=corners,
+        faces=np.array([[0, 1, 2]]),
+        vertex_normals=np.tile(normal, (3, 1)),
     )
     scene_from_mesh = np.eye(4)
     scene_from_mesh[:3, :3], scene_from_mesh[:3, 3] = matrix, shift
@@ -203,7 +223,11 @@ def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
     shares = np.array([one, two - one, 1 - two])
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     part = SceneObject(
-        name="t", vertices=corners, faces=np.array([[0, 1, 2]]), vertex_normals=normals, vertex_colors=colors
+        name="t",
+        vertices=corners,
+        faces=np.array([[0, 1, 2]]),
+        vertex_normals=normals,
+        vertex_colors=colors,
     )
     fine = refine(alone(part), levels).objects[0]
     point = shares @ corners
@@ -214,7 +238,9 @@ def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
     ]
     inside = int(np.argmax([min(place) for place in local]))
     for coarse, values in ((normals, normals_of(fine)), (colors, colors_of(fine))):
-        np.testing.assert_allclose(local[inside] @ values[fine.faces[inside]], shares @ coarse, atol=ROUNDING)
+        np.testing.assert_allclose(
+            local[inside] @ values[fine.faces[inside]], shares @ coarse, atol=ROUNDING
+        )
 
 
 def test_a_corner_without_a_normal_leaves_all_of_its_triangle_flat_however_fine() -> None:
@@ -233,13 +259,17 @@ def test_smoothing_does_not_depend_on_how_flat_faces_are_cut() -> None:
     box = build_shape("box")
     fine = smoothed(refine(alone(box), 1).objects[0])
     coarse = smoothed(box)
-    np.testing.assert_allclose(normals_of(fine)[: len(box.vertices)], normals_of(coarse), atol=1e-15)
+    np.testing.assert_allclose(
+        normals_of(fine)[: len(box.vertices)], normals_of(coarse), atol=1e-15
+    )
 
 
 def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there() -> None:
     box = build_shape("box")
     loose = SceneObject(
-        name="soup", vertices=box.vertices[box.faces].reshape(-1, 3), faces=np.arange(36).reshape(-1, 3)
+        name="soup",
+        vertices=box.vertices[box.faces].reshape(-1, 3),
+        faces=np.arange(36).reshape(-1, 3),
     )
     normals = normals_of(smoothed(loose))
     np.testing.assert_allclose(normals, np.sign(loose.vertices) / np.sqrt(3), atol=1e-15)
@@ -261,9 +291,9 @@ def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> No
 
 # Brightness of mesh files against pixels computed by hand: nothing that trimesh makes up is drawn.
 
-# Every file shows one sheet that faces the viewer and a white light from there, on a material that is diffuse
-# alone: by CONVENTIONS.md, "Light", a pixel of it has the radiance DIFFUSE times the albedo. The files are
-# written here, number by number, and not by trimesh.
+# Every file shows one sheet that faces the viewer and a white light from there, on a material that
+# is diffuse alone: by CONVENTIONS.md, "Light", a pixel of it has the radiance DIFFUSE times the
+# albedo. The files are written here, number by number, and not by trimesh.
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5
@@ -331,7 +361,9 @@ def write_obj(
     lines += [f"vt {u} {v}" for u, v in COORDINATES if coordinates]
     lines += [f"usemtl {material}"] if material else []
     corner = "{0}/{0}" if coordinates else "{0}"
-    lines += ["f " + " ".join(corner.format(number) for number in face) for face in ((1, 2, 3), (1, 3, 4))]
+    lines += [
+        "f " + " ".join(corner.format(number) for number in face) for face in ((1, 2, 3), (1, 3, 4))
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path.name
 
@@ -371,14 +403,22 @@ def write_gltf(
         np.array([0, 1, 2, 0, 2, 3], "<u2"),
     ]
     accessors: list[dict[str, Any]] = [
-        {"componentType": FLOAT, "count": 4, "type": "VEC3", "min": [-40, -40, 0], "max": [40, 40, 0]},
+        {
+            "componentType": FLOAT,
+            "count": 4,
+            "type": "VEC3",
+            "min": [-40, -40, 0],
+            "max": [40, 40, 0],
+        },
         {"componentType": FLOAT, "count": 4, "type": "VEC2"},
         {"componentType": SHORT, "count": 6, "type": "SCALAR"},
     ]
     primitive: dict[str, Any] = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2}
     if colors is not None:
         arrays.append(np.tile(colors, (4, 1)))
-        accessors.append({"componentType": kind, "count": 4, "type": "VEC4", "normalized": kind != FLOAT})
+        accessors.append(
+            {"componentType": kind, "count": 4, "type": "VEC4", "normalized": kind != FLOAT}
+        )
         primitive["attributes"]["COLOR_0"] = 3
     views, data = [], b""
     for number, array in enumerate(arrays):
@@ -413,7 +453,11 @@ PAINTED = tuple(linear(part) for part in STORED)
 WHITE = (1.0, 1.0, 1.0)
 
 
-HALF, QUARTER, LITTLE = ((0.5 + 0.055) / 1.055) ** 2.4, ((0.25 + 0.055) / 1.055) ** 2.4, 0.002 / 12.92
+HALF, QUARTER, LITTLE = (
+    ((0.5 + 0.055) / 1.055) ** 2.4,
+    ((0.25 + 0.055) / 1.055) ** 2.4,
+    0.002 / 12.92,
+)
 """Linear light of sRGB values of 0.5, 0.25 and 0.002, the last on the straight part."""
 
 WORDS = (40000, 20000, 500)
@@ -423,8 +467,8 @@ WORDS = (40000, 20000, 500)
 def objs(folder: Path) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Write OBJ files, and yield their names and what albedo they have.
 
-    A material library gives its texture and not its colors, which are a warning: only those of glTF's
-    materials are read.
+    A material library gives its texture and not its colors, which are a warning: only those of
+    glTF's materials are read.
     """
     write_picture(folder / "wood.png")
     (folder / "m.mtl").write_text(
@@ -433,9 +477,15 @@ def objs(folder: Path) -> Iterator[tuple[str, tuple[float, ...]]]:
     for uv in (False, True):
         yield write_obj(folder / f"white-{uv}.obj", coordinates=uv), WHITE
         colors = (0.5, 0.25, 0.002)
-        yield write_obj(folder / f"colors-{uv}.obj", coordinates=uv, colors=colors), (HALF, QUARTER, LITTLE)
+        yield (
+            write_obj(folder / f"colors-{uv}.obj", coordinates=uv, colors=colors),
+            (HALF, QUARTER, LITTLE),
+        )
         head = "mtllib m.mtl"
-        yield write_obj(folder / f"plain-{uv}.obj", coordinates=uv, head=head, material="plain"), WHITE
+        yield (
+            write_obj(folder / f"plain-{uv}.obj", coordinates=uv, head=head, material="plain"),
+            WHITE,
+        )
     head = "# made by hand\nmtllib m.mtl"
     yield write_obj(folder / "wood.obj", coordinates=True, head=head, material="wood"), PAINTED
     yield write_obj(folder / "no-library.obj", coordinates=True, material="wood"), WHITE
@@ -462,7 +512,10 @@ def plys(folder: Path) -> Iterator[tuple[str, tuple[float, ...]]]:
         ]
     ):
         colors = tuple(f"{kind} {name}" for name in ("red", "green", "blue"))
-        yield write_ply(folder / f"{number}.ply", colors, values, coordinates=number % 2 == 0), albedo
+        yield (
+            write_ply(folder / f"{number}.ply", colors, values, coordinates=number % 2 == 0),
+            albedo,
+        )
 
 
 def gltfs(folder: Path) -> Iterator[tuple[str, tuple[float, ...]]]:
@@ -518,16 +571,40 @@ def named_in_vain(folder: Path) -> list[tuple[str, str]]:
     head, glossy = "comment TextureFile lost.png", "KHR_materials_pbrSpecularGlossiness"
     return [
         (write_obj(folder / "a.obj", head="mtllib m.mtl", **uses), "texture lost.png is missing"),
-        (write_obj(folder / "b.obj", head="mtllib b.mtl", **uses), "texture bad.png cannot be read"),
-        (write_obj(folder / "c.obj", head="mtllib lost.mtl", **uses), "material library lost.mtl is missing"),
-        (write_ply(folder / "d.ply", (), (), coordinates=True, head=head), "texture lost.png is missing"),
-        (write_gltf(folder / "e.gltf", material=texture, image="lost.png"), "texture lost.png is missing"),
+        (
+            write_obj(folder / "b.obj", head="mtllib b.mtl", **uses),
+            "texture bad.png cannot be read",
+        ),
+        (
+            write_obj(folder / "c.obj", head="mtllib lost.mtl", **uses),
+            "material library lost.mtl is missing",
+        ),
+        (
+            write_ply(folder / "d.ply", (), (), coordinates=True, head=head),
+            "texture lost.png is missing",
+        ),
+        (
+            write_gltf(folder / "e.gltf", material=texture, image="lost.png"),
+            "texture lost.png is missing",
+        ),
         (write_gltf(folder / "f.gltf", material={"extensions": {glossy: {}}}), glossy),
-        (write_obj(folder / "g.obj", head="mtllib e.mtl", **uses), "texture empty.png cannot be read"),
-        (write_obj(folder / "h.obj", head="mtllib s.mtl", **uses), "texture strange.dds cannot be read"),
+        (
+            write_obj(folder / "g.obj", head="mtllib e.mtl", **uses),
+            "texture empty.png cannot be read",
+        ),
+        (
+            write_obj(folder / "h.obj", head="mtllib s.mtl", **uses),
+            "texture strange.dds cannot be read",
+        ),
         (write_gltf(folder / "i.gltf", material=texture, image="."), "texture . cannot be read"),
-        (write_gltf(folder / "j.gltf", material=texture, image="empty.png"), "empty.png cannot be read"),
-        (write_gltf(folder / "k.gltf", material=texture, image=inside), "in image 0 of the file itself"),
+        (
+            write_gltf(folder / "j.gltf", material=texture, image="empty.png"),
+            "empty.png cannot be read",
+        ),
+        (
+            write_gltf(folder / "k.gltf", material=texture, image=inside),
+            "in image 0 of the file itself",
+        ),
     ]
 
 

@@ -12,7 +12,9 @@ from tests.scenes.meshes.soups import INPUTS, area, soup, written
 from xfrustum.scenes import InputError
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
-needs_data = pytest.mark.skipif(not INPUTS.is_dir(), reason="no folder of test data beside the checkout")
+needs_data = pytest.mark.skipif(
+    not INPUTS.is_dir(), reason="no folder of test data beside the checkout"
+)
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 PLAIN = SQUARE + "f 1 2 3\nf 1 3 4\n"
@@ -29,10 +31,14 @@ ALIKE = {
     "comments": PLAIN.replace("0\n", "0 # here\n").replace("f 1 2 3", "f 1 2 3# f 9 9 9").encode(),
     "a comment that ends in a backslash": b"# C:\\meshes\\\n" + PLAIN.encode(),
     "a comment within a line that does": PLAIN.replace("f 1 2 3", "f 1 2 3 # \\").encode(),
-    "continued lines": PLAIN.replace("f 1 2 3", "f 1 \\\n2 \\\r\n 3").replace("v 1 1", "v 1\\\n 1").encode(),
+    "continued lines": PLAIN.replace("f 1 2 3", "f 1 \\\n2 \\\r\n 3")
+    .replace("v 1 1", "v 1\\\n 1")
+    .encode(),
     "faces first": ("f 1 2 3\nf 1 3 4\n" + SQUARE).encode(),
     "relative": (SQUARE[:24] + "f -3 -2 -1\n" + SQUARE[24:] + "f -4 -2 -1\n").encode(),
-    "number formats": PLAIN.replace("1 0 0", "+1. 0e0 -.0").replace("0 1 0", "0 1E+0 0.0E-5").encode(),
+    "number formats": PLAIN.replace("1 0 0", "+1. 0e0 -.0")
+    .replace("0 1 0", "0 1E+0 0.0E-5")
+    .encode(),
     "weights of one": PLAIN.replace("0\nv", "0 1.0\nv").encode(),
     "a quadrilateral": (SQUARE + "f 1 2 3 4\n").encode(),
     "blank lines": PLAIN.replace("\n", "\n \n\n").encode(),
@@ -77,7 +83,10 @@ REFUSED = [
     ("f 1", "line 5: a face has 1 corner, and needs three"),
     ("f 1 2", "line 5: a face has 2 corners, and needs three"),
     ("f 1/1 2/1 3/1", "line 5: faces point past the texture coordinates, of which the file has 0"),
-    ("vt 0 0\nf 1/1 2/1 3", "line 6: some corners of a face have texture coordinates, some have none"),
+    (
+        "vt 0 0\nf 1/1 2/1 3",
+        "line 6: some corners of a face have texture coordinates, some have none",
+    ),
     ("f 1/0 2/0 3/0", "line 5: a corner has an index of 0"),
     ("f 1/1/1/1 2 3", "line 5: a corner has more than three indices"),
     ("f 1 2 x", "line 5: a corner is no number"),
@@ -102,8 +111,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("statement", "told"), REFUSED, ids=[statement for statement, _ in REFUSED])
-def test_a_damaged_statement_is_refused_with_its_line(statement: str, told: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("statement", "told"), REFUSED, ids=[statement for statement, _ in REFUSED]
+)
+def test_a_damaged_statement_is_refused_with_its_line(
+    statement: str, told: str, tmp_path: Path
+) -> None:
     path = written(tmp_path, "a.obj", SQUARE + statement + "\nf 1 2 3\n")
     with pytest.raises(InputError, match=re.escape(f"a.obj, {told}")):
         load_mesh(path)
@@ -111,7 +124,9 @@ def test_a_damaged_statement_is_refused_with_its_line(statement: str, told: str,
 
 @needs_data
 def test_a_number_that_is_none_is_refused_in_the_shared_file() -> None:
-    with pytest.raises(InputError, match=r"number_formats\.obj, line 11: 'v 1e\+2 2\.e\+1 3\.1\+e2'"):
+    with pytest.raises(
+        InputError, match=r"number_formats\.obj, line 11: 'v 1e\+2 2\.e\+1 3\.1\+e2'"
+    ):
         load_mesh(INPUTS / "number_formats.obj")
 
 
@@ -125,7 +140,9 @@ UNREAD = [
 
 
 @pytest.mark.parametrize(("statement", "feature"), UNREAD, ids=[feature for _, feature in UNREAD])
-def test_a_statement_that_is_not_drawn_is_listed(statement: str, feature: str, tmp_path: Path) -> None:
+def test_a_statement_that_is_not_drawn_is_listed(
+    statement: str, feature: str, tmp_path: Path
+) -> None:
     path = written(tmp_path, "a.obj", SQUARE + statement + "\nf 1 2 3\n")
     assert [one.feature for one in load_mesh(path).unread] == [feature]
 
@@ -141,7 +158,9 @@ def test_a_texture_shows_on_the_faces_that_have_coordinates_alone(tmp_path: Path
     library = "newmtl wood\nKd 1 1 1\nmap_Ks a.png\nmap_Kd -s 2 2 1 -clamp on a b.png\n"
     written(tmp_path, "m.mtl", library)
     faces = "vt 0 0\nvt 1 0\nvt 1 1\nusemtl wood # oak\nf 1/1 2/2 3/3\nf 1 3 4\n"
-    mesh = load_mesh(written(tmp_path, "a.obj", "#mtllib x.mtl\nmtllib m.mtl # here\n" + SQUARE + faces))
+    mesh = load_mesh(
+        written(tmp_path, "a.obj", "#mtllib x.mtl\nmtllib m.mtl # here\n" + SQUARE + faces)
+    )
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [0, -1]
     [options] = mesh.unread
     assert options.feature == "statements map_Kd -clamp, map_Kd -s, map_Ks of materials"
@@ -151,15 +170,15 @@ def test_all_libraries_are_read_and_what_they_lack_is_listed(tmp_path: Path) -> 
     Image.new("RGB", (2, 2)).save(tmp_path / "w.png")
     written(tmp_path, "one.mtl", "newmtl a\nd 1.0\n")
     written(tmp_path, "two.mtl", "newmtl b\nmap_Kd w.png\nd 0.5\n")
-    statements = (
-        "mtllib one.mtl two.mtl\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 2/1 3/1\nusemtl c\n"
-    )
+    statements = "mtllib one.mtl two.mtl\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 2/1 3/1\nusemtl c\n"
     mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements + "f 1 3 4\n"))
     assert mesh.texture_of_triangle is not None and mesh.texture_of_triangle.tolist() == [-1, 0, -1]
     assert [one.feature for one in mesh.unread] == ["material c", "statements d of materials"]
 
 
-@pytest.mark.parametrize(("content", "told"), [(b"PK\3\4 ..", "an archive"), (b"\n<?xml?>", "XML or HTML")])
+@pytest.mark.parametrize(
+    ("content", "told"), [(b"PK\3\4 ..", "an archive"), (b"\n<?xml?>", "XML or HTML")]
+)
 def test_what_is_no_obj_is_named(content: bytes, told: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"a\.obj: is {told}, and no OBJ"):
         load_mesh(written(tmp_path, "a.obj", content))

@@ -27,7 +27,9 @@ def test_numbers_of_objects_belong_to_their_part(tmp_path: Path) -> None:
     model = f'<resources><object id="7"><components>{components}</components></object></resources>'
     model += '<build><item objectid="7"/></build>'
     found = soup(written(tmp_path, "a.3mf", threemf(model, parts, 'requiredextensions="p"')))
-    plain = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 0 1\nf 1 2 3\nf 1 3 4\nf 5 6 7\n"
+    plain = (
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 0 1\nf 1 2 3\nf 1 3 4\nf 5 6 7\n"
+    )
     np.testing.assert_array_equal(found, soup(written(tmp_path, "a.obj", plain)))
 
 
@@ -35,10 +37,15 @@ def test_triangles_of_3mf_are_numbered_as_by_trimesh(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     turn = trimesh.transformations.rotation_matrix(0.3, (1, 2, 3))
     scene.add_geometry(trimesh.creation.box(), geom_name="box", transform=turn)
-    scene.add_geometry(trimesh.creation.icosphere(subdivisions=1), transform=np.diag([2.0, 3, -1, 1]))
+    scene.add_geometry(
+        trimesh.creation.icosphere(subdivisions=1), transform=np.diag([2.0, 3, -1, 1])
+    )
     scene.graph.update("again", matrix=turn @ turn, geometry="box")
     scene.export(str(tmp_path / "a.3mf"))
-    ours, theirs = load_mesh(tmp_path / "a.3mf"), trimesh.load_scene(str(tmp_path / "a.3mf"), process=False)
+    ours, theirs = (
+        load_mesh(tmp_path / "a.3mf"),
+        trimesh.load_scene(str(tmp_path / "a.3mf"), process=False),
+    )
     mesh = theirs.to_mesh()
     np.testing.assert_allclose(ours.vertices[ours.faces], mesh.vertices[mesh.faces], atol=1e-14)
 
@@ -54,7 +61,9 @@ CHAIN = "".join(
 
 def damaged(package: bytes) -> bytes:
     """Return a package whose last part begins with a block that deflate does not have."""
-    start = package.rindex(b"3D/3dmodel.model", 0, package.index(b"PK\1\2")) + len("3D/3dmodel.model")
+    start = package.rindex(b"3D/3dmodel.model", 0, package.index(b"PK\1\2")) + len(
+        "3D/3dmodel.model"
+    )
     return package[:start] + b"\xff" * 8 + package[start + 8 :]
 
 
@@ -89,8 +98,14 @@ REFUSED = {
         ),
         "placing its objects, .* GiB",
     ),
-    "a broken number": (threemf(OBJECT.replace('x="1"', 'x="one"') + ITEM), "numbers that are damaged"),
-    "a missing coordinate": (threemf(OBJECT.replace('x="1"', "") + ITEM), "numbers that are damaged"),
+    "a broken number": (
+        threemf(OBJECT.replace('x="1"', 'x="one"') + ITEM),
+        "numbers that are damaged",
+    ),
+    "a missing coordinate": (
+        threemf(OBJECT.replace('x="1"', "") + ITEM),
+        "numbers that are damaged",
+    ),
     "a corner that is no whole number": (
         threemf(OBJECT.replace('v3="2"', 'v3="1.7"') + ITEM),
         "has corners of triangles that are no whole numbers",
@@ -103,8 +118,14 @@ REFUSED = {
         threemf(OBJECT.replace('v1="0"', 'v1="9"') + ITEM),
         "faces point past the vertices",
     ),
-    "broken XML": (threemf("<resources>"), "is no package with a part 3D/3dmodel.model that can be read"),
-    "a damaged stream": (damaged(threemf(OBJECT + ITEM)), "is no package with a part .* that can be read"),
+    "broken XML": (
+        threemf("<resources>"),
+        "is no package with a part 3D/3dmodel.model that can be read",
+    ),
+    "a damaged stream": (
+        damaged(threemf(OBJECT + ITEM)),
+        "is no package with a part .* that can be read",
+    ),
     "an unknown encoding": (
         zipped({"_rels/.rels": '<?xml version="1.0" encoding="foo-8"?><a/>'}),
         "is no package with a part _rels/.rels that can be read .*foo-8",
@@ -114,7 +135,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("content", "told"), REFUSED.values(), ids=REFUSED)
-def test_3mf_that_cannot_be_read_right_is_refused(content: bytes, told: str, tmp_path: Path) -> None:
+def test_3mf_that_cannot_be_read_right_is_refused(
+    content: bytes, told: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=told):
         load_mesh(written(tmp_path, "a.3mf", content))
 
@@ -137,7 +160,9 @@ PLACES = ("1 0 0 0 1 0 0 0 1 0 0 0", "0 1 0 -1 0 0 0 0 1 5 6 7")
 
 def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(tmp_path: Path) -> None:
     plain = soup(
-        written(tmp_path, "a.3dxml", threedxml(f"<Faces>{FACE}</Faces><Faces>{STRIP}</Faces>", PLACES))
+        written(
+            tmp_path, "a.3dxml", threedxml(f"<Faces>{FACE}</Faces><Faces>{STRIP}</Faces>", PLACES)
+        )
     )
     assert len(plain) == 2 * 6
     coarse = '<PolygonalLOD accuracy="{}"><Faces>{}</Faces></PolygonalLOD>'
@@ -146,13 +171,18 @@ def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(tmp_path: Pa
         coarse.format("5", '<Face triangles="0 1 3"/>') + f"<Faces>{FACE}{STRIP}</Faces>",
         coarse.format("5", '<Face triangles="0 1 3"/>') + coarse.format("0.1", FACE + STRIP),
     ):
-        np.testing.assert_array_equal(soup(written(tmp_path, "b.3dxml", threedxml(content, PLACES))), plain)
+        np.testing.assert_array_equal(
+            soup(written(tmp_path, "b.3dxml", threedxml(content, PLACES))), plain
+        )
 
 
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (threedxml(f"<Faces>{FACE}</Faces>", more='<GeneralAttributes visible="false"/>'), "hides some"),
+        (
+            threedxml(f"<Faces>{FACE}</Faces>", more='<GeneralAttributes visible="false"/>'),
+            "hides some",
+        ),
         (threedxml('<Faces><Face triangles="0 1 5"/></Faces>'), "faces point past the vertices"),
         (threedxml('<Faces><Face triangles="0 1"/></Faces>'), "numbers that are damaged"),
         (threedxml('<PolygonalLOD accuracy=""/>'), "PolygonalLOD whose accuracy is no number"),
@@ -160,7 +190,9 @@ def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(tmp_path: Pa
         (threedxml(f"<Faces>{FACE}</Faces>").replace(b"a.3dxml", b"c.3dxml", 1), "3dxml"),
     ],
 )
-def test_3dxml_that_cannot_be_read_right_is_refused(content: bytes, told: str, tmp_path: Path) -> None:
+def test_3dxml_that_cannot_be_read_right_is_refused(
+    content: bytes, told: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=told):
         load_mesh(written(tmp_path, "a.3dxml", content))
 
@@ -176,6 +208,8 @@ def test_3dxml_that_cannot_be_read_right_is_refused(content: bytes, told: str, t
         ("a.foo", "use one of 3dxml, 3mf, glb, gltf, obj, off, ply, stl"),
     ],
 )
-def test_formats_that_nobody_vouches_for_are_refused_by_name(name: str, told: str, tmp_path: Path) -> None:
+def test_formats_that_nobody_vouches_for_are_refused_by_name(
+    name: str, told: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=told):
         load_mesh(written(tmp_path, name, "x"))

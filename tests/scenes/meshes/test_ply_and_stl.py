@@ -12,7 +12,9 @@ from tests.scenes.meshes.soups import INPUTS, soup, written
 from xfrustum.scenes import InputError
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
-needs_data = pytest.mark.skipif(not INPUTS.is_dir(), reason="no folder of test data beside the checkout")
+needs_data = pytest.mark.skipif(
+    not INPUTS.is_dir(), reason="no folder of test data beside the checkout"
+)
 
 POINTS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 2, 0))
 POLYGONS = ((0, 1, 2, 3), (2, 4, 3))
@@ -20,7 +22,15 @@ HEAD = (
     "ply\nformat {} 1.0\nelement vertex 5\nproperty {point} x\nproperty {point} y\nproperty {point} z\n"
     "element face 2\nproperty list {length} {index} vertex_indices\nend_header\n"
 )
-CODES = {"char": "b", "uchar": "B", "short": "h", "int": "i", "uint": "I", "float": "f", "double": "d"}
+CODES = {
+    "char": "b",
+    "uchar": "B",
+    "short": "h",
+    "int": "i",
+    "uint": "I",
+    "float": "f",
+    "double": "d",
+}
 
 
 def head(form: str, *, point: str = "float", length: str = "uchar", index: str = "int") -> str:
@@ -71,7 +81,9 @@ def test_the_same_polygons_however_they_are_written(content: str | bytes, tmp_pa
 
 @needs_data
 def test_concave_polygons_are_those_of_the_twin() -> None:
-    np.testing.assert_array_equal(soup(INPUTS / "letter_ngon.ply"), soup(INPUTS / "letter_ngon.obj"))
+    np.testing.assert_array_equal(
+        soup(INPUTS / "letter_ngon.ply"), soup(INPUTS / "letter_ngon.obj")
+    )
 
 
 CLOUD = "ply\nformat ascii 1.0\nelement vertex 1\n{}end_header\n0 0 0{}\n"
@@ -80,16 +92,25 @@ SPLAT = "".join(f"property float {name}\n" for name in ("f_dc_0", "opacity", "sc
 
 PLY_REFUSED = {
     "cut off": (text()[:-8], "the header declares 7 lines of elements, and the file has 6"),
-    "too long": (text() + "3 0 1 2\n", "the header declares 7 lines of elements, and the file has 8"),
+    "too long": (
+        text() + "3 0 1 2\n",
+        "the header declares 7 lines of elements, and the file has 8",
+    ),
     "cut off in binary": (binary("<")[:-3], "ends within face 1 of 2: the file is cut off"),
     "cut off in binary vertices": (
         binary("<")[: len(head("binary_little_endian")) + 30],
         "the file is cut off",
     ),
-    "too long in binary": (binary("<") + b"\0\0", "the header declares 90 bytes of elements, file has 92"),
+    "too long in binary": (
+        binary("<") + b"\0\0",
+        "the header declares 90 bytes of elements, file has 92",
+    ),
     "a short line": (text().replace("1 1 0", "1 1"), "line 12: has another number of values"),
     "a long line": (text().replace("1 1 0", "1 1 0 0"), "line 12: has another number of values"),
-    "a list too long": (text().replace("3 2 4 3", "4 2 4 3"), "line 16: has another number of values"),
+    "a list too long": (
+        text().replace("3 2 4 3", "4 2 4 3"),
+        "line 16: has another number of values",
+    ),
     "two corners": (text().replace("3 2 4 3", "2 2 4"), "face 1 has 2 corners, and needs three"),
     "past the vertices": (text().replace("3 2 4 3", "3 2 5 3"), "(index 5, 5 vertices)"),
     "a broken index": (
@@ -104,7 +125,10 @@ PLY_REFUSED = {
         text().replace("list uchar int", "list uchar long"),
         "line 8: 'property list uchar long",
     ),
-    "nothing behind the header": (head("ascii"), "declares 7 lines of elements, and the file has 0"),
+    "nothing behind the header": (
+        head("ascii"),
+        "declares 7 lines of elements, and the file has 0",
+    ),
     "a list of x": (
         CLOUD.format(XYZ.replace("float x", "list uchar float x"), ""),
         "x of vertices is a list, and must be one number",
@@ -112,12 +136,17 @@ PLY_REFUSED = {
     "no header": ("ply\nformat ascii 1.0\n", "begins with 'ply' and has an 'end_header'"),
     "version": (text().replace("ascii 1.0", "ascii 2.0"), "line 2: 'format ascii 2.0'"),
     "a point cloud": (CLOUD.format(XYZ, ""), "no triangles: a point cloud: 1 point, no faces"),
-    "splats": (CLOUD.format(XYZ + SPLAT, " 0 0 0 0"), "no triangles: Gaussian splats: 1 point, no faces"),
+    "splats": (
+        CLOUD.format(XYZ + SPLAT, " 0 0 0 0"),
+        "no triangles: Gaussian splats: 1 point, no faces",
+    ),
 }
 
 
 @pytest.mark.parametrize(("content", "told"), PLY_REFUSED.values(), ids=PLY_REFUSED)
-def test_a_damaged_ply_is_refused_with_the_place(content: str | bytes, told: str, tmp_path: Path) -> None:
+def test_a_damaged_ply_is_refused_with_the_place(
+    content: str | bytes, told: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=re.escape(told)):
         load_mesh(written(tmp_path, "a.ply", content))
 
@@ -149,16 +178,24 @@ def test_stl_in_text_and_in_binary_are_one_mesh(tmp_path: Path) -> None:
         ("c.stl", STL_TEXT.upper()),
         ("d.stl", STL_TEXT.replace("\n", "\r")),
     ):
-        np.testing.assert_allclose(soup(written(tmp_path, name, content)), binary_soup, atol=2.0**-24)
+        np.testing.assert_allclose(
+            soup(written(tmp_path, name, content)), binary_soup, atol=2.0**-24
+        )
 
 
 STL_REFUSED = {
     "cut off": (STL[:-20], "header says 80 triangles = 4,084 bytes, file has 4,064"),
     "too long": (STL + b"\r\n", "header says 80 triangles = 4,084 bytes, file has 4,086"),
-    "cut off, named solid": (b"solid".ljust(80) + STL[80:-20], "header says 80 triangles = 4,084 bytes"),
+    "cut off, named solid": (
+        b"solid".ljust(80) + STL[80:-20],
+        "header says 80 triangles = 4,084 bytes",
+    ),
     "a header alone": (STL[:50], "the file has 50 bytes, fewer than the header of a binary STL"),
     "no triangles": (STL[:80] + bytes(4), "no triangles"),
-    "text without its end": (STL_TEXT.replace("endsolid", ""), "the file is cut off after 80 facets"),
+    "text without its end": (
+        STL_TEXT.replace("endsolid", ""),
+        "the file is cut off after 80 facets",
+    ),
     "text cut off in a facet": (
         STL_TEXT[: STL_TEXT.rindex("endloop")],
         "the file is cut off after 79 facets",
@@ -178,7 +215,9 @@ STL_REFUSED = {
 
 
 @pytest.mark.parametrize(("content", "told"), STL_REFUSED.values(), ids=STL_REFUSED)
-def test_a_damaged_stl_is_refused_with_the_numbers(content: str | bytes, told: str, tmp_path: Path) -> None:
+def test_a_damaged_stl_is_refused_with_the_numbers(
+    content: str | bytes, told: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=re.escape(told)):
         load_mesh(written(tmp_path, "a.stl", content))
 

@@ -24,7 +24,9 @@ def cut(points: Floats, *polygons: list[int]) -> Indices:
     """Return the triangles of polygons as indices of points."""
     corners = np.concatenate([np.array(one) for one in polygons])
     counts = np.array([len(one) for one in polygons])
-    return np.asarray(corners[cut_polygons(np.asarray(points, np.float64), corners, counts, refused)])
+    return np.asarray(
+        corners[cut_polygons(np.asarray(points, np.float64), corners, counts, refused)]
+    )
 
 
 def newell(points: Floats) -> Floats:
@@ -74,11 +76,17 @@ def test_triangles_cover_a_polygon_once_and_face_its_normal(
 @given(flat=star_shaped(), halves=st.integers(1, 3))
 def test_corners_on_straight_edges_stay(flat: Floats, halves: int) -> None:
     """Neighbors share these corners: without them, rays would pass between."""
-    between = [flat + (np.roll(flat, -1, axis=0) - flat) * share for share in np.arange(halves) / halves]
-    points = np.column_stack([np.stack(between, axis=1).reshape(-1, 2), np.zeros(halves * len(flat))])
+    between = [
+        flat + (np.roll(flat, -1, axis=0) - flat) * share for share in np.arange(halves) / halves
+    ]
+    points = np.column_stack(
+        [np.stack(between, axis=1).reshape(-1, 2), np.zeros(halves * len(flat))]
+    )
     triangles = cut(points, list(range(len(points))))
     assert len(triangles) == len(points) - 2
-    edges = {(int(a), int(b)) for one in triangles for a, b in zip(one, np.roll(one, -1), strict=True)}
+    edges = {
+        (int(a), int(b)) for one in triangles for a, b in zip(one, np.roll(one, -1), strict=True)
+    }
     assert {(k, (k + 1) % len(points)) for k in range(len(points))} <= edges
 
 

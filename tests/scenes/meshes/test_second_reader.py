@@ -26,7 +26,9 @@ from xfrustum.scenes.meshes.mesh_file import load_mesh
 CHECKOUT = Path(__file__).resolve().parents[3]
 DATA = CHECKOUT.parent / "shared" / "data"
 INPUTS = DATA / "inputs"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="no folder of test data beside the checkout"
+)
 
 #: Files with a feature, and the same shapes written plainly.
 TWINS = [
@@ -51,7 +53,12 @@ TWINS = [
     ("mixed_modes.glb", "mixed_triangles.glb"),
     ("badge_under_camera.glb", "badge_baked.glb"),
 ]
-TEXTURED = ["box_float.glb", "box_uv_uint16.glb", "box_normalized_int16.glb", "commented_mtllib.obj"]
+TEXTURED = [
+    "box_float.glb",
+    "box_uv_uint16.glb",
+    "box_normalized_int16.glb",
+    "commented_mtllib.obj",
+]
 
 
 def files() -> list[Path]:
@@ -123,7 +130,8 @@ def test_twins_have_equal_traces(feature: str, plain: str) -> None:
         traced = [reference.trace(aperture) for aperture in scene.plate.apertures()]
         truths.append(np.stack([truth.position for truth in traced]))
     assert np.isfinite(truths[0]).any()
-    # Twins stored in float32 and in integers differ by its rounding; lines this oblique enlarge it tenfold.
+    # Twins stored in float32 and in integers differ by its rounding; lines this oblique enlarge it
+    # tenfold.
     bound = 10 * 2.0**-24 * size
     np.testing.assert_allclose(truths[0], truths[1], rtol=0, atol=bound)
 

@@ -87,7 +87,13 @@ def test_what_a_value_must_be_is_told(told: str) -> None:
 
 def test_names_are_taken_as_on_the_command_line_and_refused_with_what_would_do() -> None:
     """A name is the same as the member of its enumeration: all that is drawn asks for the member."""
-    names: Any = {"depth": "d32f", "mapping": "reversed", "camera": "c", "pivot": "camera", "fit": "screen"}
+    names: Any = {
+        "depth": "d32f",
+        "mapping": "reversed",
+        "camera": "c",
+        "pivot": "camera",
+        "fit": "screen",
+    }
     named = DoubleFrustum(near=0.1, **names)
     assert (named.depth, named.mapping) == (DepthFormat.D32F, DepthMapping.REVERSED)
     assert (named.camera, named.fit) == (Camera.C, Fit.SCREEN)

@@ -12,9 +12,22 @@ from tests.support.long_tail import examples
 from xfrustum.cli.main import main
 from xfrustum.reports.explain import explain
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.appearance import (
+    Appearance,
+    DirectionalLight,
+    Environment,
+    Material,
+)
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, chosen, decide, needed, slab_contents
+from xfrustum.scenes.model.effects import (
+    ALL_EFFECTS,
+    Effect,
+    Question,
+    chosen,
+    decide,
+    needed,
+    slab_contents,
+)
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -25,7 +38,10 @@ BASE = frozenset({Effect.C, Effect.AMBIENT, Effect.DIFFUSE})
 
 def sheet(z: float = -5.0, **attributes: object) -> SceneObject:
     corners = SceneObject(
-        name="sheet", vertices=CORNERS + np.array([0, 0, z]), faces=np.array([[0, 1, 2]]), material="m"
+        name="sheet",
+        vertices=CORNERS + np.array([0, 0, z]),
+        faces=np.array([[0, 1, 2]]),
+        material="m",
     )
     return replace(corners, **attributes)  # type: ignore[arg-type]  # names are checked by the dataclass
 
@@ -80,14 +96,26 @@ def test_each_missing_fact_turns_it_off_again() -> None:
     mirror = Material(reflectivity=(0.1,) * 3)
     black = Environment(radiance=np.zeros((2, 4, 3), dtype=np.float32))
     for asked, effect, reason in (
-        (scene(sheet(vertex_normals=flat)), Effect.SMOOTH_NORMALS, "no object has normals at its vertices"),
+        (
+            scene(sheet(vertex_normals=flat)),
+            Effect.SMOOTH_NORMALS,
+            "no object has normals at its vertices",
+        ),
         (
             scene(sheet(vertex_colors=np.ones((3, 3)))),
             Effect.VERTEX_COLORS,
             "no object has colors at its vertices",
         ),
-        (scene(material=DARK), Effect.AMBIENT, "no object has a material with an ambient coefficient"),
-        (scene(material=DARK), Effect.DIFFUSE, "no object has a material with a diffuse coefficient"),
+        (
+            scene(material=DARK),
+            Effect.AMBIENT,
+            "no object has a material with an ambient coefficient",
+        ),
+        (
+            scene(material=DARK),
+            Effect.DIFFUSE,
+            "no object has a material with a diffuse coefficient",
+        ),
         (scene(lights=()), Effect.DIFFUSE, "there is no light"),
         (scene(lights=(replace(LAMP, color=(0, 0, 0)),)), Effect.DIFFUSE, "there is no light"),
         (scene(material=mirror), Effect.REFLECTION, "there is no environment to reflect"),
@@ -133,7 +161,8 @@ def test_slabs_follow_each_other_and_together_have_every_triangle_within_the_rea
     asked = scene(*(sheet(z=z) for z in heights))
     found = slab_contents(asked, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts)))
     signed = [
-        (-slab.heights[1], -slab.heights[0]) if slab.camera is Camera.C else slab.heights for slab in found
+        (-slab.heights[1], -slab.heights[0]) if slab.camera is Camera.C else slab.heights
+        for slab in found
     ]
     assert (signed[0][0], signed[-1][1]) == (-20.0, 10.0)
     assert [high for _, high in signed[:-1]] == [low for low, _ in signed[1:]]
@@ -170,13 +199,18 @@ def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
     plan = explain(scene(), repeat=1)
     rows = {row["name"]: row["cost_s"] for row in plan.summary()["effects"]}
     assert {name for name, costs in rows.items() if costs["reference"] is None} == {"c", "c-star"}
-    assert {name for name, costs in rows.items() if costs["raster"] is None} == {"shadows", "interreflection"}
+    assert {name for name, costs in rows.items() if costs["raster"] is None} == {
+        "shadows",
+        "interreflection",
+    }
     text = plan.table()
     assert "slab 0 to 20 units behind the plate, camera c: 1 triangle\n" in text
     assert "slab 0 to 10 units before the plate, camera c-star: empty, skipped\n" in text
 
 
-def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_on_the_command_line_prints_one_json_object(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["explain", "grating", "--repeat", "0", "--json", "--slabs", "40,50"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert set(printed) >= {"effects", "cameras", "slabs", "passes", "samples", "tracer"}
@@ -207,8 +241,11 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     assert moved == pytest.approx(told["tolerance_px"])
     assert told["contrast"] == pytest.approx(0.7) and told["sub_apertures"] == 8192
     levels = {one["sub_apertures"]: one["levels"] for one in told["band_errors"]}
-    # A blur of more than a pixel: without band limiting half the contrast, else the points' discrepancy.
-    assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(0.7 * 255 * 0.0329)
+    # A blur of more than a pixel: without band limiting half the contrast, else the points'
+    # discrepancy.
+    assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(
+        0.7 * 255 * 0.0329
+    )
     text = plan.table()
     assert "1 sub-aperture is used; edges may be off by so many levels of 8 bits: 1: 89.2" in text
     assert "8,192 keep them under one" in text and "4,096: 1.28" in text and "without cuts" in text

@@ -23,7 +23,9 @@ def test_row_zero_is_at_the_top_and_the_middle_of_an_even_plate_beside_the_origi
 
 
 @pytest.mark.parametrize("index", [(-1, 0), (0, -1), (4, 0), (0, 2)])
-def test_an_aperture_outside_the_plate_is_an_error_that_says_where_it_ends(index: tuple[int, int]) -> None:
+def test_an_aperture_outside_the_plate_is_an_error_that_says_where_it_ends(
+    index: tuple[int, int],
+) -> None:
     with pytest.raises(InputError, match="columns run from 0 to 3, rows from 0 to 1"):
         PLATE.aperture(*index)
 
@@ -52,7 +54,8 @@ def test_every_aperture_of_any_block_comes_once(
         for across, down in blocks
         for i in range(columns)
         for j in range(rows)
-        if (across is None or across[0] <= i <= across[1]) and (down is None or down[0] <= j <= down[1])
+        if (across is None or across[0] <= i <= across[1])
+        and (down is None or down[0] <= j <= down[1])
     }
     assert {aperture.index for aperture in listed} == inside
     assert [found[number] for number in range(len(found))] == listed

@@ -64,7 +64,9 @@ def trace(asked: _Trace) -> None:
                 raise click.UsageError(words)
             trace_transported(reference, chosen, asked.out, progress=asked.progress)
             return
-        record = trace_to_file(reference, chosen, asked.out, compared=asked.as_json, progress=asked.progress)
+        record = trace_to_file(
+            reference, chosen, asked.out, compared=asked.as_json, progress=asked.progress
+        )
     if asked.as_json:
         asked.tell(lambda: record, str)
 

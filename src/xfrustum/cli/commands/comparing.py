@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 from xfrustum.cli import options
 from xfrustum.cli.commands.aperture import check_no_other_tracer
 from xfrustum.cli.light import ALL, BUDGET, light_options
-from xfrustum.cli.options import DEPTHS, FIT, FOLDER, INDICES, NUMBERS, flag, list_of, one_of, option, several
+from xfrustum.cli.options import (
+    DEPTHS,
+    FIT,
+    FOLDER,
+    INDICES,
+    NUMBERS,
+    flag,
+    list_of,
+    one_of,
+    option,
+    several,
+)
 from xfrustum.scenes.plate.double_frustum import Cull, Offset, Pivot
 
 if TYPE_CHECKING:
@@ -23,20 +34,30 @@ class _Report(options.Measured):
     scene = options.scene_argument
     sweep = several(
         nears=option(
-            NUMBERS, "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]", "--near"
+            NUMBERS,
+            "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]",
+            "--near",
         ),
-        depths=option(DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five]", "--depth"),
+        depths=option(
+            DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five]", "--depth"
+        ),
         pivots=option(
             list_of(one_of(Pivot)),
             "Centers of the shear.  [default: as `raster`; if recentered, both]",
             "--pivot",
         ),
-        fits=option(list_of(FIT), "Heights |z| drawn exactly.  [default: the first cut, or angle]", "--fit"),
-        offsets=option(list_of(one_of(Offset)), "Whether cameras step back.  [default: plate]", "--offset"),
+        fits=option(
+            list_of(FIT), "Heights |z| drawn exactly.  [default: the first cut, or angle]", "--fit"
+        ),
+        offsets=option(
+            list_of(one_of(Offset)), "Whether cameras step back.  [default: plate]", "--offset"
+        ),
         slabs=option(_CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]"),
         cull=option(one_of(Cull), "Faces left out.", default=Cull.NONE),
         causes=flag(
-            "Charge wrong pixels to causes, and predict errors.", "--causes/--no-causes", default=True
+            "Charge wrong pixels to causes, and predict errors.",
+            "--causes/--no-causes",
+            default=True,
         ),
     )
     apertures = option(
@@ -54,10 +75,10 @@ class _Report(options.Measured):
 def report(asked: _Report) -> None:
     """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
 
-    Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
-    measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
-    chooses the worst ones, and the page has a map of the plate. Without causes it takes a third of the time:
-    wrong pixels are counted and shown, and not explained.
+    Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered
+    frustum is measured at two corners of the plate too. With --apertures auto, a look through
+    hundreds of apertures chooses the worst ones, and the page has a map of the plate. Without
+    causes it takes a third of the time: wrong pixels are counted and shown, and not explained.
     """
     check_no_other_tracer(asked.tracer if options.is_given("tracer") else None, asked.decided_by)
     opened = asked.light.applied(options.open_scene(asked.scene))
@@ -84,7 +105,9 @@ def report(asked: _Report) -> None:
     files = make_report(opened, asked.out, how)
     asked.tell(
         lambda: {"files": files.places, **files.content},
-        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
+        lambda: "\n".join(
+            (files.sentence, files.command, *files.notes, files.cost, str(files.html))
+        ),
     )
 
 

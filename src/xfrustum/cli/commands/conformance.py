@@ -15,13 +15,16 @@ if TYPE_CHECKING:
     from xfrustum.scenes.conformance.suite import Case
 
 _KNOWN = tuple(f"L{number}" for number in range(7))
-_LEVEL = options.Read("LEVEL", lambda text: _KNOWN[_KNOWN.index(text.upper())], f"one of {', '.join(_KNOWN)}")
+_LEVEL = options.Read(
+    "LEVEL", lambda text: _KNOWN[_KNOWN.index(text.upper())], f"one of {', '.join(_KNOWN)}"
+)
 _LEVELS = options.list_of(_LEVEL)
 _NAMES = options.list_of(options.Read("NAME", str, "names of cases"))
 
 
 @click.group(
-    no_args_is_help=False, epilog="\b\nExample:\n  xfrustum conformance run --python renderer:draw --level L0"
+    no_args_is_help=False,
+    epilog="\b\nExample:\n  xfrustum conformance run --python renderer:draw --level L0",
 )
 def conformance() -> None:
     """Take a renderer through a frozen suite of cases, and state what it does."""
@@ -58,7 +61,8 @@ def list_(asked: _List) -> None:
             some = [case for case in cases if case.level == level]
             lines += [f"{level}: {words} ({len(some)} cases)"] if some else []
             lines += [
-                f"  {one.name:<{width}}  {one.asked:<11}  {len(one.hogels)} hogels  {one.why}" for one in some
+                f"  {one.name:<{width}}  {one.asked:<11}  {len(one.hogels)} hogels  {one.why}"
+                for one in some
             ]
         return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
 
@@ -71,7 +75,9 @@ conformance.commands["list"] = conformance.commands.pop("list_", list_)
 
 class _Show(options.Printed):
     name: str = options.argument()
-    out = option(FOLDER, "Folder for what a renderer is handed, in case/, and the true images, in truth/.")
+    out = option(
+        FOLDER, "Folder for what a renderer is handed, in case/, and the true images, in truth/."
+    )
 
 
 @options.command("xfrustum conformance show L0-behind --out first", conformance)
@@ -92,7 +98,18 @@ def show(asked: _Show) -> None:
             for truth in cases.traced(case, scene):
                 index = truth.camera.aperture.index
                 run.write_hogel(case, asked.out / "truth", index, run.encoded_truth(case, truth))
-    keys = ("name", "level", "why", "asked", "accepted", "hogels", "resolution", "near", "depth", "mapping")
+    keys = (
+        "name",
+        "level",
+        "why",
+        "asked",
+        "accepted",
+        "hogels",
+        "resolution",
+        "near",
+        "depth",
+        "mapping",
+    )
     lines = [f"{key}: {described[key]}" for key in keys if described[key] is not None]
     lines.append(f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects")
     lines += [f"digest: {case.digest}"]
@@ -103,7 +120,9 @@ def show(asked: _Show) -> None:
 class _Judged(_Chosen):
     truths = option(FOLDER, "Archive of `export`: truths are unpacked and not traced.", "--truth")
     renderer = option(TEXT, "Name of the renderer in the statement.  [default: how it is given]")
-    device = option(TEXT, "Device that it ran on: its device.json, or a name.  [default: not stated]")
+    device = option(
+        TEXT, "Device that it ran on: its device.json, or a name.  [default: not stated]"
+    )
     engine = options.engine_options("this process", draws=False)
     out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
 
@@ -150,13 +169,15 @@ class _Run(_Judged):
     timeout_s = option(POSITIVE, "Seconds that one case may take.", "--timeout", default=60.0)
 
 
-@options.command("xfrustum conformance run --command 'my-renderer {case} {out}' --out statement", conformance)
+@options.command(
+    "xfrustum conformance run --command 'my-renderer {case} {out}' --out statement", conformance
+)
 def run(asked: _Run) -> int:
     """Take a renderer through the suite; exit status 1 if any case fails.
 
-    For each case the renderer finds scene.obj, scene.glb, cameras.json, scene.npz and case.json in the folder
-    {case}, and writes {out}/hogel_{i}x{j}.png or .exr for each hogel that case.json asks for; or the file
-    {out}/unsupported with the reason. A run that was stopped goes on where it was.
+    For each case the renderer finds scene.obj, scene.glb, cameras.json, scene.npz and case.json in
+    the folder {case}, and writes {out}/hogel_{i}x{j}.png or .exr for each hogel that case.json asks
+    for; or the file {out}/unsupported with the reason. A run that was stopped goes on where it was.
     """
     from xfrustum.scenes.arguments import check_program
 

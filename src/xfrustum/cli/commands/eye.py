@@ -30,13 +30,17 @@ _PLACES = options.list_of(
 
 class _Asked(options.Measured):
     scene = options.scene_argument
-    places = option(_PLACES, "Positions before the plate, such as 0,0,600;30,0,600.", "--eye", required=True)
+    places = option(
+        _PLACES, "Positions before the plate, such as 0,0,600;30,0,600.", "--eye", required=True
+    )
     path = option(click.IntRange(min=2), "Number of eyes on the way from the first to the last.")
     film = several(
         resolution=option(RESOLUTION, "Pixels of an eye's film.  [default: 400,300]"),
         pupil=option(POSITIVE, "Diameter of the pupil.  [default: a pinhole]"),
         focus=option(click.FLOAT, "Height z that eyes are focused on.  [default: 0, the plate]"),
-        beam=choice("box tent", "Beams that hogels replay: a pixel each, or means of four.  [default: box]"),
+        beam=choice(
+            "box tent", "Beams that hogels replay: a pixel each, or means of four.  [default: box]"
+        ),
     )
     stereo = option(POSITIVE, "Distance of two eyes that take the place of each eye.")
     settings = options.settings_options()
@@ -65,21 +69,27 @@ class _Asked(options.Measured):
         if self.plate is not None:
             return StoredPlate(self.plate, scene)
         if self.images is not None:
-            return Images(pattern=self.images, scene=scene, encoding=Encoding(self.encoding or Encoding.RGB))
+            return Images(
+                pattern=self.images, scene=scene, encoding=Encoding(self.encoding or Encoding.RGB)
+            )
         return None
 
 
-@options.command("xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen")
+@options.command(
+    "xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen"
+)
 def view(asked: _Asked) -> None:
     """Show what eyes before the plate see: the scene itself, its replayed truth, and a renderer's hogels.
 
-    The renderer is ours with --near and its other options, a stored plate, or anybody's files; without any
-    of these the display alone is judged. With --out, index.html has all pictures with their numbers, and
-    beside it lie OpenEXR and PNG files and an animation.
+    The renderer is ours with --near and its other options, a stored plate, or anybody's files;
+    without any of these the display alone is judged. With --out, index.html has all pictures with
+    their numbers, and beside it lie OpenEXR and PNG files and an animation.
     """
     out, quilt, stereo = asked.out, asked.quilt, asked.stereo
     if sum(given is not None for given in (asked.settings, asked.plate, asked.images)) > 1:
-        raise click.UsageError("--near, --plate and --images each name the hogels: give one of them")
+        raise click.UsageError(
+            "--near, --plate and --images each name the hogels: give one of them"
+        )
     if asked.encoding is not None and asked.images is None:
         raise click.UsageError("--encoding says what pixels of --images hold: give both")
     opened = asked.light.applied(options.open_scene(asked.scene))

@@ -24,8 +24,12 @@ def _eyes(**given: Any) -> dict[str, Any]:
     """Return what options say of a viewer; they are refused without a distance, or beside single hogels."""
     said = options.present(**given)
     if said and "viewer" not in said:
-        raise click.UsageError(f"{options.flag_of(next(iter(said)))} describes a viewer: give --viewer too")
-    for own in map(options.flag_of, filter(options.is_given, ("aperture", "apertures", "tolerance_px"))):
+        raise click.UsageError(
+            f"{options.flag_of(next(iter(said)))} describes a viewer: give --viewer too"
+        )
+    for own in map(
+        options.flag_of, filter(options.is_given, ("aperture", "apertures", "tolerance_px"))
+    ):
         if said:
             about = f"{own} is about hogels, and a viewer sees all of them at once"
             raise click.UsageError(f"{about}: leave out {own} or --viewer")
@@ -37,7 +41,9 @@ class _Planned(options.Measured):
     depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
     mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
     sample = option(
-        options.COUNT_FROM_1, "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS
+        options.COUNT_FROM_1,
+        "Random hogels that a plate's plan is measured at.",
+        default=SAMPLED_HOGELS,
     )
     seed = options.seed_option
 
@@ -52,26 +58,38 @@ class _Planned(options.Measured):
 
 
 class _Plan(_Planned):
-    aperture = option(options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
+    aperture = option(
+        options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]"
+    )
     apertures = option(
         or_auto(options.COUNT), "Plan for so many: middle, corners, then between; auto: the worst."
     )
     required = several(
         tolerance_px=options.tolerance_option,
-        separation=option(options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
-        max_wrong=option(options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
+        separation=option(
+            options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"
+        ),
+        max_wrong=option(
+            options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG
+        ),
         device=options.device_option,
     )
     eyes = group(
         _eyes,
-        viewer=option(options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
+        viewer=option(
+            options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."
+        ),
         acuity_arcmin=option(
             options.POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]", "--acuity"
         ),
         stereo_acuity_arcsec=option(
-            options.POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]", "--stereo-acuity"
+            options.POSITIVE,
+            "Arc seconds of disparity that he tells.  [default: 20]",
+            "--stereo-acuity",
         ),
-        eyes_apart_mm=option(options.POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"),
+        eyes_apart_mm=option(
+            options.POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"
+        ),
         pupil_mm=option(options.POSITIVE, "Millimeters of his pupils.  [default: 4]", "--pupil"),
     )
 
@@ -93,9 +111,9 @@ class _Plan(_Planned):
 def plan(asked: _Plan) -> None:
     """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
 
-    The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
-    With --aperture or --apertures it is made for these alone. With --viewer near may be as large as eyes at
-    that distance do not notice, whatever becomes of hogels' pixels.
+    The plan is made from the worst apertures of the plate, and measured at these and at a random
+    sample. With --aperture or --apertures it is made for these alone. With --viewer near may be as
+    large as eyes at that distance do not notice, whatever becomes of hogels' pixels.
     """
     if asked.aperture is not None and asked.apertures is not None:
         raise click.UsageError(options.ONE_OR_MANY)
@@ -113,19 +131,27 @@ def plan(asked: _Plan) -> None:
         from xfrustum.reports.planning import make_viewer_plan, planned_table, scouted_plate
 
         distance = scene_length(asked.eyes.pop("viewer"), opened)
-        viewer, scouted = Viewer(distance=distance, **asked.eyes), scouted_plate(opened, asked.progress)
+        viewer, scouted = (
+            Viewer(distance=distance, **asked.eyes),
+            scouted_plate(opened, asked.progress),
+        )
         options.warn_of(opened)
         seen = make_viewer_plan(scouted, viewer, requirement, **asked.how())
         # The last line is the command that draws so, as in all plans.
-        planned = table(seen.plan, opened, [opened.plate.middle], seen.requirement, seen.record.exceeded)
+        planned = table(
+            seen.plan, opened, [opened.plate.middle], seen.requirement, seen.record.exceeded
+        )
         asked.tell(seen.summary, lambda: f"{planned_table(seen.record, opened.units)}\n\n{planned}")
         return
     chosen = asked.chosen(opened)
     made = make_plan(opened, chosen, requirement, **asked.how())
     if chosen is None:
-        # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
+        # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel
+        # sees.
         options.warn_of(opened)
-    drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
+    drawn = (
+        chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
+    )
     asked.tell(made.summary, lambda: table(made, opened, drawn, requirement))
 
 
@@ -146,10 +172,10 @@ class _Explain(options.Measured):
 def explain(asked: _Explain) -> None:
     """Say what a scene calls for: each effect, and the fact that decides it.
 
-    The answer comes from the scene alone, with closed forms of what near offset, depth buffer, shear and band
-    limiting do at each depth; --measure adds what each effect costs. Effects that are left out do not
-    change the picture. Antialiasing, band limiting and light transport do: they are used if the scene,
-    or an option here, asks for them.
+    The answer comes from the scene alone, with closed forms of what near offset, depth buffer,
+    shear and band limiting do at each depth; --measure adds what each effect costs. Effects that
+    are left out do not change the picture. Antialiasing, band limiting and light transport do: they
+    are used if the scene, or an option here, asks for them.
     """
     opened = asked.light.applied(options.open_scene(asked.scene))
     from xfrustum.reports import explain as explaining
@@ -165,7 +191,9 @@ def explain(asked: _Explain) -> None:
     if asked.viewer is not None:
         from xfrustum.compare.eye.noticeable import scene_length
 
-        record = explaining.viewer_record(plan.scene, scene_length(asked.viewer, plan.scene), plan.settings)
+        record = explaining.viewer_record(
+            plan.scene, scene_length(asked.viewer, plan.scene), plan.settings
+        )
         summary = {**summary, "viewer": record}
         text = f"{text}\n\n{explaining.viewer_table(record, opened.units)}"
     asked.tell(lambda: summary, lambda: text)
@@ -173,8 +201,12 @@ def explain(asked: _Explain) -> None:
 
 class _Recommend(_Planned):
     viewer = option(options.LENGTH, "Distance of who looks at the display, such as 600mm.")
-    display = option(options.LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]")
-    tolerance_px = option(options.POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]")
+    display = option(
+        options.LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]"
+    )
+    tolerance_px = option(
+        options.POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]"
+    )
     out = option(options.FOLDER, "Folder for the page and recommend.json.")
 
 
@@ -182,9 +214,9 @@ class _Recommend(_Planned):
 def recommend(asked: _Recommend) -> None:
     """Say how to draw a plate, and what decides it: the depth buffer, the pixels or the eye.
 
-    Joins what `plan` finds for hogels' pixels and for a viewer with what depth buffers ask for, says which of
-    them binds, whether to split, and what a coarser choice costs, and draws the map of the largest near that
-    each hogel allows.
+    Joins what `plan` finds for hogels' pixels and for a viewer with what depth buffers ask for,
+    says which of them binds, whether to split, and what a coarser choice costs, and draws the map
+    of the largest near that each hogel allows.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.compare.eye.noticeable import Viewer, scene_length
@@ -211,15 +243,17 @@ class _Cost(options.OneOrAuto):
 def cost(asked: _Cost) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
-    The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are judged at
-    several apertures, the worst of which counts.
+    The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are
+    judged at several apertures, the worst of which counts.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports import cost as costs
 
     options.check_out(asked.out, costs.FILES)
     chosen = asked.chosen(opened)
-    measured = costs.cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
+    measured = costs.cost(
+        opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress
+    )
     if asked.out is not None:
         costs.write_cost(measured, asked.out)
     asked.tell(measured.summary, measured.table)

@@ -18,7 +18,9 @@ CHANNELS = ("color", "height", "triangle", "normal", "certainty")
 
 class _Plate(options.Measured):
     scene = options.scene_argument
-    blocks = option(options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
+    blocks = option(
+        options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures"
+    )
     settings = options.settings_options()
     light = light_options(*ALL)
     color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
@@ -48,9 +50,13 @@ class _Plate(options.Measured):
         elif not self.truth and self.settings is None:
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
-            problem = "a rasterizer has no shadows and no interreflection: add --truth, or leave out "
+            problem = (
+                "a rasterizer has no shadows and no interreflection: add --truth, or leave out "
+            )
             problem += "light transport"
-        elif self.layout and (self.blocks is not None or (self.engine and not self.engine.part.everything)):
+        elif self.layout and (
+            self.blocks is not None or (self.engine and not self.engine.part.everything)
+        ):
             problem = "--layout writes whole plates: leave out --apertures and --part, or draw these first, "
             problem += "without it"
         elif self.check and self.engine is not None:
@@ -63,17 +69,18 @@ class _Plate(options.Measured):
 def plate(asked: _Plate) -> None:
     """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
-    What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
-    processes may draw one plate at once, and --workers, --scheduler or --part divide it.
-    Any reader of Zarr opens it, xarray with names and units.
-    With --aperture-samples, a number, a share such as 5%, or auto, each hogel is the mean over points of its
-    area (band limiting).
+    What is there already is kept: stopped at any moment and called again, it goes on where it was.
+    Several processes may draw one plate at once, and --workers, --scheduler or --part divide it.
+    Any reader of Zarr opens it, xarray with names and units. With --aperture-samples, a number, a
+    share such as 5%, or auto, each hogel is the mean over points of its area (band limiting).
     """
     asked.refuse_contradictions()
     light = asked.light
     opened = light.applied(options.open_scene(asked.scene))
     if asked.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
-        opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
+        opened = replace(
+            opened, transport=replace(opened.transport, shadows=False, interreflection=False)
+        )
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
     from xfrustum.reports.plate.plate import blocks_of_apertures, layout_of, write_plate
@@ -106,7 +113,12 @@ def plate(asked: _Plate) -> None:
     written = None if placed is None else placed.write(opened)
     # A group that was drawn for the files of a layout alone is gone.
     summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
-    summary |= {"drawn": files.drawn, "found": files.found, "damaged": files.damaged, "table": files.table}
+    summary |= {
+        "drawn": files.drawn,
+        "found": files.found,
+        "damaged": files.damaged,
+        "table": files.table,
+    }
     summary["bytes_at_most"] = size.needed
     lines = [f"{files.drawn} hogels drawn, {files.found} found"]
     lines += [str(place) for place in (summary["out"], files.table) if place is not None]
@@ -130,7 +142,9 @@ def _settings(nears: tuple[float, ...] | None, **given: Any) -> tuple[DoubleFrus
     if nears is not None and given["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
     several = [given] if nears is None else [{**given, "near": near} for near in nears]
-    return tuple(settings for one in several if (settings := options.settings_of(**one)) is not None)
+    return tuple(
+        settings for one in several if (settings := options.settings_of(**one)) is not None
+    )
 
 
 class _Survey(options.Measured):
@@ -146,7 +160,9 @@ class _Survey(options.Measured):
     tolerance_px = options.tolerance_option
     seed = options.seed_option
     tracer = options.tracer_option
-    resolution = option(options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]")
+    resolution = option(
+        options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]"
+    )
     images = option(
         options.TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'."
     )
@@ -163,10 +179,14 @@ class _Survey(options.Measured):
 
         if self.images is None:
             if options.present(encoding=self.encoding, layout=self.layout, accept=self.accept):
-                words = "--encoding, --layout and --accept say how --images are read: give --images too"
+                words = (
+                    "--encoding, --layout and --accept say how --images are read: give --images too"
+                )
                 raise click.UsageError(words)
             if not self.settings:
-                raise click.UsageError("give --near or --nears, or the --images of another renderer")
+                raise click.UsageError(
+                    "give --near or --nears, or the --images of another renderer"
+                )
             return self.settings
         if len(self.settings) > 1:
             raise click.UsageError("--images were drawn with one near offset: give --near, or none")
@@ -183,19 +203,23 @@ class _Survey(options.Measured):
         from xfrustum.reports.survey.survey import DEFAULT_SAMPLE, Chosen
 
         if sum((self.everything, self.sample is not None, self.until is not None)) > 1:
-            raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
+            raise click.UsageError(
+                "--all, --sample and --until exclude each other: give one of them"
+            )
         sample = None if self.everything else self.sample or DEFAULT_SAMPLE
         return Chosen(sample=sample, until=self.until, seed=self.seed)
 
 
-@options.command("xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey")
+@options.command(
+    "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey"
+)
 def survey(asked: _Survey) -> int:
     """Judge hogels all over a plate: which share is beyond a tolerance, where, and why.
 
-    Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and inspect.html.
-    Stopped at any moment and called again with the same --out, it goes on where it was; any number of
-    processes may do one survey at once. Exit status 1 if the share is above --until; without it, if
-    --tolerance-px was given, or --images, and any judged hogel is beyond.
+    Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and
+    inspect.html. Stopped at any moment and called again with the same --out, it goes on where it
+    was; any number of processes may do one survey at once. Exit status 1 if the share is above
+    --until; without it, if --tolerance-px was given, or --images, and any judged hogel is beyond.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.survey.answer import PAGE
@@ -217,5 +241,7 @@ def survey(asked: _Survey) -> int:
     # A part of a job array leaves no page.
     place = asked.out / PAGE if found.extent.complete else asked.out
     asked.tell(found.summary, lambda: f"{found.table()}\n{place}")
-    limited = asked.until is not None or asked.images is not None or options.is_given("tolerance_px")
+    limited = (
+        asked.until is not None or asked.images is not None or options.is_given("tolerance_px")
+    )
     return options.LIMIT_EXCEEDED if limited and found.extent.complete and found.exceeded else 0

@@ -21,8 +21,14 @@ def scenes(asked: _Scenes) -> None:
     found = library.listing()
     width = max(len(one.name) for one in found)
     asked.tell(
-        lambda: {"scenes": [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in found]},
-        lambda: "\n".join(f"{s.name:<{width}}  {s.triangles:>7,} triangles  {s.purpose}" for s in found),
+        lambda: {
+            "scenes": [
+                {"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in found
+            ]
+        },
+        lambda: "\n".join(
+            f"{s.name:<{width}}  {s.triangles:>7,} triangles  {s.purpose}" for s in found
+        ),
     )
 
 
@@ -37,11 +43,19 @@ class _New(options.Printed):
     mesh: Path = options.argument(type=FOLDER)
     out = option(FOLDER, "Scene file.  [default: NAME.toml in this folder]")
     units = option(TEXT, "Name of the length unit.  [default: m for glTF, else units]")
-    size = option(LENGTH, "Longest side of the mesh, such as 80mm.  [default: its own, or to fit --plate]")
+    size = option(
+        LENGTH, "Longest side of the mesh, such as 80mm.  [default: its own, or to fit --plate]"
+    )
     display = several(
-        plate=option(SIZE, "Width and height of the plate, such as 600,400mm.  [default: to fit the mesh]"),
-        pitch=option(LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: --viewer's]"),
-        viewer=option(LENGTH, "Distance of a viewer, such as 600mm, who must not see hogels as cells."),
+        plate=option(
+            SIZE, "Width and height of the plate, such as 600,400mm.  [default: to fit the mesh]"
+        ),
+        pitch=option(
+            LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: --viewer's]"
+        ),
+        viewer=option(
+            LENGTH, "Distance of a viewer, such as 600mm, who must not see hogels as cells."
+        ),
     )
     up = option(one_of("yz"), "Axis of the mesh that points up.", default="y")
     places = several(**{place: flag(words) for place, words in _PLACES.items()})
@@ -57,7 +71,12 @@ def new(asked: _New) -> None:
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     place = next((place for place in reversed(_PLACES) if asked.places[place]), None)
-    how: dict[str, Any] = {"units": asked.units, "size": asked.size, "force": asked.force, "up": asked.up}
+    how: dict[str, Any] = {
+        "units": asked.units,
+        "size": asked.size,
+        "force": asked.force,
+        "up": asked.up,
+    }
     written = new_scene(asked.mesh, asked.out, place=place, **how, **asked.display)
     for feature in written.unread:
         say(f"warning: {asked.mesh}: {feature}")

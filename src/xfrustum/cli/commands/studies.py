@@ -8,7 +8,9 @@ from xfrustum.cli import options
 from xfrustum.cli.options import COUNT_FROM_1, FOLDER, Measured, flag, option
 
 
-@click.group(no_args_is_help=False, epilog="\b\nExample:\n  xfrustum study splitting --quick --out splitting")
+@click.group(
+    no_args_is_help=False, epilog="\b\nExample:\n  xfrustum study splitting --quick --out splitting"
+)
 def study() -> None:
     """Measure maps over many scenes and settings."""
 
@@ -23,11 +25,15 @@ class _Study(options.Measured):
         from xfrustum.reports.blocks import HERE
 
         out, engine = self.out or own.DEFAULT_FOLDER, self.engine or HERE
-        files = own.make_study(out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress)
+        files = own.make_study(
+            out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress
+        )
         if files is None:  # other parts of a job array are not measured yet
             options.note("this part is measured; the last one to be finished writes the study")
         else:
-            self.tell(lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}")
+            self.tell(
+                lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}"
+            )
 
 
 @options.command("xfrustum study splitting --quick --out splitting", study)
@@ -45,8 +51,8 @@ def splitting(asked: _Study) -> None:
 def noticeable(asked: _Study) -> None:
     """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
 
-    Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
-    replayed is kept: a run that was stopped goes on from there.
+    Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that
+    was replayed is kept: a run that was stopped goes on from there.
     """
     from xfrustum.research import noticeable as own
 
@@ -54,7 +60,8 @@ def noticeable(asked: _Study) -> None:
 
 
 @click.group(
-    no_args_is_help=False, epilog="\b\nExample:\n  xfrustum bench plate asymmetric --resolution 64 --repeat 1"
+    no_args_is_help=False,
+    epilog="\b\nExample:\n  xfrustum bench plate asymmetric --resolution 64 --repeat 1",
 )
 def bench() -> None:
     """Measure speed on this machine."""
@@ -99,8 +106,8 @@ class _Judge(Measured):
 def judge(asked: _Judge) -> None:
     """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
 
-    Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout, and globes
-    of a million triangles.
+    Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout,
+    and globes of a million triangles.
     """
     opened = [options.open_scene(name) for name in asked.scenes]
     from xfrustum.research import benchmarks
@@ -108,7 +115,14 @@ def judge(asked: _Judge) -> None:
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [benchmarks.globes(count)]
-    _measured(asked, "judge", opened, resolutions=asked.resolution, hogels=asked.hogels, repeat=asked.repeat)
+    _measured(
+        asked,
+        "judge",
+        opened,
+        resolutions=asked.resolution,
+        hogels=asked.hogels,
+        repeat=asked.repeat,
+    )
 
 
 class _BenchPlate(Measured):
@@ -143,8 +157,8 @@ class _Selfcheck(options.Measured):
 def selfcheck(asked: _Selfcheck) -> int:
     """Compare the truth with integer brute force; exit status 1 if anything disagrees.
 
-    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
-    and edges, and the scene files in the folder of test data beside the checkout.
+    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its
+    vertices and edges, and the scene files in the folder of test data beside the checkout.
     """
     from xfrustum.scenes.opening import check_scene
 
@@ -168,10 +182,10 @@ class _Device(options.Measured):
 def device(asked: _Device) -> int:
     """Measure how the OpenGL device at hand rounds: snapping, depth, varyings, filter.
 
-    It draws adversarial triangles of every size, writes depths, and filters a texture, in seconds. The file
-    device.json, given to `budget`, `report` and `verify` as --device, says how the machine that drew rounds.
-    With --replay, recorded frames are explained by the model of the device that drew them; exit status 1 if
-    pixels stay unexplained.
+    It draws adversarial triangles of every size, writes depths, and filters a texture, in seconds.
+    The file device.json, given to `budget`, `report` and `verify` as --device, says how the machine
+    that drew rounds. With --replay, recorded frames are explained by the model of the device that
+    drew them; exit status 1 if pixels stay unexplained.
     """
     from xfrustum.reports import device as measuring
 

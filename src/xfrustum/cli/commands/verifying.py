@@ -17,19 +17,27 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
 _COUNTS = options.Read(
-    "COLUMNS,ROWS", lambda text: options.RESOLUTION.read(text.replace("x", ",")), "COLUMNS,ROWS such as 8,6"
+    "COLUMNS,ROWS",
+    lambda text: options.RESOLUTION.read(text.replace("x", ",")),
+    "COLUMNS,ROWS such as 8,6",
 )
 
 
 class _Convert(options.Measured):
     source: Path = options.argument(metavar="IN", type=options.FOLDER)
     out: Path = options.argument(type=options.FOLDER)
-    read_as = option(options.LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from")
-    write_as = option(options.LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to")
+    read_as = option(
+        options.LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from"
+    )
+    write_as = option(
+        options.LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to"
+    )
     facts = several(
         hogels=option(_COUNTS, "Columns and rows of hogels, which a mosaic does not state."),
         tiles=option(_COUNTS, "Columns and rows of tiles of a quilt.  [default: by its views]"),
-        suffix=choice(".png .ppm .exr .avi", "Format of pictures.  [default: .png; .exr for floats]"),
+        suffix=choice(
+            ".png .ppm .exr .avi", "Format of pictures.  [default: .png; .exr for floats]"
+        ),
         array=choice("color triangle", "Array of a Zarr group.  [default: color]"),
     )
 
@@ -38,8 +46,8 @@ class _Convert(options.Measured):
 def convert(asked: _Convert) -> None:
     """Write a plate in another layout of files, or from and into Zarr.
 
-    IN is a folder of pictures or videos, one picture, or a Zarr group; OUT the same. Pixels are moved and
-    never computed; what a layout cannot hold is said.
+    IN is a folder of pictures or videos, one picture, or a Zarr group; OUT the same. Pixels are
+    moved and never computed; what a layout cannot hold is said.
     """
     from xfrustum.reports.exchange import convert as converting
 
@@ -62,22 +70,28 @@ def tell_losses(done: Conversion) -> None:
 def _tolerance(text: str) -> Any:
     from xfrustum.reports.verification.baseline import Stated
 
-    return Stated.of(text)
+    return Stated.from_text(text)
 
 
 def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
     """Return what options ask of a baseline, its folder among it; None where there is none."""
     if baseline is not None:
         if asked.get("repeated") and not asked["approve"]:
-            raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
+            raise click.UsageError(
+                "--repeated says of what is accepted that it is noise: give --approve too"
+            )
         return {"folder": baseline, **asked}
     for name in filter(options.is_given, asked):
         raise click.UsageError(f"{options.flag_of(name)} is about --baseline DIR: give it too")
     return None
 
 
-_TOLERANCE = options.Read("SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3")
-_PIXELS = options.Read("PX|none", lambda n: float(n) if n != "none" else None, "a number of pixels or none")
+_TOLERANCE = options.Read(
+    "SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3"
+)
+_PIXELS = options.Read(
+    "PX|none", lambda n: float(n) if n != "none" else None, "a number of pixels or none"
+)
 
 
 class _Verify(options.Measured):
@@ -90,10 +104,14 @@ class _Verify(options.Measured):
         ),
         encoding=options.encoding_option,
         layout=option(options.LAYOUT, "Layout of SOURCE.  [default: what it looks like]"),
-        apertures=option(options.BLOCKS, "Columns,rows, such as 20,20;0-80,3.  [default: the whole plate]"),
+        apertures=option(
+            options.BLOCKS, "Columns,rows, such as 20,20;0-80,3.  [default: the whole plate]"
+        ),
         near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
         accept=option(
-            options.ACCEPTED, "Conventions that are no faults, such as orientation,order; or all.", default=()
+            options.ACCEPTED,
+            "Conventions that are no faults, such as orientation,order; or all.",
+            default=(),
         ),
         compare=choice("color geometry", "What plain pictures are judged by.", default="color"),
         max_wrong=option(
@@ -106,8 +124,12 @@ class _Verify(options.Measured):
             "How far 99 of 100 points or outlines may be off; unknown exceeds all but none.",
             default=str(TOLERANCE_PX),
         ),
-        max_color=option(click.FLOAT, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]"),
-        timeout_s=option(options.POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0),
+        max_color=option(
+            click.FLOAT, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]"
+        ),
+        timeout_s=option(
+            options.POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0
+        ),
     )
     model = options.device_option
     engine = options.engine_options("this process", draws=False)
@@ -154,9 +176,10 @@ class _Verify(options.Measured):
 def verify(asked: _Verify) -> int:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
-    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
-    picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit;
-    with --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
+    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
+    folder or a picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is
+    missing or exceeds a limit; with --baseline, once measures are accepted, if any got worse or a
+    stated limit is exceeded.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.common.outputs import check_writable_file
@@ -177,7 +200,9 @@ def verify(asked: _Verify) -> int:
     options.warn_of(opened)
     encoding = asked.judged["encoding"]
     if encoding in ("triangle-id", "object-id") and found.judged.startswith("colors"):
-        options.note(f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used")
+        options.note(
+            f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
+        )
     if asked.out is not None:
         write_verification(found, asked.out)
     if asked.junit is not None:
@@ -198,10 +223,10 @@ def verify(asked: _Verify) -> int:
     limited = stated or not (held.compared or held.approved)
     passed = held.passed and (found.passed or not limited)
     text = f"{table(found)}\n{accepted.lines(held)}"
-    if passed and not found.passed:  # limits that are not the user's are exceeded as they were when accepted
-        text += (
-            "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
-        )
+    if (
+        passed and not found.passed
+    ):  # limits that are not the user's are exceeded as they were when accepted
+        text += "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
     asked.tell(lambda: {**found.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
 
@@ -223,10 +248,10 @@ class _Camera(options.Printed):
 def camera(asked: _Camera) -> None:
     """Write the cameras of a plate for another renderer.
 
-    `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each camera;
-    `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders any apertures in
-    Blender 4.5 or newer, exactly and in one pass each (docs/blender.md). Beside all lies scene.npz with the
-    numbered triangles and objects.
+    `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each
+    camera; `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders
+    any apertures in Blender 4.5 or newer, exactly and in one pass each (docs/blender.md). Beside
+    all lies scene.npz with the numbered triangles and objects.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.exchange.cameras import write_cameras
