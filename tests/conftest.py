@@ -5,11 +5,16 @@ from __future__ import annotations
 import os
 import sys
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from tests.support.worlds import World
 
 # NumPy's libraries wait busily for their threads, too, which small matrices do not need
 # (`on_one_thread`).
@@ -37,6 +42,36 @@ def shared_data() -> Path:
             "needs ../shared, the folder of test data beside the checkout, which is not here"
         )
     return folder
+
+
+def _worlds() -> Any:
+    """Return the module of worlds, which loads all of the product: tests of files need none of it."""
+    return import_module("tests.support.worlds")
+
+
+@pytest.fixture(scope="session")
+def centered() -> World:
+    """`asymmetric` at 64 x 48 pixels, 5 x 4 hogels: unlike parts on both sides of the plate."""
+    return cast("World", _worlds().world("asymmetric"))
+
+
+@pytest.fixture(scope="session")
+def recentered() -> World:
+    """`asymmetric-recentered` at 64 x 48 pixels, 5 x 4 hogels: an off-center screen."""
+    return cast("World", _worlds().world("asymmetric-recentered"))
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> World:
+    """A scene file of three shapes at 32 x 24 pixels, 5 x 4 hogels, with its images as files."""
+    return cast("World", _worlds().tiny_world(tmp_path_factory.mktemp("tiny")))
+
+
+@pytest.fixture(scope="session", params=["centered", "recentered", "tiny"])
+def world(request: pytest.FixtureRequest) -> World:
+    """Each of the three worlds in turn."""
+    found: World = request.getfixturevalue(request.param)
+    return found
 
 
 @cache
