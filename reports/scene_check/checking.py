@@ -26,7 +26,8 @@ from xfrustum.compare.extent import (
 )
 from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import Filters, plain_text, svg_picture
-from xfrustum.scenes import Aperture
+from xfrustum.reports.scene_check.effects import SceneEffects, scene_effects
+from xfrustum.scenes import Aperture, DoubleFrustum
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
 from xfrustum.scenes.notebook import Figure, NotebookRepr, counted
@@ -246,6 +247,7 @@ class SceneCheck(NotebookRepr):
     warnings: tuple[str, ...]
     #: whether any aperture of the plate can show anything; true of a scene without objects
     seen: bool
+    effects: SceneEffects
 
     def view(self, view: View | str) -> str:
         """Return the `side` or the `top` view as an SVG document."""
@@ -282,17 +284,27 @@ class SceneCheck(NotebookRepr):
                 ],
                 "warnings": self.warnings,
                 "seen": self.seen,
+                **self.effects.summary(),
             }
         )
 
     def table(self) -> str:
         """Return a check as lines for people."""
         filters: Filters = {"length": length, "heights": heights}
-        return plain_text("check.txt.j2", vars(self), filters).removesuffix("\n")
+        text = plain_text("check.txt.j2", vars(self), filters)
+        return f"{text}\n{self.effects.table()}"
 
 
-def check(scene: Scene) -> SceneCheck:
-    """Say where each object lies, which apertures may see it though hidden, and what looks like a mistake."""
+def check(
+    scene: Scene,
+    aperture: Aperture | None = None,
+    settings: DoubleFrustum | None = None,
+    viewer_distance: float | None = None,
+) -> SceneCheck:
+    """Return where objects lie, which apertures may see them, likely mistakes, and effects by depth.
+
+    `aperture`, `settings` and `viewer_distance` are those of `scene_effects`.
+    """
     objects = tuple(
         ObjectCheck(extent=extent, looks=_looks(part))
         for extent, part in zip(extents(scene), scene.objects, strict=True)
@@ -307,7 +319,11 @@ def check(scene: Scene) -> SceneCheck:
             if one.sight.apertures == 0
         ]
     return SceneCheck(
-        scene=scene, objects=objects, warnings=tuple(dict.fromkeys(told)), seen=unseen is None
+        scene=scene,
+        objects=objects,
+        warnings=tuple(dict.fromkeys(told)),
+        seen=unseen is None,
+        effects=scene_effects(scene, aperture, settings, viewer_distance),
     )
 
 

@@ -16,7 +16,6 @@ The public API on one page; each command of `xfrustum` is one of these:
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
     plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
-    explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification

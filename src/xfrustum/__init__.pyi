@@ -21,8 +21,6 @@ from .reports.exchange.cameras import write_cameras as write_cameras
 from .reports.exchange.convert import Conversion as Conversion
 from .reports.exchange.convert import ConversionOptions as ConversionOptions
 from .reports.exchange.convert import convert as convert
-from .reports.explain import EffectsPlan as EffectsPlan
-from .reports.explain import explain as explain
 from .reports.planning import make_plan as make_plan
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles

@@ -197,6 +197,8 @@ LONG = 300 * "n"
 """Name of a file that is longer than the 255 bytes that file systems allow."""
 
 BAD = [
+    ("explain car", "replaced by `xfrustum check`"),
+    ("figure7", "replaced by `xfrustum study figure7`"),
     ("report missing.toml", "missing.toml"),
     ("report boxes.toml --near nan", "near"),
     ("report boxes.toml --near 1e-39", "at least 1.18e-38"),
@@ -350,7 +352,7 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
         ("cost boxes.toml", "cost.cost"),
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
         ("compare a.exr b.exr", "comparison.compare_files"),
-        ("figure7 boxes.toml", "figure7.write_figure"),
+        ("study figure7 boxes.toml", "figure7.write_figure"),
     ],
 )
 @pytest.mark.usefixtures("scene")

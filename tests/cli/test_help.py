@@ -18,7 +18,7 @@ from xfrustum.cli.app import COMPLETION_VARIABLE, MODULES, USES, cli
 from xfrustum.cli.main import main
 from xfrustum.cli.options import TRACERS
 
-CHEAP = ("scenes", "new", "check", "camera", "explain")
+CHEAP = ("scenes", "new", "check", "camera")
 """Examples that take about a second together; all others run with the slow tests."""
 
 NOT_RUN = ("study", "bench", "conformance")

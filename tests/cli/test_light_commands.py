@@ -133,7 +133,7 @@ def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
-    run("figure7 asymmetric --near 0.01 --out seven")
+    run("study figure7 asymmetric --near 0.01 --out seven")
     assert capsys.readouterr().out.strip() == "seven/index.html"
     pictures = {f"{name}.png" for name in ("both", "c-star-as-seen", "c-star-other", "c-star", "c")}
     assert {path.name for path in Path("seven").iterdir()} == {"index.html", *pictures}
@@ -151,7 +151,7 @@ def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[st
 
 def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer() -> None:
     """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
-    run("figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
+    run("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
     scene = open_scene("asymmetric")
     width, height = scene.frustum.resolution
     fov = scene.frustum.fov

@@ -64,8 +64,7 @@ COMMANDS = {
     "plan": ["--quiet"],
     "cost": ["--repeat", "1", "--quiet"],
     "budget": ["--near", "0.1", "--quiet"],
-    "explain": ["--repeat", "0", "--quiet"],
-    "figure7": ["--out", "out"],
+    "study figure7": ["--out", "out"],
     "verify": ["{i}-{j}.png", "--quiet"],
     "trace": ["--out", "out.exr", "--quiet"],
     "raster": ["--near", "0.1", "--out", "out.exr"],
@@ -219,7 +218,7 @@ def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command, placed, said = REFUSED[case]
-    assert main([command, write(tmp_path, *placed), *COMMANDS[command]]) == 2
+    assert main([*command.split(), write(tmp_path, *placed), *COMMANDS[command]]) == 2
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err.count("\n") == 1
     assert said in printed.err

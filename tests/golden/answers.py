@@ -38,8 +38,8 @@ COMMANDS = {
     "camera-json": "camera asymmetric-recentered --for json --near 0.1 --out {out}",
     "camera-slabs": "camera asymmetric-recentered --for json --near 0.1 --slabs 10,20 --out {out}",
     "plate": "plate asymmetric --apertures 0-3,0-2 --near 0.1 --ids --out {out}/plate.zarr",
-    "explain-asymmetric": "explain asymmetric --json",
-    "explain-studio": "explain car-studio --json",
+    "explain-asymmetric": "check asymmetric --json",
+    "explain-studio": "check car-studio --json",
     "check-car": "check car --json",
     "check-truck": f"check {TRUCK} --json",
 }
@@ -129,6 +129,7 @@ EXPECTED = {
     r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts, too",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
     r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
+    r"explain-.*\.(scene|objects|tracer|repeat|procedure|effects\[\d+\]\.resolved)": "check lists effects now",
     r"(report|budget)-.*(predicted_surface|over_predicted\.surface)": "the draw order decides equal depths",
     r"(report|budget)-.*(predicted_displacement|over_predicted\.displacement)": "null where surfaces cross",
     r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "near keeps the replay's noise as margin",

@@ -12,9 +12,9 @@ from xfrustum.cli.options import COUNT_FROM_1, Read
 
 USES = {
     "Begin with a scene": ("scene", "scenes new check"),
-    "Answer for one aperture": ("aperture", "trace raster figure7"),
+    "Answer for one aperture": ("aperture", "trace raster"),
     "Compare and explain": ("comparing", "report compare budget"),
-    "Plan settings": ("planning", "recommend plan explain cost"),
+    "Plan settings": ("planning", "recommend plan cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
     "State what a renderer does": ("conformance", "conformance"),
@@ -23,6 +23,9 @@ USES = {
     "Checks of xfrustum itself": ("studies", "selfcheck device"),
 }
 """Module of `commands` and names of commands by use, in the order in which people need them."""
+
+REPLACED = {"explain": "check", "figure7": "study figure7"}
+"""Commands of earlier versions, and the command that replaces each."""
 
 MODULES = {name: module for module, names in USES.values() for name in names.split()}
 """Module of each command."""
@@ -37,6 +40,11 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
+        if cmd_name in REPLACED:
+            instead = REPLACED[cmd_name]
+            raise click.UsageError(
+                f"`xfrustum {cmd_name}` is replaced by `xfrustum {instead}`: use that, see its --help"
+            )
         if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
         module = import_module(f"xfrustum.cli.commands.{MODULES[cmd_name]}")

@@ -45,7 +45,7 @@ class Light(Asked):
 
     effects = option(
         options.Read("all|auto|NAME,..", str, ""),
-        "Effects that are simulated; auto: those that `explain` finds.",
+        "Effects that are simulated; auto: those that `check` lists.",
         default="auto",
     )
     supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")

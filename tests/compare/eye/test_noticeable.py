@@ -32,7 +32,7 @@ from xfrustum.compare.eye.noticeable import (
 )
 from xfrustum.compare.planning.viewer import CRACK, seen_content
 from xfrustum.compare.scout import scout
-from xfrustum.reports.explain import viewer_record
+from xfrustum.reports.scene_check.effects import viewer_record
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Pivot, Scene
 from xfrustum.scenes.arrays import Floats
 
@@ -181,7 +181,7 @@ def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
     )
 
 
-# What a display shows at a distance, and explain of it.
+# What a display shows at a distance, and check of it.
 
 
 @given(st.floats(160, 5000))
@@ -205,8 +205,8 @@ def test_a_gap_as_wide_as_the_limit_is_a_crack_of_one_hogel_at_the_plates_corner
     assert 2 * found.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
 
 
-def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
-    asked = ["explain", "asymmetric", "--viewer=600", "--near"]
+def test_check_lists_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
+    asked = ["check", "asymmetric", "--viewer=600", "--near"]
     assert main([*asked, "0.2", "--json"]) == 0
     told = json.loads(capfd.readouterr().out)["viewer"]
     assert told["limits"]["viewer"]["distance"] == 600
@@ -224,9 +224,7 @@ def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str
     ("name", "distance", "near"),
     [("asymmetric", 300.0, 0.06), ("car-recentered", 1200.0, 1.0), ("asymmetric", 300.0, 0.045)],
 )
-def test_explain_and_the_study_agree_on_what_is_seen(
-    name: str, distance: float, near: float
-) -> None:
+def test_check_and_the_study_agree_on_what_is_seen(name: str, distance: float, near: float) -> None:
     scene, settings = view(name, (64, 48)), DoubleFrustum(near=near)
     record = viewer_record(scene, distance, settings)
     viewer, display = Viewer(distance=distance), Display.from_scene(scene)

@@ -154,7 +154,7 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
 
 
-def test_auto_is_the_number_that_explain_says(
+def test_auto_is_the_number_that_check_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A dim ball far behind the plate: its picture moves by a fifth of a pixel over the pitch."""
@@ -167,7 +167,7 @@ def test_auto_is_the_number_that_explain_says(
         + "[material.dim]\nambient = 0.2\ndiffuse = 0.0\n[[light]]\ndirection = [0.0, 0.0, 1.0]\n"
         + part("sphere", 20.0, (0.0, 0.0, -70.0), material="dim")
     )
-    assert main(["explain", str(file), "--json"]) == 0
+    assert main(["check", str(file), "--json"]) == 0
     count = json.loads(capsys.readouterr().out)["depths"]["sub_apertures"]
     assert 1 < count <= 256
     arguments = [
@@ -186,7 +186,7 @@ def test_auto_is_the_number_that_explain_says(
     assert main([*arguments, "--aperture-samples", str(count), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["found"] == 1
     # A share of the radiance takes fewer.
-    arguments = ["explain", str(file), "--aperture-samples"]
+    arguments = ["trace", str(file), "--out", f"{out}.exr", "--aperture-samples"]
     assert main([*arguments, "5%"]) == 0
     assert (
         f"5%: {needed_sub_apertures(open_scene(str(file)), error=0.05)} points"

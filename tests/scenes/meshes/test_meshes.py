@@ -618,7 +618,7 @@ def test_a_texture_that_is_named_and_missing_is_a_warning_that_names_it(
         assert told in line
         np.testing.assert_allclose(radiance(scene), DIFFUSE, FLOAT32_ROUNDING)
     capfd.readouterr()
-    assert main(["explain", scene.source, "--repeat", "0", "--json"]) == 0
+    assert main(["check", scene.source, "--json"]) == 0
     printed = capfd.readouterr()
     assert printed.err == f"xfrustum: warning: {line}\n"
     rows = {row["name"]: row for row in json.loads(printed.out)["effects"]}

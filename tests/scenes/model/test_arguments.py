@@ -129,8 +129,6 @@ def test_functions_refuse_what_they_cannot_mean_too() -> None:
         lambda: xfrustum.cost(scene, tolerance_px=anything),
         lambda: xfrustum.cost(scene, tolerance_px=math.inf),
         lambda: xfrustum.cost(scene, repeat=1.5),  # type: ignore[arg-type]  # that is the point
-        lambda: xfrustum.explain(scene, repeat=-1),
-        lambda: xfrustum.explain(scene, tracer="banana", repeat=0),
         lambda: PlateContent(color=anything),
         lambda: PlateContent(ids=anything),
     ]

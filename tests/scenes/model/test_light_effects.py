@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from tests.support.long_tail import examples
 from xfrustum.cli.main import main
-from xfrustum.reports.explain import explain
+from xfrustum.reports.common.outputs import json_object
+from xfrustum.reports.scene_check.effects import scene_effects
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import (
     Appearance,
@@ -176,9 +177,9 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
         sampling=Sampling(supersample=3, aperture=5),
         transport=Transport(shadows=True, samples=7),
     )
-    plan = explain(
-        asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0)), tracer="mitsuba", repeat=0
-    ).summary()
+    plan = json_object(
+        scene_effects(asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0))).summary()
+    )
     assert plan["cameras"] == ["c"]
     assert [slab["triangles"] for slab in plan["slabs"]] == [0, 1, 0, 0, 0, 0]
     assert plan["slabs"][1]["heights"] == [4.0, 6.0]
@@ -188,52 +189,33 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
     ]
     assert plan["samples"] == {"pixel": 9, "multisample": 1, "aperture": 5}
     assert plan["transport"] == {"shadows": True, "interreflection": False, "samples": 7}
-    assert plan["tracer"] == "mitsuba"
     used = {row["name"] for row in plan["effects"] if row["used"]}
     assert used == {*BASE, "reflection", "antialiasing", "band-limiting", "shadows"}
-    assert all(row["cost_s"] == {"raster": None, "reference": None} for row in plan["effects"])
 
 
-@pytest.mark.slow
-def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
-    plan = explain(scene(), repeat=1)
-    rows = {row["name"]: row["cost_s"] for row in plan.summary()["effects"]}
-    assert {name for name, costs in rows.items() if costs["reference"] is None} == {"c", "c-star"}
-    assert {name for name, costs in rows.items() if costs["raster"] is None} == {
-        "shadows",
-        "interreflection",
-    }
-    text = plan.table()
-    assert "slab 0 to 20 units behind the plate, camera c: 1 triangle\n" in text
-    assert "slab 0 to 10 units before the plate, camera c-star: empty, skipped\n" in text
-
-
-def test_explain_on_the_command_line_prints_one_json_object(
+def test_check_prints_the_effects_as_one_json_object(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["explain", "grating", "--repeat", "0", "--json", "--slabs", "40,50"]) == 0
+    assert main(["check", "grating", "--json", "--slabs", "40,50"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert set(printed) >= {"effects", "cameras", "slabs", "passes", "samples", "tracer"}
+    assert set(printed) >= {"effects", "cameras", "slabs", "passes", "samples"}
     assert [(slab["camera"], slab["triangles"] > 0) for slab in printed["slabs"]] == [
         ("c", True), ("c", False), ("c", False), ("c-star", True), ("c-star", False), ("c-star", False)
     ]  # fmt: skip
     [band] = [row for row in printed["effects"] if row["name"] == "band-limiting"]
     assert band["used"]
     assert band["reason"] == "16 sub-apertures are asked for"
-    assert main(["explain", "car", "--camera", "c", "--repeat", "0"]) == 0
-    assert "camera c alone is asked for" in capsys.readouterr().out
-    assert main(["explain", "car", "--slabs", "400", "--repeat", "0"]) == 2
+    assert main(["check", "car", "--slabs", "400"]) == 2
 
 
-def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
+def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
     """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
-    plan = explain(scene(), settings=DoubleFrustum(near=0.1))
-    told, units = plan.summary()["depths"], plan.summary()["units"]
-    assert units == plan.scene.units
+    plan = scene_effects(scene(), settings=DoubleFrustum(near=0.1))
+    told = plan.depths
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
     # The sheet lies between two bins, and belongs to the inner one.
     [row] = told["rows"]
-    assert (row["side"], row["heights"], row["share"]) == ("behind", [2.5, 5.0], 1.0)
+    assert (row["side"], row["heights"], row["share"]) == ("behind", (2.5, 5.0), 1.0)
     assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
     assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
     np.testing.assert_allclose(row["blur_px"], blur)
@@ -247,11 +229,13 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
         0.7 * 255 * 0.0329
     )
     text = plan.table()
-    assert "1 sub-aperture is used; edges may be off by so many levels of 8 bits: 1: 89.2" in text
+    assert "1 sub-aperture is used; errors at edges in levels of 8 bits" in text
+    assert "1: 89.2" in text
     assert "8,192 keep them under one" in text and "4,096: 1.28" in text and "without cuts" in text
-    inside = [row["side"] for row in explain(scene(sheet(z=0.0))).summary()["depths"]["rows"]]
-    assert inside == ["behind", "before"] and " to any px" in explain(scene(sheet(z=0.0))).table()
-    [sheet_record] = plan.summary()["objects"]
-    assert sheet_record["in_sight"] and sheet_record["effects"] == ["ambient", "diffuse"]
-    beyond = explain(scene(sheet(), sheet(z=-500.0))).summary()["objects"][1]
-    assert not beyond["in_sight"] and beyond["effects"] == []
+    inside = [row["side"] for row in scene_effects(scene(sheet(z=0.0))).depths["rows"]]
+    assert (
+        inside == ["behind", "before"]
+        and " to any px" in scene_effects(scene(sheet(z=0.0))).table()
+    )
+    rows = {row.name: row for row in scene_effects(scene(sheet(), sheet(z=-500.0))).rows}
+    assert rows["diffuse"].objects == (0,) and rows["diffuse"].out_of_sight == (1,)

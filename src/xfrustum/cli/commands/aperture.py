@@ -1,13 +1,12 @@
-"""`trace`, `raster`, `figure7`: one aperture, traced, drawn with the two cameras, and as in the figure."""
+"""`trace`, `raster`: one aperture, traced or drawn with the two cameras."""
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from xfrustum.cli import options
 from xfrustum.cli.light import RASTER, REFERENCE, light_options
-from xfrustum.cli.options import FOLDER, INDEX, POSITIVE, option
+from xfrustum.cli.options import FOLDER, option
 
 
 def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
@@ -95,31 +94,3 @@ def raster(asked: _Raster) -> None:
     options.warn_of_culling(opened, settings)
     with Rasterizer(opened, effects=asked.light.chosen(opened, (chosen,), settings)) as rasterizer:
         write_image(asked.out, rasterizer.render(chosen, settings, normals=True, color=True))
-
-
-class _Figure7(options.Asked):
-    scene: str = options.argument(default="car-studio")
-    aperture = options.aperture_option
-    other = option(INDEX, "Second perspective of C*.  [default: where it shows most]")
-    near = option(POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
-    out = option(FOLDER, "Folder.  [default: figure7/NAME]")
-
-
-@options.command("xfrustum figure7 car --out figure7")
-def figure7(asked: _Figure7) -> None:
-    """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
-
-    C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
-    """
-    opened = options.open_scene(asked.scene)
-    chosen = options.chosen_aperture(opened, asked.aperture)
-    second = None if asked.other is None else opened.plate.aperture(*asked.other)
-    from xfrustum.reports import figure7 as figures
-    from xfrustum.reports.error_report.report import default_folder
-
-    folder = asked.out or Path("figure7") / default_folder(opened).name
-    options.check_out(folder, figures.FILES)
-    options.look_at(opened, [chosen])
-    settings = figures.default_settings(opened, asked.near)
-    figures.write_figure(opened, chosen, settings, second, folder)
-    options.echo(str(folder / "index.html"))

@@ -7,6 +7,7 @@ from typing import Any
 
 from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, LENGTH, SIZE, TEXT, flag, one_of, option, several
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.terminal import say
 
 
@@ -88,22 +89,36 @@ def new(asked: _New) -> None:
 
 class _Check(options.Printed):
     scene = options.scene_argument
+    aperture = options.aperture_option
+    near = option(options.POSITIVE, "Near offset of the errors by depth.  [default: reach/1000]")
+    slabs = option(options.NUMBERS, "Heights |z| at which both frusta are cut.", default=())
+    viewer = option(LENGTH, "Viewing distance, such as 600mm: adds what a viewer notices of near.")
     out = option(FOLDER, "Folder for side.svg and top.svg.")
 
 
-@options.command("xfrustum check car --out views")
+@options.command("xfrustum check car --viewer 600 --near 0.1 --out views")
 def check(asked: _Check) -> int:
-    """Say where each object lies, which apertures see it, and what looks like a mistake.
+    """List where each object lies, which apertures see it, likely mistakes, and effects.
 
-    Exit status 1 if no aperture of the plate sees anything.
+    The effects are those that images of an aperture call for, each with the fact that decides it,
+    and closed-form errors of near offset, depth buffer, shear and band limiting by depth. Exit
+    status 1 if no aperture of the plate sees anything.
     """
     from xfrustum.scenes import open_scene
 
     opened = open_scene(asked.scene)
     from xfrustum.reports.scene_check import checking
+    from xfrustum.reports.scene_check.effects import default_near
 
     options.check_out(asked.out, checking.FILES)
-    found = checking.check(opened)
+    aperture = options.chosen_aperture(opened, asked.aperture)
+    near = asked.near or default_near(opened)
+    distance = None
+    if asked.viewer is not None:
+        from xfrustum.compare.eye.noticeable import scene_length
+
+        distance = scene_length(asked.viewer, opened)
+    found = checking.check(opened, aperture, DoubleFrustum(near=near, slabs=asked.slabs), distance)
     files = () if asked.out is None else checking.write_check(found, asked.out)
     for warning in found.warnings:
         say(f"warning: {warning}")

@@ -1,0 +1,271 @@
+"""Effects that a scene calls for, closed-form errors by depth, and what a viewer notices of near."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.extent import DepthBin, depth_bins
+from xfrustum.compare.prediction import band_limiting
+from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.reports.common.templates_environment import Filters, plain_text
+from xfrustum.scenes import Aperture, DoubleFrustum, Scene
+from xfrustum.scenes.model.effects import Effect, Question, SlabContent, decide, slab_contents
+from xfrustum.scenes.notebook import aligned, counted, digits, percent
+from xfrustum.tolerances import TOLERANCE_PX
+
+DEFAULT_NEAR_PER_REACH = 1e-3  #: near offset where none is stated, share of the longest reach
+
+EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
+"""Numbers of sub-apertures whose errors are listed: the middle alone, and affordable ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectRow:
+    """One effect or one setting of sampling: used or left out, and the fact that decided it."""
+
+    name: str
+    used: bool
+    reason: str
+    objects: tuple[int, ...] = ()  #: numbers of objects that call for it and may be shown
+    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that call for it and cannot be shown
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneEffects:
+    """Effects of the images of one aperture, decided from the scene alone."""
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    rows: tuple[EffectRow, ...]
+    slabs: tuple[SlabContent, ...]  #: of both cameras, from the back
+    depths: dict[str, Any]  #: content of the frustum by depth, with errors in closed form
+    viewer: dict[str, Any] | None = field(default=None)  #: `viewer_record`; None without a viewer
+
+    def summary(self) -> dict[str, Any]:
+        """Return the keys that effects add to `check --json`."""
+        sampling, used = self.scene.sampling, {row.name for row in self.rows if row.used}
+        # One pass of the rasterizer per slab with content, of the cameras in use.
+        drawn = [slab for slab in self.slabs if slab.triangles and slab.camera.value in used]
+        kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
+        return {
+            "aperture": self.aperture.index,
+            "effects": self.rows,
+            "depths": self.depths,
+            "cameras": list(dict.fromkeys(slab.camera for slab in drawn)),
+            "slabs": self.slabs,
+            "passes": [
+                {"camera": slab.camera, "heights": slab.heights, "draws": kind}
+                for kind in kinds
+                for slab in drawn
+            ],
+            "samples": {
+                "pixel": sampling.supersample**2,
+                "multisample": sampling.multisample,
+                "aperture": sampling.aperture,
+            },
+            "transport": self.scene.transport,
+        } | ({} if self.viewer is None else {"viewer": self.viewer})
+
+    def table(self) -> str:
+        """Return the effects, the errors by depth and the limits of the viewer as text."""
+        units = self.scene.units
+        effects = [("effect", "", "because")]
+        effects += [(row.name, "used" if row.used else "left out", row.reason) for row in self.rows]
+        head = ("surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
+        by_depth: list[tuple[str, ...]] = [(f"|z| ({units})", *head)]
+        for one in self.depths["rows"]:
+            blur = (digits(b) if math.isfinite(b) else "any" for b in one["blur_px"])
+            by_depth.append(
+                (
+                    f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
+                    percent(one["share"]),
+                    f"{digits(one['near_px'])} px",
+                    f"{digits(one['shear_px'])} px",
+                    f"{digits(one['separation'])} {units}",
+                    f"{' to '.join(blur)} px",
+                    _points(one["sub_apertures"]),
+                )
+            )
+        values = {
+            "plan": self,
+            **self.summary(),
+            "units": units,
+            "effects": aligned(effects, str.ljust),
+            "by_depth": aligned(by_depth, str.ljust),
+        }
+
+        def depth(value: float) -> str:
+            return "any depth" if math.isinf(value) else f"{digits(value)} {units}"
+
+        filters: Filters = {"points": _points, "depth": depth}
+        return plain_text("check-effects.txt.j2", values, filters).removesuffix("\n")
+
+
+def scene_effects(
+    scene: Scene,
+    aperture: Aperture | None = None,
+    settings: DoubleFrustum | None = None,
+    viewer_distance: float | None = None,
+) -> SceneEffects:
+    """Return the effects of an aperture's images, from the scene alone.
+
+    The aperture is the middle one where None; the settings those of `default_near` without cuts.
+    InputError where settings do not fit the scene, or a surface lies behind the viewer.
+    """
+    aperture = aperture or scene.plate.middle
+    settings = settings or DoubleFrustum(near=default_near(scene))
+    settings.check_against(scene.frustum)
+    question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
+    rows = [
+        EffectRow(
+            name=one.effect,
+            used=one.used,
+            reason=one.reason,
+            objects=one.objects,
+            out_of_sight=one.out_of_sight,
+        )
+        for one in decide(scene, question)
+    ]
+    # Antialiasing, band limiting and light paths change the picture: they are used on request.
+    sampling, transport = scene.sampling, scene.transport
+    side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
+    smooth = f"{side} x {side} points a pixel and {counted(many, 'coverage sample')} are asked for"
+    paths = f"asked for, with {transport.samples} light paths a pixel"
+    for name, used, reason in (
+        ("antialiasing", side > 1 or many > 1, smooth),
+        ("band-limiting", points > 1, f"{points} sub-apertures are asked for"),
+        ("shadows", transport.shadows, paths),
+        ("interreflection", transport.interreflection, paths),
+    ):
+        rows.append(EffectRow(name=name, used=used, reason=reason if used else "not asked for"))
+    viewer = None if viewer_distance is None else viewer_record(scene, viewer_distance, settings)
+    return SceneEffects(
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        rows=tuple(rows),
+        slabs=slab_contents(scene, settings),
+        depths=depths(scene, aperture, settings),
+        viewer=viewer,
+    )
+
+
+def default_near(scene: Scene) -> float:
+    """Return the near offset where none is stated."""
+    return DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach
+
+
+def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
+    """Return the content of an aperture's frustum by depth, with closed-form errors of each bin.
+
+    The near offset displaces what lies below the first cut, and a fit reduces that: by default the
+    first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
+    """
+    film, screen = np.array(scene.frustum.resolution), scene.frustum.screen
+    corner_px, contrast = math.hypot(*film) / 2, band_limiting.contrast_of(scene, [aperture])
+    fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
+    sheared_px = 0.0
+    if screen is not None:
+        # A shear of n per unit of depth moves the film by (W/2 kx/tx, H/2 ky/ty) pixels; k/t is
+        # the distance from the aperture to the screen's middle, in half sizes of the screen.
+        away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
+        sheared_px = float(np.hypot(*(film / 2 * away)))
+    rows: list[dict[str, Any]] = []
+    nears, widest_blurs = list(settings.slabs), []
+    for one in depth_bins(scene, [aperture]):
+        of_fit = 1.0 if fitted is None else abs(1 - one.nearest / fitted)
+        moved = 0.0
+        if one.nearest < settings.sections(_reach(scene, one))[0][1]:
+            moved = settings.near / (one.nearest + settings.near)
+            # corner of_fit n / (|z| + n) = tolerance, solved for n.
+            rest = max(corner_px * of_fit - TOLERANCE_PX, TOLERANCE_PX)
+            nears.append(one.nearest * TOLERANCE_PX / rest)
+        widest, least = band_limiting.blurs(scene, one)
+        widest_blurs.append(widest)
+        rows.append(
+            {
+                "side": "behind" if one.behind else "before",
+                "heights": one.heights,
+                "nearest": one.nearest,
+                "farthest": one.farthest,
+                "triangles": one.triangles,
+                "share": one.share,
+                "near_px": corner_px * moved * of_fit,
+                "shear_px": sheared_px * moved,
+                "separation": _separation(scene, one, settings),
+                "blur_px": (least, max(widest)),
+                "sub_apertures": band_limiting.sub_apertures_for(widest, contrast),
+            }
+        )
+    counts = [row["sub_apertures"] for row in rows]
+
+    def levels(count: int) -> float:
+        errors = (band_limiting.error_bound(count, one, contrast) for one in widest_blurs)
+        return max(errors, default=0.0) / band_limiting.LEVEL
+
+    return {
+        "rows": rows,
+        "near": settings.near,
+        "largest_near": min(nears, default=0.0) or None,
+        "tolerance_px": TOLERANCE_PX,
+        "contrast": contrast,
+        "sub_apertures": None if None in counts else max(filter(None, counts), default=1),
+        "cuts": settings.slabs,
+        "band_errors": [{"sub_apertures": n, "levels": levels(n)} for n in EXAMPLE_SUB_APERTURES],
+    }
+
+
+def _reach(scene: Scene, content: DepthBin) -> float:
+    return scene.frustum.reach[1 if content.behind else 0]
+
+
+def _separation(scene: Scene, content: DepthBin, settings: DoubleFrustum) -> float:
+    """Return the smallest separation that is ordered at a bin's farthest content, scene units."""
+    sections = settings.sections(_reach(scene, content))
+    low, high = next((ends for ends in sections if content.farthest <= ends[1]), sections[-1])
+    # The first slab's camera has stepped back; those of the other slabs stand in the aperture.
+    back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
+    w = np.array([content.farthest + back])
+    found = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
+    return float(found[0])
+
+
+def _points(count: int | None) -> str:
+    return "over 65,536" if count is None else f"{count:,}"
+
+
+def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
+    """Return the limits of a display for a viewer at a distance, and whether near is seen there.
+
+    All surfaces within the reach count, hidden or not; InputError where one lies behind the viewer.
+    """
+    # Deferred: measures of eyes load the ray tracers, and `check` without a viewer needs none.
+    from xfrustum.compare.eye import noticeable  # noqa: PLC0415
+    from xfrustum.compare.planning.viewer import (  # noqa: PLC0415
+        CRACK,
+        STEREO,
+        ViewerRequirement,
+        binding,
+    )
+
+    viewer, display = noticeable.Viewer(distance=distance), noticeable.Display.from_scene(scene)
+    content = noticeable.surface_content(scene)
+    noticeable.require_before_viewer(scene, content, viewer)
+    requirement = ViewerRequirement(viewer=viewer, display=display, content=content)
+    limits, noticed = requirement.limits_with(settings), requirement.noticed(settings)
+    binds = binding(limits)
+    return {
+        "limits": noticeable.display_limits(scene, viewer),
+        "near": settings.near,
+        "near_limits": limits,
+        "largest_unseen_near": math.inf if binds is None else binds.largest_near,
+        "stereo_change_arcsec": noticed[STEREO][0] if STEREO in noticed else None,
+        "crack_arcmin": noticed[CRACK][0] if CRACK in noticed else None,
+        "seen": any(there > allowed for there, allowed, _ in noticed.values()),
+        "bent": scene.frustum.recentered,
+    }
