@@ -35,12 +35,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of test data beside the checkout; tests that need it skip where it is not there."""
+    """Return the folder of test data beside the checkout; skip the test where it is missing."""
     folder = CHECKOUT.parent / "shared"
     if not folder.is_dir():
-        pytest.skip(
-            "needs ../shared, the folder of test data beside the checkout, which is not here"
-        )
+        pytest.skip("needs ../shared, the folder of test data beside the checkout")
     return folder
 
 
@@ -70,8 +68,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> World:
 @pytest.fixture(scope="session", params=["centered", "recentered", "tiny"])
 def world(request: pytest.FixtureRequest) -> World:
     """Each of the three worlds in turn."""
-    found: World = request.getfixturevalue(request.param)
-    return found
+    return cast("World", request.getfixturevalue(request.param))
 
 
 @cache

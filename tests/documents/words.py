@@ -1,0 +1,137 @@
+"""Check of the words of source files: `python -m tests.documents.words [PATH ..]`.
+
+Without a path, the rooms of `CLEAN` are checked, as in `make test`. Prints one line for each
+violation and exits with status 1 if there is any.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import sys
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+COLUMNS = 100
+
+#: Rooms and modules whose words are checked in `make test`. To extend it to all: `CLEAN = ALL`.
+ALL = ("scenes", "reference", "raster", "compare", "reports", "research", "src", "scripts", "tests")
+CLEAN: tuple[str, ...] = (
+    "tests/documents/words.py",
+    "tests/documents/test_words.py",
+    "tests/support/worlds.py",
+    "tests/conftest.py",
+)
+
+#: First words of no sentence.
+BEGINNING = re.compile(r"(?:What|That|Those|Who|Whoever|Whether|Of)\b")
+#: Phrases of no docstring and no comment; `(?# ..)` holds the advice.
+PHRASES = [
+    (re.compile(pattern, re.IGNORECASE), advice)
+    for pattern, advice in (
+        (r"\b(?:asks?|asked|asking)\b", "programs query, request or call"),
+        (r"\b(?:tells?|told|telling)\b", "programs return, print or report"),
+        (r"\b(?:says?|said|saying)\b", "programs state, print or name"),
+        (r"\b(?:knows?|knew|knowing)\b", "programs store or have"),
+        (r"\b(?:wants?|wanted|wanting)\b", "programs need or request"),
+        (r"\b(?:nobody|somebody|whoever|anybody)\b", "name the role: user, renderer, caller"),
+        (r"\b(?:that|those|the one|the ones) of\b", "repeat the noun"),
+        (r"\b(?:the ones?|that) (?:that|which|who)\b", "repeat the noun"),
+        (r"\bof what\b|\bwhat (?:is|are|was|has|have|it|they|a|an|the|no|one)\b", "name the thing"),
+        (r"\bso many\b|\bas it is\b|\bas they are\b", "name the number or state"),
+    )
+]  # fmt: skip
+#: Names of no variable, parameter, function or attribute.
+NAMES = frozenset(
+    ("found", "asked", "told", "said", "wanted", "beside", "given", "one", "hopeless", "companions")
+)
+
+Violation = tuple[int, str]
+
+
+def violations(source: str) -> Iterator[Violation]:
+    """Yield the line and the description of each violation in a module."""
+    for number, line in enumerate(source.splitlines(), 1):
+        if len(line) > COLUMNS:
+            yield number, f"{len(line)} columns, at most {COLUMNS}"
+    tree = ast.parse(source)
+    for number, text in (*docstrings(tree), *comments(source)):
+        yield from ((number, problem) for problem in problems(text))
+    for number, name in stored_names(tree):
+        if name in NAMES:
+            yield number, f"the name {name!r}: use the noun"
+
+
+def problems(text: str) -> Iterator[str]:
+    """Yield the descriptions of the forbidden words of one docstring or comment."""
+    words = re.sub(r"`[^`]*`|\"[^\"]*\"", "``", text)  # quoted code and messages are exempt
+    for sentence in re.split(r"(?<=[.:;?!])\s+|\n\s*\n|\n\s*-+\n", words):
+        if BEGINNING.match(sentence.strip()):
+            yield f"a sentence begins with {sentence.split()[0]!r}: {sentence.strip()[:60]!r}"
+    flat = " ".join(words.split())
+    for pattern, advice in PHRASES:
+        if match := pattern.search(flat):
+            yield f"{match[0]!r} ({advice}): {flat[max(0, match.start() - 25) :][:60]!r}"
+
+
+def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each docstring, the strings below attributes included."""
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        for statement in body if isinstance(body, list) else ():
+            value = statement.value if isinstance(statement, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                yield statement.lineno, value.value
+
+
+def comments(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each comment; comments on consecutive lines are joined."""
+    start, last, text = 0, -1, ""
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type != tokenize.COMMENT or re.match(r"#\s*(?:noqa|fmt:|type:|!)", token.string):
+            continue
+        row, words = token.start[0], token.string.lstrip("#: ")
+        if row == last + 1 and token.line.lstrip().startswith("#"):
+            last, text = row, f"{text} {words}"
+            continue
+        if text:
+            yield start, text
+        start, last, text = row, row, words
+    if text:
+        yield start, text
+
+
+def stored_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and name of each variable, parameter, function and assigned attribute."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, node.name
+
+
+def modules(paths: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the Python files at or below some paths, relative to the checkout."""
+    for path in paths:
+        place = CHECKOUT / path
+        yield from [place] if place.suffix == ".py" else sorted(place.rglob("*.py"))
+
+
+def report(paths: tuple[str, ...]) -> list[str]:
+    """Return one line for each violation in the modules at or below some paths."""
+    return [
+        f"{module.relative_to(CHECKOUT)}:{line}: {problem}"
+        for module in modules(paths)
+        for line, problem in sorted(violations(module.read_text(encoding="utf-8")))
+    ]
+
+
+if __name__ == "__main__":
+    lines = report(tuple(sys.argv[1:]) or CLEAN)
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    sys.exit(bool(lines))
