@@ -43,7 +43,7 @@ def shared_data() -> Path:
 
 
 def _worlds() -> Any:
-    """Return the module of worlds, which loads all of the product: tests of files need none of it."""
+    """Return the module of worlds, imported late: it loads the whole product."""
     return import_module("tests.support.worlds")
 
 
