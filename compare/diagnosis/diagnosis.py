@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.diagnosis.composition import compared, find_composition
-from xfrustum.compare.diagnosis.depth_faults import REACH, find_depth_buffer, reach_guess
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
@@ -35,7 +34,7 @@ from xfrustum.compare.diagnosis.geometry_fit import (
     fit_geometry,
     outside_px,
 )
-from xfrustum.compare.diagnosis.hogel_faults import MIN_OUTLYING_FRACTION, hogel_guesses, outlying
+from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register, with_near
 from xfrustum.compare.diagnosis.scene_faults import Guess, scene_guesses, with_axes
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
@@ -349,7 +348,7 @@ def diagnosis_of(evidence: TestSet) -> Diagnosis:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
         means = f"{_counted(len(evidence.tested), 'hogel')}, in which nothing is wrong"
         found = Diagnosis(model=evidence.nominal, means=means, nothing_wrong=True)
-    found = _with_depth(evidence, _with_film(evidence, found))
+    found = _with_film(evidence, found)
     pictures = [one for one in evidence.images if one.color is not None]
     if not pictures or not found.model.plain or {*SHADINGS} & {*found_in(found.model)}:
         return found
@@ -443,8 +442,7 @@ def _of_wrong(evidence: TestSet) -> Diagnosis:
         return _with_other_faults(whole, with_axes(whole, distinct[-1]), found)
     guesses = (
         hogel_guesses(whole, claims, distinct),
-        filter(None, (reach_guess(whole, fit) for fit in distinct)),
-        scene_guesses(whole, claims, distinct),
+        scene_guesses(whole, distinct),
     )
     return _with_other_faults(whole, chain.from_iterable(guesses), found)
 
@@ -452,7 +450,7 @@ def _of_wrong(evidence: TestSet) -> Diagnosis:
 def _with_other_faults(evidence: TestSet, guesses: Iterable[Guess], found: Diagnosis) -> Diagnosis:
     """Return a diagnosis with faults that are no conventions, that explain more, or as much with fewer."""
     for guess, more in guesses:
-        named = {one for one, _ in (*guess.model.shows, *guess.model.offsets)}
+        named = {one for one, _ in guess.model.shows}
         odd = [image for image in evidence.images if image.camera.aperture.index in named]
         # Hogels that are named by themselves must be explained by themselves too.
         of_named, model = evidence.of(odd) if odd else evidence, evidence.reduced(guess.model)
@@ -470,8 +468,8 @@ def _with_other_faults(evidence: TestSet, guesses: Iterable[Guess], found: Diagn
         simpler = len(faults) < len(found.faults) and not of_named.pays(found.model, model)
         if evidence.spares(model) and (better or simpler):
             found = Diagnosis(model=model, faults=faults, means=found.means)
-            # A shorter reach nearly explains that the farthest object is missing, and the reverse.
-            # Several objects that are off may be one mistake of the cameras, which is tried later.
+            # Several objects that are missing may be one mistake of the cameras, which is tried
+            # later.
             if len(more) <= 1 and not _left(evidence, found):
                 break
     return found
@@ -480,25 +478,6 @@ def _with_other_faults(evidence: TestSet, guesses: Iterable[Guess], found: Diagn
 def _left(evidence: TestSet, found: Diagnosis) -> bool:
     """Return whether a diagnosis leaves something to explain in any hogel."""
     return any(outlying(evidence.of([one]), found.model) for one in evidence.images)
-
-
-def _with_depth(evidence: TestSet, found: Diagnosis) -> Diagnosis:
-    """Return a diagnosis that names a coarse depth buffer, where that explains what all else leaves wrong.
-
-    The order of drawing excuses such pixels one by one; here it must say what each of them shows.
-    Surfaces that are lost at the clear value look like those beyond a shorter reach.
-    """
-    others = [fault for fault in found.faults if fault.fault not in REACH]
-    plain = replace(found.model, reach=None)
-    left, pixels = evidence.wrong(plain), sum(image.triangle.size for image in evidence.tested)
-    guess = find_depth_buffer(evidence, plain) if left > MIN_OUTLYING_FRACTION * pixels else None
-    if guess is None or evidence.wrong(guess[0]) > (1 - MIN_EXPLAINED_FRACTION) * left:
-        return found
-    if not evidence.pays(guess[0], found.model):
-        return found
-    share = evidence.share(guess[0])
-    faults = tuple(replace(fault, explains=share) for fault in (*others, guess[1]))
-    return replace(found, model=guess[0], faults=faults, does_not_explain=())
 
 
 def _with_film(evidence: TestSet, found: Diagnosis) -> Diagnosis:

@@ -38,7 +38,7 @@ from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
-EQUAL_ANGLES, DISTORTION, WRAPPED, RESAMPLED = "equal-angles", "distortion", "wrapped", "resampled"
+EQUAL_ANGLES, WRAPPED, RESAMPLED = "equal-angles", "wrapped", "resampled"
 TOGETHER = "together"  # Several numbers none of which explains anything without the others
 
 MISTAKEN_UNITS = {
@@ -246,12 +246,6 @@ def _of_film(film: Film) -> Iterator[Defect]:
         value = "x and y" if film.angles == "xy" else film.angles
         words = f"pixels are spaced by equal angles along {value}: a flat film has equal tangents"
         yield Defect(fault=EQUAL_ANGLES, value=value, words=words)
-    if film.distortion:
-        way = "farther out" if film.distortion > 0 else "farther in"
-        words = (
-            f"a lens distorts the film: lines of its corners lie {abs(film.distortion):.3%} {way}"
-        )
-        yield Defect(fault=DISTORTION, value=film.distortion, unit="ratio", words=words)
     if film.unsheared or any(film.rolled):
         (x, y), told = film.rolled, "in place of the frustum's shear"
         if not film.unsheared:
@@ -380,22 +374,6 @@ def _numbers(
             words=words,
             alternatives=tuple(others),
         )
-
-
-def moved_words(scene: Scene, offset: Sequence[float], smallest: float) -> str:
-    """Return a move in words, such as `0.6 mm to the right`, without components below the smallest."""
-    sides = (
-        ("to the left", "to the right"),
-        ("downward", "upward"),
-        ("to the back", "toward the viewer"),
-    )
-    moves = zip(offset, sides, strict=True)
-    found = [
-        f"{abs(one):.3g} {scene.units} {side[one > 0]}"
-        for one, side in moves
-        if abs(one) > smallest
-    ]
-    return " and ".join(found) or "not moved"
 
 
 def _is_ratio(fault: str) -> bool:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 from skimage.registration import phase_cross_correlation
 
-from xfrustum.compare.diagnosis.geometry_fit import ANGLES, DISTORTIONS
+from xfrustum.compare.diagnosis.geometry_fit import ANGLES
 from xfrustum.compare.renderer_model.drawn_model import Film
 from xfrustum.scenes.model.hogel_image import NOTHING
 
@@ -24,16 +22,12 @@ Picture = NDArray[Any]
 # enlarged.
 DRAWN_SIZES = (3 / 4, 2 / 3, 1 / 2, 1 / 3, 1 / 4)
 
-# Numbers of distortions of a lens that are tried at a time, and how often finer ones follow: each
-# time about the best, within its two neighbors. The last ones are 1e-4 apart.
-DISTORTION_TRIALS, FINER_DISTORTIONS = 17, 4
-
 
 def films_of(
     evidence: TestSet, pictures: Sequence[tuple[Picture, list[Picture]]]
 ) -> Iterator[Film]:
     """Yield films on which pixels may lie, by some images; `pictures` are these beside what was asked for."""
-    images, nominal, reference = evidence.images, evidence.nominal, evidence.reference
+    images, reference = evidence.images, evidence.reference
     rolls = []
     for shown, (right,) in pictures:
         if not (shown.any() and right.any()):  # All black pictures lie nowhere.
@@ -52,14 +46,3 @@ def films_of(
     if any((image.triangle != NOTHING).any() for image in images):
         return  # The fit of geometry has tried lenses.
     yield from (Film(angles=angles) for angles in ANGLES)
-    best, step = 0.0, float(np.ptp(DISTORTIONS))
-    for finer in range(FINER_DISTORTIONS):
-        if finer > 1 and not best:
-            return  # None makes more pixels right than a film without a lens.
-        step /= DISTORTION_TRIALS - 1
-        tried = (best + step * (np.arange(DISTORTION_TRIALS) - DISTORTION_TRIALS // 2)).tolist()
-        best = min(
-            tried, key=lambda one: evidence.wrong(replace(nominal, film=Film(distortion=one)))
-        )
-        step *= 2
-    yield Film(distortion=best)

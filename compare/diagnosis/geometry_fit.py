@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares, linprog, minimize_scalar
+from scipy.optimize import least_squares, linprog
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
@@ -128,19 +128,11 @@ UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
-# Lenses that are tried: spacings by equal angles, and distortions of a film's corners. The
-# precision of the latter moves the corner of a film of 2000 pixels by a thousandth of one. Then
-# come steps about the best one.
-ANGLES, DISTORTIONS, DISTORTION_PRECISION = (
-    ("xy", "x", "y", RADIUS),
-    np.linspace(-0.4, 0.4, 81),
-    1e-6,
-)
+# Spacings of pixels by equal angles that are tried.
+ANGLES = ("xy", "x", "y", RADIUS)
 MAX_LENS_RATIO = (
     0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
 )
-DISTORTION_STEPS = np.linspace(-2e-3, 2e-3, 81)
-
 Found = list[tuple[RendererModel, tuple[str, ...]]]
 """Guesses, the preferred one first, each with the names of its groups that were fitted."""
 
@@ -372,21 +364,6 @@ def fit_geometry(
     )
 
 
-def fit_alone(claims: PixelClaims, model: RendererModel, groups: Sequence[str]) -> RendererModel:
-    """Return a guess with some groups of numbers fitted to claims, and all else as it is."""
-    return _Fitting(scene=claims.scene, nominal=model).fitted(claims, model, groups)
-
-
-def interval_alone(
-    claims: PixelClaims, model: RendererModel, groups: Sequence[str]
-) -> tuple[Floats, Floats]:
-    """Return the lowest and highest values (P,) of some groups of numbers under which claims hold as well."""
-    _, low, high = _interval(
-        claims, model, _determined(claims.scene, groups), _noise(claims, model)
-    )
-    return low, high
-
-
 def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
     """Return the places of the numbers of some groups that images determine.
 
@@ -562,27 +539,11 @@ class _Fitting:
     def bent(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> Found:
         """Return the guess with a lens before the film, and one group off nominal at most, that holds."""
         few, films = claims.thinned(MAX_SCREENED_CLAIMS), [Film(angles=angles) for angles in ANGLES]
-        films += [Film(distortion=distortion) for distortion in DISTORTIONS.tolist()]
         plain = dict.fromkeys(one.with_parameters(self.nominal.parameters) for one in starts)
         tried = [replace(start, film=film) for start, film in itertools.product(plain, films)]
         least, best = min(((_misfit(few, one), one) for one in tried), key=lambda pair: pair[0])
         if least > MAX_LENS_RATIO * min(_misfit(few, start) for start in starts):
             return []
-        if best.film.distortion:
-
-            def misfit(distortion: float) -> float:
-                return _misfit(claims, replace(best, film=Film(distortion=distortion)))
-
-            step, options = float(np.ptp(DISTORTIONS[:2])), {"xatol": DISTORTION_PRECISION}
-            within = best.film.distortion - step, best.film.distortion + step
-            finest = float(
-                minimize_scalar(misfit, bounds=within, method="bounded", options=options).x
-            )
-            # Where several hold equally well, as all of them may on a coarse film, the middle is
-            # taken.
-            failures = {one: misfit(one) for one in (finest + DISTORTION_STEPS).tolist()}
-            held = [one for one, failure in failures.items() if failure == min(failures.values())]
-            best = replace(best, film=Film(distortion=(min(held) + max(held)) / 2))
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:

@@ -2,8 +2,6 @@
 
 Orientation and order are found by normalized correlation. The sampling point and the field of view
 are found by moving a finer picture of the reference until its difference from the image is least.
-Other numbers, such as the place of one object, are found by drawing again until the pictures agree
-(`fit_drawn`).
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,15 +20,12 @@ from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS, GeometryFit
-from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import (
     as_gray,
     as_stored,
     picture_of,
-    reference_colors,
-    trace_drawn,
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
@@ -61,13 +56,8 @@ SHIFT_TOLERANCE_PX = 1e-3
 NEAR_PRECISION = 1e-3
 
 # Standard deviation of the filter under which outlines that lie pixels apart still attract each
-# other. Those of drawn pictures begin farther apart: each filter leads to within the next one's
-# range.
-BLUR_PX, BLURS_PX = 1.5, (4.0, 1.0)
-
-# Largest numbers of fits with each filter, and of the search without, for each number; and step by
-# which drawn places are told to move, in units of the number.
-DRAWN_TRIALS, CLOSEST_TRIALS, UNIT_STEP = 6, 30, 1e-4
+# other.
+BLUR_PX = 1.5
 
 # Largest difference in brightness that is taken for a small error. A pixel with a larger one shows
 # another surface, and how much brighter this surface is says nothing about the geometry.
@@ -311,73 +301,6 @@ def _closest_units(different: Callable[[Floats], float], count: int, trials: int
     return np.asarray(
         minimize(different, np.zeros(count), method="Nelder-Mead", options=settings).x
     )
-
-
-def fit_drawn(
-    evidence: TestSet,
-    model_of: Callable[[Floats], RendererModel],
-    start: Floats,
-    *,
-    roughly: bool = False,
-) -> Floats:
-    """Return the numbers (K,) of a guess under which its drawn pictures differ least from all of some images.
-
-    `model_of` returns the guess with some numbers, of which `start` is within `BLURS_PX` of the
-    right ones; `roughly` ends within some tenths of a pixel.
-    """
-    values, scales = start, DERIVATIVE_STEP_PX / px_per_unit(evidence, model_of, start)
-    objects = len(evidence.reference.scene.objects)
-
-    def gray(image: HogelImage) -> Floats:
-        return as_gray(image) if image.color is not None else (image.object + 1.0) / objects
-
-    def errors(values: Floats, blur_px: float) -> Floats:
-        model, found = model_of(values), []
-        reference = changed(evidence.reference, model.changes)
-        for image in evidence.images:
-            drawn = trace_drawn(
-                reference, model, model.answers(reference.scene, image.camera.aperture)
-            )
-            drawn = drawn if image.color is None else reference_colors(reference, model, drawn)
-            drawn = as_stored(drawn, image)
-            found.append(gaussian_filter(gray(drawn) - model.upright(gray(image)), blur_px).ravel())
-        return np.concatenate(found)
-
-    def near(units: Floats, start: Floats, steps: Floats, blur_px: float) -> Floats:
-        return errors(start + units * steps, blur_px)
-
-    for blur_px in BLURS_PX:
-        steps = scales * max(1.0, blur_px)
-        fitted = partial(near, start=values, steps=steps, blur_px=blur_px)
-        values = values + _least_units(fitted, len(start), DRAWN_TRIALS) * steps
-    if roughly:
-        return values
-
-    def different(units: Floats) -> float:
-        pixels = np.abs(near(units, values, scales / DERIVATIVE_STEP_PX, 0.0))
-        return float(np.minimum(pixels, MAX_BRIGHTNESS_DIFFERENCE).mean())
-
-    found = _closest_units(different, len(start), CLOSEST_TRIALS * len(start))
-    return np.asarray(values + found * scales / DERIVATIVE_STEP_PX)
-
-
-def px_per_unit(
-    evidence: TestSet, model_of: Callable[[Floats], RendererModel], values: Floats
-) -> Floats:
-    """Return by how many pixels (K,) the vertices that each number of a guess moves are drawn elsewhere."""
-
-    def drawn(values: Floats) -> Floats:
-        model = model_of(values)
-        scene = changed(evidence.reference, model.changes).scene
-        there = [model.answers(scene, image.camera.aperture) for image in evidence.images]
-        return np.concatenate([model.project(scene, one, scene.vertices) for one in there])
-
-    here, found = drawn(values), []
-    for step in UNIT_STEP * np.eye(len(values)):
-        far = np.linalg.norm(drawn(values + step) - here, axis=1)
-        # The median, because those in the plate itself move by any distance.
-        found.append(float(np.median(far[far > 0])) / UNIT_STEP if (far > 0).any() else 1.0)
-    return np.array(found)
 
 
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:

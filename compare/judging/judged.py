@@ -473,7 +473,7 @@ class _Compared:
                 pictures.reference_colors(reference, question, answer), image
             )
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
-        shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
+        shown = judged_pixels(answer) & (answer.covered | covered)
         outlined = None
         if by == "color":
             differs = pictures.colors_differ(answer, turned, judging.tolerance(question, image))

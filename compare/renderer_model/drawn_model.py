@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture, Frustum
@@ -45,8 +45,8 @@ class Kind(Enum):
 
 
 Index = tuple[int, int]
-OTHER_FIELDS = ("changes", "shows", "offsets", "odd_lines", "reach", "depth")
-"""Fields of `RendererModel` of mistakes of the scene, of single hogels, of rows and of depth."""
+OTHER_FIELDS = ("changes", "shows")
+"""Fields of `RendererModel` of mistakes of the scene and of single hogels."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -225,9 +225,6 @@ class Film:
     # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the
     # radius.
     angles: str = ""
-    # By which part a lens moves lines at the film's corners outward; it grows by the square of the
-    # radius.
-    distortion: float = 0.0
     # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the
     # other side.
     rolled: tuple[int, int] = (0, 0)
@@ -246,11 +243,9 @@ class Film:
             x = np.tan(u * math.atan(tx))
         if "y" in self.angles:
             y = np.tan(v * math.atan(ty))
-        if self.angles == RADIUS or self.distortion:
+        if self.angles == RADIUS:
             share = np.hypot(x, y) / corner
-            factor = 1 + self.distortion * np.square(share)
-            if self.angles == RADIUS:
-                factor = np.tan(share * math.atan(corner)) / np.maximum(share * corner, 1e-12)
+            factor = np.tan(share * math.atan(corner)) / np.maximum(share * corner, 1e-12)
             x, y = x * factor, y * factor
         return x / tx, y / ty
 
@@ -271,29 +266,6 @@ class Film:
         return np.stack((kx + x * tx, ky + y * ty, np.full_like(x, -1.0)), axis=-1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class DepthBuffer:
-    """A depth buffer that is too coarse: surfaces are stored at one depth, and the order of drawing decides.
-
-    It is 16 bits deep in the standard mapping. What it shows depends on the product of near plane
-    and number of steps alone, wherever near is small against all distances.
-    """
-
-    near: (
-        float  # distance of the near plane, scene units; w is this, and the distance from the plate
-    )
-    last_wins: bool = (
-        False  # whether equal depths pass the test, so that the triangle drawn last wins
-    )
-    cleared: bool = False  # whether surfaces that are stored at the clear value are lost
-
-    def stored(self, distance: Floats, reach: float) -> Floats:
-        """Return the whole steps that are stored of surfaces at distances from the plate."""
-        n, f = self.near, self.near + reach
-        return np.asarray(np.rint((2**DEPTH_BITS - 1) * f * distance / ((distance + n) * reach)))
-
-
-DEPTH_BITS = 16  # of a `DepthBuffer`
 RADIUS = "radius"  # Value of `Film.angles`
 EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
 
@@ -338,25 +310,19 @@ class RendererModel:
     conjugated: bool = True
     # Changes of the scene that was drawn (`changed_scene.changed`).
     changes: tuple[SceneChange, ...] = ()
-    # Apertures whose images hogels show, by their files' place; offsets of apertures of their own,
-    # x and y.
+    # Apertures whose images hogels show, by their files' place.
     shows: tuple[tuple[Index, Index], ...] = ()
-    offsets: tuple[tuple[Index, tuple[float, float]], ...] = ()
-    # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or
-    # down.
-    odd_lines: tuple[int, int] | None = None
     normals: Normals = Normals.RIGHT
     film: Film = EVEN
     # Heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
     # scene's.
     reach: tuple[float, float] | None = None
-    depth: DepthBuffer | None = None  # the depth buffer, where it shows
 
     @property
     def plain(self) -> bool:
         """Whether all faces are drawn, the first surface of each half wins, and the viewer's half wins."""
         first = self.back is Back.NEAREST and self.front is Front.FARTHEST
-        return first and self.culled is Culled.NONE and self.overlaid and self.depth is None
+        return first and self.culled is Culled.NONE and self.overlaid
 
     @property
     def one_pencil(self) -> bool:
@@ -395,34 +361,15 @@ class RendererModel:
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return a picture (H, W, ..) as it belongs."""
-        return self.orientation.upright(self._unshifted(picture, -1))
+        return self.orientation.upright(picture)
 
     def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
-        return self._unshifted(self.orientation.applied(picture), 1)
-
-    def _unshifted(self, picture: NDArray[Any], sign: int) -> NDArray[Any]:
-        if self.odd_lines is None:
-            return picture
-        axis, px = self.odd_lines
-        shifted = picture.copy()
-        odd = (slice(None),) * axis + (slice(1, None, 2),)
-        shifted[odd] = np.roll(picture[odd], sign * px, axis=1 - axis)
-        return shifted
-
-    def kept(self, upright: Mask) -> Mask:
-        """Return those of some pixels (H, W), upright, that pictures have: shifted lines push some out."""
-        if self.odd_lines is None:
-            return upright
-        (axis, px), found = self.odd_lines, np.ones_like(self.orientation.applied(upright))
-        gone, odd = slice(px, None) if px < 0 else slice(px), slice(1, None, 2)
-        found[(odd, gone) if axis == 0 else (gone, odd)] = False
-        return np.asarray(upright & self.upright(found))
+        return self.orientation.applied(picture)
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the guess has it."""
-        own = dict(self.offsets).get(aperture.index, (0.0, 0.0))
-        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset + own
+        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
         return replace(aperture, x=float(x), y=float(y))
 
     def frustum(self, scene: Scene) -> Frustum:

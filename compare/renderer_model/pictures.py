@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,6 @@ from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
     Back,
     Culled,
-    DepthBuffer,
     Film,
     Front,
     Normals,
@@ -32,7 +31,7 @@ from xfrustum.reference.lines.triangles import (
 )
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
+from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.files.foreign_images import is_picture
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
@@ -54,13 +53,8 @@ CAMERA_DISTANCE_PER_REACH = 1e-6
 # roundings of doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-# Largest number of surfaces along a line that a coarse depth buffer is thought to choose among, and
-# step behind each from which the next one is looked for, as a part of the reach: some roundings of
-# float32.
-MAX_SURFACES, STEP_PER_REACH = 64, 1e-6
-
-Layers = dict[tuple[RayBundle, bool, Culled, Film, DepthBuffer | None], Layer]
-"""Layers of cameras, by lines, whether the last surface along them won, faces left out, film and depth."""
+Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
+"""Layers of cameras, by lines, whether the last surface along them won, faces left out and film."""
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
@@ -76,14 +70,13 @@ def drawn(
 
     def shown(side: int, *, last: bool = False) -> Layer:
         bundle = model.bundle(scene, aperture, side)
-        key = (bundle, last, model.culled, model.film, model.depth)
-        if key not in known and model.film == EVEN and model.depth is None:
-            known[key] = layer(scene, bundle, last=last, culled=model.culled)
-        elif key not in known:
-            # A ray tracer draws; no faces are culled.
-            most = 1 if model.depth is None else MAX_SURFACES
-            surfaces = Surfaces.from_bundle(reference, bundle, model.film, last=last, most=most)
-            known[key] = surfaces.layer(model.depth)
+        key = (bundle, last, model.culled, model.film)
+        if key not in known:
+            known[key] = (
+                layer(scene, bundle, last=last, culled=model.culled)
+                if model.film == EVEN
+                else uneven_layer(reference, bundle, model.film, last=last)
+            )
         return known[key]
 
     if model.plain and model.one_pencil:
@@ -126,81 +119,32 @@ def layer(
     return Layer(tied_triangles=np.stack((row, column, number), axis=1), **arrays)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Surfaces:
-    """Surfaces along the lines of one camera, the first ones first, (K, N)."""
-
-    bundle: RayBundle
-    directions: Floats  # (H, W, 3) of the lines
-    triangle: Numbers  # `NOTHING` behind the last one
-    s: Floats
-
-    @classmethod
-    def from_bundle(
-        cls,
-        reference: Reference,
-        bundle: RayBundle,
-        film: Film,
-        *,
-        last: bool = False,
-        most: int = MAX_SURFACES,
-    ) -> Surfaces:
-        """Find so many surfaces at most, one behind the other; with `last`, from the end of the lines."""
-        directions, center, (low, high) = (
-            film.directions(bundle),
-            np.asarray(bundle.center),
-            bundle.s_range,
-        )
-        rays, corners = directions.reshape(-1, 3), reference.scene.triangles
-        start, sign = (high, -1.0) if last else (low, 1.0)
-        step = STEP_PER_REACH * reference.scene.frustum.longest_reach
-        active, begin = np.arange(len(rays)), np.full(len(rays), start)
-        found: list[tuple[Numbers, Floats]] = []
-        while len(active) and len(found) < most:
-            number, s = np.full(len(rays), NOTHING, dtype=np.int32), np.zeros(len(rays))
-            hit = reference.tracer.first_hits(
-                center + begin[active, None] * rays[active], sign * rays[active]
-            )
-            active, hit = active[hit != NOTHING], hit[hit != NOTHING]
-            there = corners[hit]
-            place = plane_places(there, triangle_normals(there), center, rays[active])
-            met = (low <= place) & (place <= high)
-            active = active[met]
-            number[active], s[active] = hit[met], place[met]
-            begin[active] = sign * np.maximum(sign * begin[active], sign * s[active]) + sign * step
-            found.append((number, s))
-        numbers, places = (np.stack(one) for one in zip(*found, strict=True))
-        return cls(bundle=bundle, directions=directions, triangle=numbers, s=places)
-
-    def shown(self, buffer: DepthBuffer) -> tuple[Numbers, Floats]:
-        """Return triangle and s (N,) of the surfaces that a depth buffer keeps, triangles drawn in order."""
-        low, high = sorted(map(abs, self.bundle.s_range))
-        # C keeps the smallest depth, and is cleared to the largest; C* the reverse.
-        side, clear = (-1, 0.0) if self.bundle.s_range[1] <= 0 else (1, high - low)
-        none = self.triangle == NOTHING
-        stored = side * buffer.stored(np.maximum(np.abs(self.s) - low, 0.0), high - low)
-        if buffer.cleared:
-            none |= stored == side * buffer.stored(np.array(clear), high - low)
-        stored = np.where(none, np.inf, stored)
-        tied = (stored == stored.min(axis=0)) & ~none
-        drawn = np.where(
-            tied, self.triangle, NOTHING if buffer.last_wins else np.iinfo(np.int32).max
-        )
-        place = (drawn.argmax(axis=0) if buffer.last_wins else drawn.argmin(axis=0))[None]
-        number, s = (np.take_along_axis(one, place, axis=0)[0] for one in (self.triangle, self.s))
-        return np.where(tied.any(axis=0), number, NOTHING), s
-
-    def layer(self, buffer: DepthBuffer | None) -> Layer:
-        """Return what a depth buffer keeps; the first surfaces without one."""
-        number, s = (self.triangle[0], self.s[0]) if buffer is None else self.shown(buffer)
-        shape = self.directions.shape[:2]
-        s = np.where(number == NOTHING, np.nan, s).reshape(*shape, 1)
-        return Layer(
-            triangle=number.reshape(shape),
-            certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
-            tied_triangles=np.zeros((0, 3), dtype=np.int64),
-            position=np.asarray(self.bundle.center) + s * self.directions,
-        )
+def uneven_layer(
+    reference: Reference, bundle: RayBundle, film: Film, *, last: bool = False
+) -> Layer:
+    """Return what is first, or last, along the lines of an uneven film: traced, and no faces culled."""
+    directions, center, (low, high) = (
+        film.directions(bundle),
+        np.asarray(bundle.center),
+        bundle.s_range,
+    )
+    rays, corners = directions.reshape(-1, 3), reference.scene.triangles
+    start, sign = (high, -1.0) if last else (low, 1.0)
+    number, s = np.full(len(rays), NOTHING, dtype=np.int32), np.full(len(rays), np.nan)
+    hit = reference.tracer.first_hits(center + start * rays, sign * rays)
+    there = np.flatnonzero(hit != NOTHING)
+    met = corners[hit[there]]
+    place = plane_places(met, triangle_normals(met), center, rays[there])
+    inside = (low <= place) & (place <= high)
+    there = there[inside]
+    number[there], s[there] = hit[there], place[inside]
+    shape = directions.shape[:2]
+    return Layer(
+        triangle=number.reshape(shape),
+        certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
+        tied_triangles=np.zeros((0, 3), dtype=np.int64),
+        position=center + s.reshape(*shape, 1) * directions,
+    )
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:

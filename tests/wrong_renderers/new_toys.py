@@ -44,7 +44,8 @@ class Slip:
 
     words: str
     names: str
-    """Names of faults of which `verify` must say one, between blanks."""
+    """Names of the defect, separated by blanks, one of which `verify` must give; empty where it has no
+    name for the defect, and may give none."""
     encodings: tuple[str, ...] = ENCODINGS
     scene: str | None = None
     world: Callable[[World], World] | None = None  # What is done to the scene
@@ -220,22 +221,22 @@ SLIPS: dict[str, Slip] = {
     ),
     "fisheye": Slip(
         words="radii have equal angles",
-        names="equal-angles distortion",
+        names="equal-angles",
         mistakes=Mistakes(angles="radial"),
     ),
     "barrel-weak": Slip(
         words="barrel distortion, 3 % in the corners",
-        names="distortion",
+        names="",
         mistakes=Mistakes(distortion=0.03),
     ),
     "barrel": Slip(
         words="barrel distortion, 12 % in the corners",
-        names="distortion",
+        names="",
         mistakes=Mistakes(distortion=0.12),
     ),
     "pincushion": Slip(
         words="pincushion distortion, 6 % in the corners",
-        names="distortion",
+        names="",
         mistakes=Mistakes(distortion=-0.06),
     ),
     # Transfer functions.
@@ -303,16 +304,12 @@ SLIPS: dict[str, Slip] = {
     ),
     "odd-columns": Slip(
         words="odd columns of hogels are half a pitch too high",
-        names="rows-shifted columns-shifted",
+        names="",
         mistakes=lambda w, i, j: Mistakes(aperture=(0.0, 0.5 * (i % 2))),
     ),
-    "jitter": Slip(
-        words="apertures are off at random by 0.2 hogels", names="jitter", mistakes=jittered
-    ),
+    "jitter": Slip(words="apertures are off at random by 0.2 hogels", names="", mistakes=jittered),
     # Pixels.
-    "odd-rows": Slip(
-        words="odd rows are shifted by one pixel", names="rows-shifted", change=odd_rows
-    ),
+    "odd-rows": Slip(words="odd rows are shifted by one pixel", names="", change=odd_rows),
     "three-quarters-nearest": Slip(
         words="drawn at 0.75 of the size, nearest",
         names="resampled",
@@ -326,17 +323,17 @@ SLIPS: dict[str, Slip] = {
     # Objects.
     "object-right": Slip(
         words="one object is moved by x = 0.6",
-        names="object-moved",
+        names="",
         world=one_object(BACK, about_middle(SAME, (0.6, 0.0, 0.0))),
     ),
     "object-forward": Slip(
         words="one object is moved by z = 3",
-        names="object-moved",
+        names="",
         world=one_object(FRONT, about_middle(SAME, (0.0, 0.0, 3.0))),
     ),
     "object-turned": Slip(
         words="one object is turned by 3 degrees",
-        names="object-turned",
+        names="",
         world=one_object(MIDDLE, about_middle(about_y(3.0))),
     ),
     "object-missing": Slip(
@@ -346,20 +343,20 @@ SLIPS: dict[str, Slip] = {
     ),
     "object-twice": Slip(
         words="one object is twice as large",
-        names="object-scale",
+        names="",
         world=one_object(FRONT, about_middle(2 * SAME)),
     ),
     # Depth and reach.
     "starved": Slip(
         words="16 bits of depth from a near of 1e-5 of the reach on",
-        names="starved-depth",
+        names="",
         mistakes=starved,
         # In the harbor surfaces of one object fight with each other alone: its number is right.
         encodings=(TRIANGLES, RGB),
     ),
     "clipped": Slip(
         words="the reach is 0.6 and 0.5 of what it should be",
-        names="reach",
+        names="",
         mistakes=Mistakes(reach=(0.6, 0.5)),
     ),
 }
@@ -423,7 +420,7 @@ def add_slips(name: str, group: str, *slips: Slip) -> None:
     )
     scene = next((slip.scene for slip in slips if slip.scene), None)
     add(name, "; ".join(slip.words for slip in slips), drawn_by(*slips), {}, encodings, scene)
-    causes = tuple(frozenset(slip.names.split()) for slip in slips)
+    causes = tuple(frozenset(slip.names.split()) for slip in slips if slip.names)
     TOYS[name] = replace(TOYS[name], expected=dict.fromkeys(encodings, causes), group=group)
 
 

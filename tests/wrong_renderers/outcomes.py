@@ -54,29 +54,20 @@ SIZES: dict[str, Sizes] = {
     "equal-angles": {"equal-angles": "x and y"},
     "equal-angles-y": {"equal-angles": "y"},
     "fisheye": {"equal-angles": "radius"},
-    "barrel-weak": {"distortion": 0.03},
-    "barrel": {"distortion": 0.12},
-    "pincushion": {"distortion": -0.06},
     "stale": {"stale-hogel": "hogel 1,1 shows 0,1's image"},
     "exchanged": {"hogels-exchanged": "hogel 1,0 shows 2,0's image; hogel 2,0 shows 1,0's image"},
-    "odd-rows": {"rows-shifted": 1.0},
-    "object-right": {"object-moved": 0.6},
-    "object-forward": {"object-moved": 3.0},
-    "object-turned": {"object-turned": 3.0},
 }
 """Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all scenes."""
 
 
 def sizes_of(toy: str, world: World) -> Sizes:
     """Return the sizes that must be told of a renderer's faults from triangle numbers."""
-    (width, height), (columns, rows), reach = world.size, world.hogels, world.reach
+    (width, height), (columns, rows) = world.size, world.hogels
     of_world: dict[str, Sizes] = {
         "corners": {
             "aperture-offset-x": -width / columns / 2,
             "aperture-offset-y": height / rows / 2,
         },
-        "starved": {"starved-depth": 1e-5 * max(reach)},
-        "clipped": {"reach-front": 0.6 * reach[0], "reach-back": 0.5 * reach[1]},
     }
     return of_world.get(toy) or SIZES.get(toy, {})
 

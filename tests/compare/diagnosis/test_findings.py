@@ -18,7 +18,6 @@ from tests.support.light import with_smooth_normals
 from tests.support.scene_file import film, named, part
 from tests.wrong_renderers.ray_caster import picture
 from tests.wrong_renderers.worlds import harbor
-from xfrustum import DepthFormat, DoubleFrustum, Rasterizer
 from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, TestSet
 from xfrustum.compare.diagnosis.faults import Defect
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
@@ -79,10 +78,6 @@ def by_name(found: Verification) -> dict[str, Defect]:
     ("model", "said", "name"),
     [
         (RendererModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
-        pytest.param(
-            *(RendererModel(film=Film(distortion=0.05)), ["triangle"], "distortion"),
-            marks=pytest.mark.slow,
-        ),
         (RendererModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
         (RendererModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
     ],
@@ -112,27 +107,21 @@ def test_numbers_begin_anew_only_where_objects_beside_the_first_say_so() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [0, 1, 3, 5])
-def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing_else(
-    number: int,
-) -> None:
-    """The object misleads a fit to all claims; by the numbers asked for, other objects seem to be off."""
+def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
     scene = small(RECENTERED, SIZE)
     objects = list(scene.objects)
-    vertices = objects[number].vertices + np.array([0.0, -6.0, 4.0])
-    objects[number] = replace(objects[number], vertices=vertices)
+    vertices = objects[1].vertices + np.array([0.0, -6.0, 4.0])
+    objects[1] = replace(objects[1], vertices=vertices)
     reference = Reference(replace(scene, objects=tuple(objects)))
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        return saying(trace_drawn(reference, RendererModel(shift=(0.5, 0.5)), aperture), "triangle")
+        return saying(trace_drawn(reference, RendererModel(), aperture), "triangle")
 
     found = xfrustum.verify(scene, draw, apertures=SOME)
-    faults = by_name(found)
-    assert set(faults) == {"shift-x", "shift-y", "object-moved"}
-    for name in ("shift-x", "shift-y"):
-        assert float(faults[name].value) == pytest.approx(0.5, abs=0.01)
-    assert faults["object-moved"].words.startswith(f"object {number} ")
-    assert float(faults["object-moved"].value) == pytest.approx(np.hypot(6.0, 4.0), rel=0.01)
+    assert not found.passed and not found.diagnosis.faults
+    shares = found.summary()["where"]["shares"]["object"]
+    worst = max(shares, key=lambda name: shares[name]["fraction"])
+    assert worst.startswith("1 (")
 
 
 @pytest.mark.slow
@@ -324,44 +313,11 @@ def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> 
 
 
 @pytest.mark.slow
-def test_depth_fighting_of_a_rasterizer_is_named(tmp_path: Path) -> None:
-    """A rasterizer rounds depth before it stores it, and loses what is stored at the clear value."""
-    near = 0.002
-    scene = xfrustum.open_scene(
-        str(replace(harbor(), resolution=(48, 36), drawn={}).write(tmp_path))
-    )
-    with Rasterizer(scene) as rasterizer:
-
-        def draw(_: Scene, aperture: Aperture) -> HogelImage:
-            return rasterizer.render(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16))
-
-        found = xfrustum.verify(scene, draw)
-    (fault,) = found.diagnosis.faults
-    assert fault.fault == "starved-depth"
-    assert float(fault.value) == pytest.approx(near, rel=0.05)
-    assert found.corrected is not None and found.corrected.wrong < 0.1 * found.as_found.wrong
-
-
-@pytest.mark.slow
 def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     first, *others = (scene := oblong()).objects
     mixed = replace(scene, objects=(with_smooth_normals(first), *others))
     found = of_model(mixed, RendererModel(normals=Normals.INVERTED), ["color"])
     assert set(by_name(found)) == {"inverted-normals"}
-
-
-@pytest.mark.slow
-def test_apertures_that_are_all_moved_far_are_not_moved_each_by_its_own_offset() -> None:
-    """Half a pitch moves pictures of objects farther than registration follows them."""
-    scene = oblong()
-    scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 72)))
-    half_pitch = scene.plate.size[0] / scene.plate.hogels[0] / 2
-    (fault,) = of_model(
-        scene, RendererModel(aperture_offset=(-half_pitch, 0.0)), ["object"], FEW
-    ).diagnosis.faults
-    assert fault.fault == "aperture-offset-x" and "half a pitch" in fault.words
-    assert fault.alternatives == ("scene-offset-x",)
-    assert float(fault.value) == pytest.approx(-half_pitch, rel=0.01)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from tests.support.scene_file import named, part
 from xfrustum.compare.diagnosis.diagnosis import TestSet, diagnose
 from xfrustum.compare.diagnosis.encodings import RESAMPLED, IdRepair
-from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_alone, interval_alone
+from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
 from xfrustum.compare.renderer_model.drawn_model import NUMBERS, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
@@ -69,21 +69,16 @@ def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
 
 
 def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
-    """Whatever the pictures show: here apertures whose columns are shuffled, which no camera explains."""
+    """Images of apertures whose columns are shuffled, which no camera explains."""
     reference = Reference(recentered(tmp_path, (5, 3), (80, 1)))
     images = stored(reference, RendererModel())
     cameras = [image.camera for image in images]
     shuffled = [replace(image, camera=cameras[7 * k % 15]) for k, image in enumerate(images)]
-    claims, groups = (
-        claims_of(reference.scene, shuffled),
-        ("shift", "fov", "pitch", "screen-center"),
-    )
-    fitted = fit_alone(claims, RendererModel(), groups)
-    low, high = interval_alone(claims, fitted, groups)
+    fit = fit_geometry(claims_of(reference.scene, shuffled), RendererModel())
     vertical = np.array([axis == "y" for _, axis, _ in NUMBERS])
-    held = fitted.parameters == RendererModel().parameters
-    assert held[vertical].all() and not held.all()
-    assert (low[vertical] == high[vertical]).all()
+    nominal = RendererModel().parameters
+    assert (fit.model.parameters == nominal)[vertical].all()
+    assert (fit.low == fit.high)[vertical].all()
 
 
 def test_numbers_are_restored_from_what_the_renderer_states(tmp_path: Path) -> None:

@@ -60,11 +60,6 @@ NOT_YET_NAMED = frozenset(
 ) | {"+".join(pair) for pair in PAIRS if "flat-normals" not in pair}
 """Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""
 
-NAMED_FROM_PICTURES = frozenset(
-    {"object-forward", "object-turned", "object-twice", "jitter", "odd-columns"}
-)
-"""Renderers whose mistake must be named from colors and numbers of objects too, and not only admitted."""
-
 
 def is_quick(case: Case) -> bool:
     return case.toy in QUICK.get((case.scene, case.encoding), ())
@@ -122,7 +117,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     if case.encoding == "triangle-id":
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
-    seldom = case.encoding != "triangle-id" and case.toy not in NAMED_FROM_PICTURES
+    seldom = case.encoding != "triangle-id"
     # A true cause that mends too little, as where numbers are mixed with others', is told as a
     # guess.
     guessed = all(

@@ -1,4 +1,4 @@
-"""What a renderer with a mistake draws: depth, levels of files, normals, shifted lines, changed scenes."""
+"""Images of a renderer with a mistake: levels of files, normals, changed scenes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,40 +8,13 @@ import pytest
 
 from tests.support.foreign_renderers import oblong
 from xfrustum.compare.renderer_model.changed_scene import SceneChange, changed
-from xfrustum.compare.renderer_model.conventions import Orientation
-from xfrustum.compare.renderer_model.drawn_model import DepthBuffer, Normals, RendererModel
+from xfrustum.compare.renderer_model.drawn_model import Normals, RendererModel
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.foreign_images import Transfer
-
-
-def test_a_buffer_without_steps_to_spare_keeps_the_triangle_that_was_drawn_first_or_last() -> None:
-    first = DepthBuffer(near=1e-6)
-    distance = np.array([10.0, 20.0, 30.0])
-    assert len(set(first.stored(distance, 60.0).tolist())) == 1
-    assert len(set(replace(first, near=1.0).stored(distance, 60.0).tolist())) == 3
-    assert first.stored(np.array([0.0, 60.0]), 60.0).tolist() == [0.0, 65535.0]
-
-
-@pytest.mark.parametrize(
-    "orientation", [Orientation(False, False, False), Orientation(True, False, True)]
-)
-@pytest.mark.parametrize(("axis", "px"), [(0, 1), (0, -2), (1, 2)])
-def test_pixels_that_shifted_lines_push_out_are_not_judged(
-    orientation: Orientation, axis: int, px: int
-) -> None:
-    model = RendererModel(orientation=orientation, odd_lines=(axis, px))
-    kept = model.kept(np.ones((6, 8), dtype=np.bool_))
-    # Any value may stand where lines begin: upright it lies in the pixels that are not kept, and in
-    # no other.
-    right = np.arange(48).reshape(6, 8)
-    found = model.applied(right)
-    odd, gone = slice(1, None, 2), slice(px) if px > 0 else slice(px, None)
-    found[(odd, gone) if axis == 0 else (gone, odd)] = -1
-    assert np.array_equal(model.upright(found) == right, kept)
 
 
 def twice(radiance: Floats) -> Floats:
@@ -84,10 +57,9 @@ def test_inverted_normals_are_lit_as_by_reversed_lights_where_nothing_is_glossy(
 def test_changes_keep_numbers_and_leave_the_scene_as_it_is() -> None:
     reference = Reference(oblong())
     scene, before = reference.scene, reference.scene.vertices.copy()
-    changes = (SceneChange(part=1, missing=True), SceneChange(part=0, offset=(1.0, 0.0, 0.0)))
-    other = changed(reference, changes).scene
+    mirrored = SceneChange(matrix=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))
+    other = changed(reference, (SceneChange(missing=1), mirrored)).scene
     assert (other.faces == scene.faces).all() and (scene.vertices == before).all()
-    assert np.allclose(other.objects[0].vertices - scene.objects[0].vertices, (1.0, 0.0, 0.0))
-    assert other.objects[1].vertices[:, 2].max() < -max(scene.frustum.reach)
-    np.testing.assert_array_equal(other.objects[2].vertices, scene.objects[2].vertices)
+    assert np.allclose(other.objects[0].vertices, scene.objects[0].vertices * (1, 1, -1))
+    assert other.objects[1].vertices[:, 2].min() > max(scene.frustum.reach)
     assert changed(reference, ()) is reference
