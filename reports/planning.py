@@ -41,7 +41,7 @@ from xfrustum.reference.eye.view import EyeReference, replay
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.view import Drawing, stereo_eyes
+from xfrustum.reports.view import Drawing
 from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
@@ -289,8 +289,8 @@ def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple
     """Return a viewer's left and right eye, their films with so many columns over the plate."""
     width, height = scene.plate.size
     film = (columns, max(1, round(columns * height / width)))
-    middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
-    return stereo_eyes([middle], eyes_apart(viewer, Display.from_scene(scene)))
+    half = eyes_apart(viewer, Display.from_scene(scene)) / 2
+    return tuple(Eye(position=(x, 0.0, viewer.distance), resolution=film) for x in (-half, half))
 
 
 def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
@@ -351,8 +351,7 @@ class ReplayWorkbench:
         wrong = self._wrong(views)
         judged = sum(one.size for one in wrong)
         by_depth = sum(int((a & ~b).sum()) for a, b in zip(wrong, self._control[1], strict=True))
-        _, pair = loss.disparity(self._reference, *views)
-        assert pair is not None
+        pair = loss.disparity(self._reference, *views)
         change = pair.change_arcsec
         return Replayed(
             hogels=self.hogels,

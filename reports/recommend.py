@@ -227,8 +227,9 @@ class Recommendation:
             words += ["--tolerance-px", f"{self.requirement.tolerance_px:g}"]
         if self.eyes is not None:
             viewer, display = self.eyes.requirement.viewer, self.eyes.requirement.display
-            apart = viewer.eyes_apart_mm / (display.millimeters or 1)
-            seen = ["--eye", f"0,0,{viewer.distance:g}", "--stereo", f"{apart:g}"]
+            half = viewer.eyes_apart_mm / (display.millimeters or 1) / 2
+            places = ";".join(f"{x:g},0,{viewer.distance:g}" for x in (-half, half))
+            seen = [f"--eye={places}"]
             verb, words = "view", [*seen, *settings_words(settings), *self._film(), "--out", "seen"]
         return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
 

@@ -1,8 +1,7 @@
-"""The way to an eye: pixels of hogels that it is shown, and what the display and the renderer lose on it.
+"""Views replayed to an eye, and their losses.
 
-The display's loss is that of the replayed truth against the true view (A against B), the renderer's
-that of drawn hogels against true ones (B against C). Two eyes lose disparity besides: they see
-surface points at other depths than their own.
+The loss of the display is that of the replayed truth against the true view (A against B); the loss
+of a renderer is that of its replayed hogels against the replayed truth (B against C).
 """
 
 import math
@@ -12,12 +11,10 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
+from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.error_maps import hidden_pixels
 from xfrustum.compare.metrics.radiance import perceptual_difference
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.eye.view import EyeReference, hogel_lines
 from xfrustum.reference.lines.lines import model_cameras, pixel_places
@@ -34,23 +31,32 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 T = TypeVar("T")
 Block = tuple[Indices, Indices]  #: rows (R, 1) and columns (1, C) of pixels of a picture
 
-LEVELS = 255  #: value that stands for radiance one where color is stored in 8 bits
+ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
+LEVELS = 255  #: 8-bit value of radiance one
+
+#: color type of drawn hogels: that of stored plates, so that both show the same pixels
 DEFAULT_COLOR = ColorType.FLOAT16
-"""Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""
 
+#: distance beyond a camera's ends at which a point counts as drawn by it, as a part of the reach:
+#: cuts are made in float32, on slopes that scale a rounding of 2^-24 by some hundred
 HEIGHT_TOLERANCE = 2.0**-16
-"""Distance beyond a camera's ends at which a point still counts as drawn by it, as a part of the reach: cuts
-are made in float32, on slopes that make a rounding of 2^-24 some hundred times as large."""
+
+#: largest resolution of an eye, pixels a degree: eyes resolve 60, and filters of FLIP grow with it
+MAX_PIXELS_PER_DEGREE = 10_000
+
+#: distance of two surface points that count as one, in widths of a pixel of the eye and of a hogel
+#: at their depth together: the point shown to one eye lies between pixels of the other
+SAME_PLACE = 2.0
 
 
 def drawn_points(
     scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers
 ) -> Floats:
-    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN where nothing is shown.
+    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN for none.
 
-    Each lies where the line of the camera that drew it meets the plane of its triangle. Of several
-    cameras between whose ends that is, the one drawn last shows.
+    A point lies where the line of the camera meets the plane of the triangle. Of several cameras
+    with the point between their ends the last one in drawing order shows it.
     """
     found = np.full((*triangle.shape, 3), np.nan)
     rows, columns = np.nonzero(triangle != NOTHING)
@@ -76,10 +82,9 @@ def drawn_points(
 def _camera_lines(
     scene: Scene, settings: DoubleFrustum, hogel: Indices, pixel: Indices, axis: int
 ) -> list[tuple[Floats, Floats, float, tuple[float, float]]]:
-    """Return for each camera in drawing order its place and slopes along an axis, its height and its ends."""
-    used = np.unique(hogel[pixel >= 0]).tolist()
+    """Return places and slopes along an axis, height and ends of each camera in drawing order."""
     lines: list[tuple[Floats, Floats, float, tuple[float, float]]] = []
-    for number in used:
+    for number in np.unique(hogel[pixel >= 0]).tolist():
         aperture = scene.plate.aperture(*((number, 0) if axis == 0 else (0, number)))
         here = np.flatnonzero((hogel == number) & (pixel >= 0))
         for index, camera in enumerate(model_cameras(scene.frustum, aperture, settings)):
@@ -94,21 +99,20 @@ def _camera_lines(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnHogel:
-    """The image of one hogel by any renderer; None for what it does not say."""
+    """Image of one hogel by any renderer; None for an unknown channel."""
 
     index: tuple[int, int]  #: column and row on the plate
-    color: NDArray[Any] | None = (
-        None  #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
-    )
-    triangle: Numbers | None = None
-    object: Numbers | None = None
+    #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
+    color: NDArray[Any] | None = None
+    triangle: Numbers | None = None  #: (H, W), `NOTHING` for none
+    object: Numbers | None = None  #: (H, W), `NOTHING` for none
     position: NDArray[np.floating] | None = None  #: (H, W, 3) surface points, scene units
 
 
 class Collector:
-    """What one eye is shown of its pixels of hogels, filled in hogel by hogel.
+    """Picture of one eye, filled hogel by hogel.
 
-    Pixels have their triangles' surface points by the cameras' settings, where these are known.
+    Surface points of named triangles follow from the settings of the cameras, where known.
     """
 
     def __init__(
@@ -119,33 +123,31 @@ class Collector:
         self._triangle = np.full((height, width), NOTHING, dtype=np.int32)
         self._object = self._triangle.copy()
         self._position = np.full((height, width, 3), np.nan)
-        self._color = np.zeros((height, width, 3))
-        self._colored = False
-        self.numbered = False  # whether any hogel said which triangle or object its pixels show
+        self._color: Floats | None = None
+        self.numbered = False  #: whether any hogel names the triangle or object of its pixels
 
     def add(self, hogel: DrawnHogel) -> None:
-        """Take the pixels of a hogel that the eye is shown."""
+        """Copy the pixels of a hogel that the eye sees."""
         here, there = _blocks(self._taken.shown, hogel.index)
-        if hogel.triangle is not None:
-            self._triangle[here] = hogel.triangle[there]
-            self.numbered = True
-        if hogel.object is not None:
-            self._object[here] = hogel.object[there]
-            self.numbered = True
-        if hogel.position is not None:
-            self._position[here] = hogel.position[there]
+        for picture, values in (
+            (self._triangle, hogel.triangle),
+            (self._object, hogel.object),
+            (self._position, hogel.position),
+        ):
+            if values is not None:
+                picture[here] = values[there]
+        self.numbered |= hogel.triangle is not None or hogel.object is not None
         if hogel.color is not None:
-            self._colored = True
+            if self._color is None:
+                self._color = np.zeros(self._position.shape)
             scale = 1 / LEVELS if hogel.color.dtype == np.uint8 else 1.0
             for pixels in self._taken.colors:
                 here, there = _blocks(pixels, hogel.index)
-                weight = pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
-                self._color[here] += (scale * weight)[..., None] * hogel.color[there].astype(
-                    np.float64
-                )
+                weight = scale * pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
+                self._color[here] += weight[..., None] * hogel.color[there].astype(np.float64)
 
     def finish(self) -> EyeImage:
-        """Return the picture of all hogels that were added."""
+        """Return the picture of all hogels so far."""
         named = self._triangle != NOTHING
         self._object[named] = self._scene.object_of_triangle[self._triangle[named]]
         position: Floats = self._position
@@ -157,12 +159,12 @@ class Collector:
             triangle=self._triangle,
             object=self._object,
             position=position,
-            color=self._color.astype(np.float32) if self._colored else None,
+            color=None if self._color is None else self._color.astype(np.float32),
         )
 
 
 def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
-    """Return the places of a hogel's pixels in the eye's picture, and in the hogel's."""
+    """Return the places of a hogel's pixels in the picture of the eye, and in that of the hogel."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
     return (rows[:, None], columns[None]), (
@@ -172,7 +174,7 @@ def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
 
 
 def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> list[EyeImage]:
-    """Return the pictures of some eyes, each hogel looked at once."""
+    """Return the pictures of some eyes from one pass over the hogels."""
     for hogel in hogels:
         for collector in collectors:
             collector.add(hogel)
@@ -180,19 +182,18 @@ def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> 
 
 
 def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
-    """Return column and row of all hogels that any of some eyes is shown, row by row."""
+    """Return column and row of all hogels with a pixel in some views, row by row."""
     every = {index for taken in takes for index in taken.hogels}
     return sorted(every, key=lambda index: (index[1], index[0]))
 
 
 def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
-    """Return the part of each hogel's film that holds all pixels that some eyes are shown."""
-    columns, rows = dict[int, list[int]](), dict[int, list[int]]()
-    every = list(takes)
-    for one in (pixels for taken in every for pixels in (taken.shown, *taken.colors)):
+    """Return the smallest part of each hogel's film with all of its pixels in some views."""
+    takes, columns, rows = list(takes), dict[int, list[int]](), dict[int, list[int]]()
+    for pixels in (one for taken in takes for one in (taken.shown, *taken.colors)):
         for known, hogel, pixel in (
-            (columns, one.hogel_column[one.columns], one.film_column[one.columns]),
-            (rows, one.hogel_row[one.rows], one.film_row[one.rows]),
+            (columns, pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns]),
+            (rows, pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows]),
         ):
             for number in np.unique(hogel).tolist():
                 known.setdefault(number, []).extend(pixel[hogel == number].tolist())
@@ -201,32 +202,22 @@ def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
         return min(pixels), max(pixels)
 
     return {
-        (i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(every)
+        (i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(takes)
     }
 
 
 def drawn_hogels(
     renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]
 ) -> Iterator[DrawnHogel]:
-    """Draw parts of hogels and yield them in order; pixels outside of the parts mean nothing."""
+    """Draw parts of hogels and yield them in order; pixels outside of the parts have no meaning."""
     plate = renderer.scene.plate
     for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
         yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
 
 
-ARCMIN_PER_RADIAN = 60 * 180 / math.pi
-
-MAX_PIXELS_PER_DEGREE = 10_000
-"""Largest number of an eye's pixels in a degree: eyes resolve 60, and FLIP's filters grow with it."""
-
-SAME_PLACE = 2.0
-"""Distance between two surface points that count as one, in widths of what a pixel of the eye sees there and
-of a hogel together: the point that one eye is shown lies between the pixels of the other."""
-
-
 @dataclass(frozen=True)
 class Quantiles:
-    """How a quantity is distributed over an eye's pixels."""
+    """Distribution of a quantity over the pixels of an eye."""
 
     p50: float
     p99: float
@@ -235,7 +226,7 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class DepthShift:
-    """How a distance in depth, or what makes it, is distributed, with its sign."""
+    """Distribution of a signed quantity over the pixels of an eye."""
 
     p1: float
     p50: float
@@ -243,72 +234,56 @@ class DepthShift:
 
 
 def _spread(kind: type[T], values: Floats, *percents: float) -> T | None:
-    """Return percentiles of the finite ones of some values; None where there are none."""
+    """Return percentiles of the finite values; None without any."""
     known = values[np.isfinite(values)]
     return kind(*map(float, np.percentile(known, percents))) if known.size else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """How one view differs from the one that it stands for, in numbers."""
+    """Difference of a view from its expected view, in numbers."""
 
-    judged: int  #: pixels that are no ties, and of these
-    wrong: (
-        int | None
-    )  #: those with a wrong surface; None where the shown view does not say what it shows
-    fraction: float | None
-    displacement_arcmin: (
-        Quantiles | None
-    )  #: angle between where a point is shown and where it belongs
-    depth_error: (
-        Quantiles | None
-    )  #: distance in depth of points of one object on the same ray, scene units
-    flip: float | None  #: mean FLIP at the eye's pixels per degree; None where there are no colors
-    color_fraction: float | None  #: share of the judged pixels whose color differs
-    #: Of these the share whose color is nowhere within `SHIFT_PX`: other shading, for nothing has
-    #: moved there
-    shading: float | None
+    judged: int  #: number of pixels without a tie
+    wrong: int | None  #: judged pixels with a wrong surface; None where the view names no surfaces
+    fraction: float | None  #: wrong over judged
+    displacement_arcmin: Quantiles | None  #: angle between shown and true place of a point
+    depth_error: Quantiles | None  #: distance in z of points of one object on a ray, scene units
+    flip: float | None  #: mean FLIP, 0 to 1, at the eye's pixels per degree; None without colors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LossMaps(ShortRepr):
-    """The same pixel by pixel, (H, W); NaN where there is no such error."""
+    """Difference of a view from its expected view by pixel, (H, W); NaN for no error."""
 
     judged: Mask
     wrong: Mask | None
     displacement_arcmin: Floats
     depth_error: Floats
     flip: Floats | None
-    recolored: tuple[Mask, Mask] | None  #: see `_recolored`
 
     def numbers(self) -> Loss:
         """Return the maps in numbers."""
-        judged, differ, shaded = int(self.judged.sum()), 0, 0
-        if self.recolored:
-            differ, shaded = (int((one & self.judged).sum()) for one in self.recolored)
+        judged = int(self.judged.sum())
         wrong = None if self.wrong is None else int(self.wrong.sum())
+        moved, depth = self.displacement_arcmin[self.judged], self.depth_error[self.judged]
         return Loss(
             judged=judged,
             wrong=wrong,
-            fraction=None if wrong is None else wrong / judged if judged else 0.0,
-            displacement_arcmin=_spread(
-                Quantiles, self.displacement_arcmin[self.judged], 50, 99, 100
-            ),
-            depth_error=_spread(Quantiles, self.depth_error[self.judged], 50, 99, 100),
+            fraction=None if wrong is None else wrong / max(judged, 1),
+            displacement_arcmin=_spread(Quantiles, moved, 50, 99, 100),
+            depth_error=_spread(Quantiles, depth, 50, 99, 100),
             flip=None if self.flip is None else float(self.flip.mean()),
-            color_fraction=None if self.recolored is None else differ / max(judged, 1),
-            shading=shaded / differ if differ else None,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Views(ShortRepr):
-    """The pictures of one eye: A, the true view; B, the replayed truth; C, the replayed drawn hogels."""
+    """Pictures of one eye: true view (A), replayed truth (B), replayed drawn hogels (C)."""
 
     true: EyeImage
     replayed: EyeImage
-    drawn: EyeImage | None  #: None where no renderer is judged
-    taken: Replay  #: the pixels of hogels that the eye is shown
+    drawn: EyeImage | None  #: None without a renderer
+    taken: Replay  #: pixels of hogels in B and C
 
     @property
     def eye(self) -> Eye:
@@ -316,91 +291,67 @@ class Views(ShortRepr):
         return self.true.eye
 
 
-Pair = tuple[EyeImage, EyeImage]  #: an expected and a shown view
-
-
 def display_loss(reference: EyeReference, views: Views) -> LossMaps:
-    """Return what a plate of true hogels loses against the scene itself (A against B).
+    """Return the loss of a plate of true hogels against the scene itself (A against B).
 
     A pixel is wrong if only one of the views shows a surface there, if they show different objects,
-    or if the eye could not see the point that is shown: something else is in front of it. Rays that
-    meet no pixel of a hogel are shown black.
+    or if something hides the shown point from the eye. Rays that meet no pixel of a hogel are
+    black.
     """
-    true, shown = views.true, views.replayed
-    wrong = (true.object != shown.object) | _hidden(reference, shown)
+    true, replayed = views.true, views.replayed
+    wrong = (true.object != replayed.object) | _hidden(reference, replayed)
     rays = reference.bundle(views.eye).directions()
-    moved = _angle(rays, shown.position - np.array(views.eye.position))
-    return _maps(reference.scene, (true, shown), np.ones_like(wrong), wrong, moved)
+    moved = _angle(rays, replayed.position - np.array(views.eye.position))
+    return _maps(reference.scene, (true, replayed), np.ones_like(wrong), wrong, moved)
 
 
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
-    """Return what a renderer's hogels lose against true ones (B against C).
+    """Return the loss of a renderer's hogels against true ones (B against C).
 
-    A pixel is wrong as for `display_loss`, but points that true hogels show although the eye could
-    not see them are not charged to the renderer. A displacement is the angle between the point that
-    a hogel's pixel shows and the place on that pixel's line, at the same height, at which it shows
-    it. So neither pitch nor pixels of hogels are in it. `numbered` says whether the drawn picture
-    says what it shows.
+    A pixel is wrong as in `display_loss`, except for hidden points that true hogels show as well.
+    The displacement is the angle between the point of a hogel's pixel and the place of that point
+    on the pixel's line, at its height: neither pitch nor pixels of hogels are in it. `numbered`
+    tells whether the drawn picture names surfaces.
     """
-    true, shown = views.replayed, views.drawn
-    assert shown is not None
+    true, drawn = views.replayed, views.drawn
+    assert drawn is not None
     met = np.zeros(true.triangle.shape, dtype=np.bool_)
     met[np.ix_(views.taken.shown.rows, views.taken.shown.columns)] = True
     wrong = None
     if numbered:
-        hidden = _hidden(reference, shown) & ~_hidden(reference, true)
-        wrong = (true.object != shown.object) | hidden
-    eye, at = np.array(views.eye.position), shown_at(reference.scene, views.taken, shown)
-    moved = _angle(at - eye, shown.position - eye)
-    return _maps(reference.scene, (true, shown), met, wrong, moved)
+        hidden = _hidden(reference, drawn) & ~_hidden(reference, true)
+        wrong = (true.object != drawn.object) | hidden
+    eye, place = np.array(views.eye.position), shown_at(reference.scene, views.taken, drawn)
+    moved = _angle(place - eye, drawn.position - eye)
+    return _maps(reference.scene, (true, drawn), met, wrong, moved)
 
 
-def _maps(scene: Scene, pair: Pair, asked: Mask, wrong: Mask | None, moved: Floats) -> LossMaps:
-    """Return all maps of two views; pixels that are asked for are judged unless they are ties."""
-    (expected, shown), judged = pair, asked
-    for one in pair:
-        judged = judged if one.certainty is None else judged & (one.certainty != Certainty.TIE)
+def _maps(
+    scene: Scene, pair: tuple[EyeImage, EyeImage], judged: Mask, wrong: Mask | None, moved: Floats
+) -> LossMaps:
+    """Return all maps of an expected and a shown view; ties are not judged."""
+    expected, shown = pair
+    for image in pair:
+        if image.certainty is not None:
+            judged = judged & (image.certainty != Certainty.TIE)
     same = (expected.object == shown.object) & (expected.object != NOTHING)
-    flip = recolored = None
+    depth = np.abs(shown.position[..., 2] - expected.position[..., 2])
+    flip = None
     if expected.color is not None and shown.color is not None:
-        per_degree = pixels_per_degree(scene, shown.eye)
-        flip = perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(
-            np.float64
-        )
-        recolored = _recolored(expected.color, shown.color)
+        sharpness = pixels_per_degree(scene, shown.eye)
+        found = perceptual_difference(expected.color, shown.color, sharpness)
+        flip = found.flip_map.astype(np.float64)
     return LossMaps(
         judged=judged,
         wrong=None if wrong is None else wrong & judged,
         displacement_arcmin=moved * ARCMIN_PER_RADIAN,
-        depth_error=np.where(
-            same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan
-        ),
+        depth_error=np.where(same, depth, np.nan),
         flip=flip,
-        recolored=recolored,
     )
-
-
-SHIFT_PX = 2  #: displacement on an eye's film, of which a color tells nothing of shading
-
-
-def _recolored(expected: ArrayLike, shown: ArrayLike) -> tuple[Mask, Mask]:
-    """Return which pixels (H, W) have another color than expected, and which of them by other shading.
-
-    The color of the latter lies outside the colors that are expected up to `SHIFT_PX` away. Near
-    outlines these reach from one surface to the other, so that there all may be displacement.
-    """
-    true, found = (
-        np.clip(np.asarray(one, dtype=np.float64), 0.0, 1.0) for one in (expected, shown)
-    )
-    size = (2 * SHIFT_PX + 1, 2 * SHIFT_PX + 1, 1)
-    low, high = minimum_filter(true, size), maximum_filter(true, size)
-    differ = np.abs(found - true).max(axis=-1) > COLOR_TOLERANCE
-    beyond = np.maximum(found - high, low - found).max(axis=-1) > COLOR_TOLERANCE
-    return differ, differ & beyond
 
 
 def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
-    """Return the places (H, W, 3) on the replayed lines at the heights of the points that they show."""
+    """Return the places (H, W, 3) on the replayed lines at the heights of the shown points."""
     grid = hogel_lines(scene, taken.shown)
     here = np.ix_(taken.shown.rows, taken.shown.columns)
     places = np.full(shown.position.shape, np.nan)
@@ -409,113 +360,78 @@ def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
 
 
 def pixels_per_degree(scene: Scene, eye: Eye) -> float:
-    """Return the pixels in a degree at the middle of an eye's view; InputError where it is seen too small."""
+    """Return the resolution at the middle of an eye's view; InputError for too small a view."""
     x, _, height = eye.position
     half = scene.plate.size[0] / 2
-    seen = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))
-    if not seen * MAX_PIXELS_PER_DEGREE >= eye.resolution[0]:
+    degrees = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))
+    if not degrees * MAX_PIXELS_PER_DEGREE >= eye.resolution[0]:
         raise InputError(
-            f"the eye at {','.join(map(digits, eye.position))} sees the plate's width under {digits(seen)} "
-            f"degrees, with more than {MAX_PIXELS_PER_DEGREE:,} pixels a degree: bring it nearer"
+            f"the eye at {','.join(map(digits, eye.position))} sees the plate's width under "
+            f"{digits(degrees)} degrees, with more than {MAX_PIXELS_PER_DEGREE:,} pixels a degree: "
+            "bring it nearer"
         )
-    return eye.resolution[0] / seen
+    return eye.resolution[0] / degrees
 
 
 def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
-    """Return the pixels that show a point which the eye could not see, for something is in front of it."""
+    """Return the pixels whose shown point is hidden from the eye."""
     known = np.isfinite(shown.position).all(axis=-1) & (shown.triangle != NOTHING)
-    # Hogels do not know where the eye is: they show what lies beside it and behind it too.
+    # A hogel is drawn for any eye: it also shows surfaces beside and behind this one.
     behind: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
     occluded = partial(reference.hidden, shown.eye)
     return behind | hidden_pixels(known & ~behind, shown, reference.scene, occluded)
 
 
 def _angle(a: Floats, b: Floats) -> Floats:
-    """Return the angles between vectors (H, W, 3), radians, exact also where they are tiny."""
+    """Return the angles between vectors (H, W, 3), radians, exact also for tiny ones."""
     return np.asarray(
         np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b))
     )
 
 
-Sloped = list[
-    tuple[EyeImage, Floats]
-]  #: the shown view of each eye, with its errors of slope (H, W)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Disparity:
-    """How far off two eyes see surface points that both are shown."""
+    """Error of the disparity of surface points that two eyes both see."""
 
-    matched: int  #: pixels of the left eye whose surface point the right eye is shown too
-    disparity_arcmin: Quantiles | None  #: absolute error of the disparity
-    depth: DepthShift | None  #: shown minus true distance from the eyes that follows, scene units
-    change_arcsec: DepthShift | None = (
-        None  #: shown minus true disparity, negative where seen too far away
-    )
+    matched: int  #: pixels of the left eye whose surface point the right eye sees too
+    depth: DepthShift | None  #: shown minus true distance from the eyes, scene units
+    change_arcsec: DepthShift | None  #: shown minus true disparity; negative where seen too far
 
 
-def disparity(
-    reference: EyeReference, left: Views, right: Views
-) -> tuple[Disparity, Disparity | None]:
-    """Return what the display and what the renderer does to the disparity of two eyes.
+def disparity(reference: EyeReference, left: Views, right: Views) -> Disparity:
+    """Return the error of disparity that a renderer's hogels make for two eyes.
 
-    The error of one eye is the slope under which it is shown a point minus that of the point
-    itself; for the renderer it is measured along the lines of hogels' pixels, so that pitch and
-    pixels are not in it. The difference of both eyes' errors is that of disparity. InputError where
-    the eyes are not side by side: at one height, and at different x.
+    The eyes differ in x alone. The error of an eye is the slope along x of the line on which a
+    hogel's pixel shows a point, minus the slope of the point itself, so that neither pitch nor
+    pixels are in it. The error of disparity is the difference of the errors of both eyes.
     """
-    (x, y, height), other = left.eye.position, right.eye.position
-    if not (x < other[0] and y == other[1] and height == other[2]):
-        told = "two eyes need positions side by side: the left one first, the same Y and the same Z"
-        raise InputError(told)
-
-    def slope(views: Views, place: Floats, z: Floats) -> Floats:
-        """Return the slope along x under which an eye sees places, taken at other points' heights."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray((place[..., 0] - views.eye.position[0]) / (height - z[..., 2]))
-
-    by_display, by_renderer = Sloped(), Sloped()
+    x, _, height = left.eye.position
+    base, bundle = right.eye.position[0] - x, reference.bundle(right.eye)
+    images, errors = [], []
     for views in (left, right):
-        replayed, drawn = views.replayed, views.drawn
-        own = slope(views, replayed.position, replayed.position)
-        by_display.append((replayed, reference.bundle(views.eye).dx - own))
-        if drawn is not None:
-            at, own = shown_at(reference.scene, views.taken, drawn), drawn.position
-            by_renderer.append((drawn, slope(views, at, own) - slope(views, own, own)))
-    eyes = left.eye, right.eye
-    lost = _disparity(reference, eyes, by_display)
-    return lost, _disparity(reference, eyes, by_renderer) if len(by_renderer) == len(eyes) else None
-
-
-def _disparity(reference: EyeReference, eyes: tuple[Eye, Eye], shown: Sloped) -> Disparity:
-    """Return the disparity that the errors of slope of two shown views make."""
-    (left, left_error), (right, right_error) = shown
-    base, bundle = eyes[1].position[0] - eyes[0].position[0], reference.bundle(eyes[1])
-    # Where the right eye has the pixel that truly shows each point of the left one.
-    place = np.nan_to_num(pixel_places(left.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
-    column, row = (
-        np.floor(np.clip(place[..., axis], -1.0, 1e6) + 0.5).astype(int) for axis in range(2)
-    )
-    width, rows = eyes[1].resolution
+        assert views.drawn is not None
+        place = shown_at(reference.scene, views.taken, views.drawn) - views.drawn.position
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors.append(place[..., 0] / (height - views.drawn.position[..., 2]))
+        images.append(views.drawn)
+    first, second = images
+    # The pixel of the right eye that truly shows the point of each pixel of the left eye.
+    pixel = np.nan_to_num(pixel_places(first.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
+    column, row = np.moveaxis(np.floor(np.clip(pixel, -1.0, 1e6) + 0.5).astype(int), -1, 0)
+    width, rows = right.eye.resolution
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-    distance = eyes[0].position[2] - left.position[..., 2]
+    distance = height - first.position[..., 2]
     pitch = reference.scene.plate.size[0] / reference.scene.plate.hogels[0]
     near = SAME_PLACE * (distance * 2 * bundle.half_extent[0] / width + pitch)
-    apart = np.linalg.norm(left.position - right.position[row, column], axis=-1)
-    same = (
-        inside
-        & (left.object != NOTHING)
-        & (left.object == right.object[row, column])
-        & (apart <= near)
-    )
-    error = np.where(same, left_error - right_error[row, column], np.nan)
-    # Disparity is base / distance; the shown one belongs to another distance.
+    apart = np.linalg.norm(first.position - second.position[row, column], axis=-1)
+    same = inside & (first.object != NOTHING) & (first.object == second.object[row, column])
+    error = np.where(same & (apart <= near), errors[0] - errors[1][row, column], np.nan)
+    # Disparity is base / distance; the shown disparity belongs to another distance.
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = base / (base / distance + error)
     return Disparity(
         matched=int(np.isfinite(error).sum()),
-        disparity_arcmin=_spread(Quantiles, np.abs(error) * ARCMIN_PER_RADIAN, 50, 99, 100),
         depth=_spread(DepthShift, np.where(seen > 0, seen - distance, np.nan), 1, 50, 99),
         change_arcsec=_spread(DepthShift, 60 * ARCMIN_PER_RADIAN * error, 1, 50, 99),
     )

@@ -136,6 +136,7 @@ EXPECTED = {
     r"report-large-triangles\.rows\[\d+\]\.unexplained: 0,": "starved depth lets the far cut run anywhere",
     r"budget-large\.explained\.": "such a cut is looked at last: what depth orders or loses is no edge",
     r"survey-.*\.sentence: .*; worst by displacement: ": "the measure of the worst hogel is named",
+    r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, and shading from colors alone",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression: answers that differ or have gone, and why the new one is right."""

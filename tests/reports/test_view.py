@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,8 @@ from PIL import Image
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.view import _sentences, eyes_on_path
-from xfrustum.scenes import DoubleFrustum, InputError, open_scene
+from xfrustum.scenes import DoubleFrustum, open_scene
 from xfrustum.scenes.files.exr import write_image
-from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.notebook import percent
 
 EYES, EYE, RESOLUTION, NEAR = (
     "--eye=-20,3,300;25,3,300",
@@ -72,7 +68,7 @@ def drawn_anew(folder: Path) -> list[dict[str, Any]]:
     return eyes
 
 
-def test_view_tells_the_contract_and_writes_all_its_files(folder: Path) -> None:
+def test_view_keeps_the_contract_and_writes_all_its_files(folder: Path) -> None:
     eyes, out = drawn_anew(folder), folder / "fly"
     assert [eye["eye"] for eye in eyes] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
     for eye in eyes:
@@ -80,58 +76,45 @@ def test_view_tells_the_contract_and_writes_all_its_files(folder: Path) -> None:
             assert loss["fraction"] == loss["wrong"] / loss["judged"]
             assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
             assert loss["depth_error"]["p50"] <= loss["depth_error"]["p99"]
-        assert (
-            eye["display"]["displacement_arcmin"]["p50"]
-            > eye["renderer"]["displacement_arcmin"]["p50"]
-        )
+        display, renderer = (eye[name]["displacement_arcmin"] for name in ("display", "renderer"))
+        assert display["p50"] > renderer["p50"]
     kinds = [f"{k}.{kind}" for k in "01" for kind in ("exr", "png")]
     pictures = [f"{name}_{kind}" for name in ("true", "replayed", "drawn") for kind in kinds]
     names = sorted(path.name for path in out.iterdir())
-    assert names == sorted(["index.html", "view.json", "views.gif", *pictures])
+    assert names == sorted(["index.html", "view.json", *pictures])
     page = (out / "index.html").read_text()
-    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
+    assert "http" not in page.replace("http-equiv", "") and page.count("<figure>") == 10
+    assert "moves every point 0.5 mm away from the plate" in page
     header = OpenEXR.InputFile(str(out / "true_0.exr")).header()
     assert json.loads(header["xfrustum:eye"])["position"] == [-20.0, 3.0, 300.0]
     assert {"R", "P.X", "Z", "id.triangle", "certainty"} <= set(header["channels"])
-    with Image.open(out / "views.gif") as animation:
-        assert getattr(animation, "n_frames", 1) == 2
 
 
-def test_the_display_alone_is_judged_where_no_hogels_are_named(
+def test_only_the_display_is_judged_without_hogels(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """An eye within the scene's depth is told that numbers say little."""
     (eye,) = told(capfd, folder, EYE, RESOLUTION)["eyes"]
     assert eye["renderer"] is None and eye["display"]["flip"] > 0
     run("view", folder, "--eye=0,0,10;0,0,300", RESOLUTION)
-    assert (
-        "At 1 of 2 eyes the numbers say little: these lie within the scene's depth"
-        in capfd.readouterr().out
-    )
+    assert "1 of 2 eyes lie within the scene" in capfd.readouterr().out
 
 
-def test_a_stored_plate_and_one_made_on_the_fly_show_the_same_pixels(
+def test_a_stored_plate_has_the_pixels_of_hogels_drawn_on_demand(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    stored = told(
-        capfd,
-        folder,
-        EYES,
-        RESOLUTION,
-        f"--plate={folder / 'plate.zarr'}",
-        f"--out={tmp_path / 'out'}",
-    )
+    source, out = f"--plate={folder / 'plate.zarr'}", tmp_path / "out"
+    stored = told(capfd, folder, EYES, RESOLUTION, source, f"--out={out}")
     pixels = [
         [path.read_bytes() for path in sorted(one.glob("drawn_*.exr"))]
-        for one in (folder / "fly", tmp_path / "out")
+        for one in (folder / "fly", out)
     ]
     assert len(pixels[0]) == 2 and pixels[0] == pixels[1]
     assert stored["eyes"] == drawn_anew(folder)
-    assert json.loads((tmp_path / "out" / "view.json").read_text()) == stored
+    assert json.loads((out / "view.json").read_text()) == stored
 
 
 @pytest.mark.parametrize("encoding", ["rgb", "triangle-id"])
-def test_anybodys_images_are_judged_by_what_they_say(
+def test_image_files_are_judged_by_the_channels_that_they_have(
     encoding: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     pattern = folder / ("{i}x{j}.exr" if encoding == "rgb" else "{i}x{j}.png")
@@ -144,52 +127,25 @@ def test_anybodys_images_are_judged_by_what_they_say(
             p99 = expected["displacement_arcmin"]["p99"]
             assert found["displacement_arcmin"]["p99"] == pytest.approx(p99, rel=1e-3)
         else:
-            # Pictures of numbers do not say where on a triangle their points lie.
+            # Triangle numbers do not locate a point on its triangle.
             assert found["wrong"] <= expected["wrong"] and found["displacement_arcmin"] is None
 
 
-def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    run("plate", folder, NEAR, "--out", str(tmp_path / "plate.zarr"))
-    images = f"--images={folder / '{i}x{j}.png'}"
-    for source in (
-        (images, "--encoding=rgb"),
-        (images, "--encoding=srgb"),
-        (f"--plate={tmp_path}/plate.zarr",),
-    ):
-        (eye,) = told(capfd, folder, EYE, RESOLUTION, *source, f"--out={tmp_path / 'out'}")["eyes"]
-        assert eye["renderer"]["wrong"] is None and eye["renderer"]["fraction"] is None
-    page = (tmp_path / "out" / "index.html").read_text()
-    assert eye["renderer"]["flip"] < 0.1 and "wrong surfaces unknown" in page
-    assert (
-        f"Its colors differ in {percent(eye['renderer']['color_fraction'])} of the pixels" in page
-    )
-
-
-def test_images_that_name_surfaces_are_charged_with_wrong_ones(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("encoding", ["srgb", "object-id"])
+def test_colors_name_no_surfaces_and_black_object_pictures_name_wrong_ones(
+    encoding: str, folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for column, row in np.ndindex(8, 6):
         Image.new("RGB", (32, 24)).save(tmp_path / f"{column}x{row}.png")
     source = f"--images={tmp_path / '{i}x{j}.png'}"
-    (eye,) = told(capfd, folder, EYE, RESOLUTION, source, "--encoding=object-id")["eyes"]
-    assert eye["renderer"]["fraction"] > 0.1
+    (eye,) = told(capfd, folder, EYE, RESOLUTION, source, f"--encoding={encoding}")["eyes"]
+    if encoding == "srgb":
+        assert eye["renderer"]["wrong"] is None and eye["renderer"]["flip"] > 0.01
+    else:
+        assert eye["renderer"]["fraction"] > 0.1
 
 
-def test_a_pair_of_eyes_tells_at_which_depth_things_are_seen(
-    folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    found = told(capfd, folder, EYE, "--resolution=96,72", "--near=2", "--stereo=65")
-    assert [eye["eye"][0] for eye in found["eyes"]] == [-32.5, 32.5]
-    (pair,) = found["stereo"]
-    # One object lies behind the plate and is seen 2 too far, the other before it and is seen 2 too
-    # near.
-    assert pair["renderer"]["depth"]["p1"] == pytest.approx(-2, abs=0.5)
-    assert pair["renderer"]["depth"]["p99"] == pytest.approx(2, abs=0.5)
-
-
-def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
+def test_a_quilt_has_the_views_from_left_to_right_and_from_the_bottom_up(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out, single = tmp_path / "quilt", tmp_path / "single"
@@ -209,17 +165,6 @@ def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
         np.testing.assert_array_equal(np.asarray(quilt)[:9, :12], np.asarray(alone))
 
 
-def test_eyes_on_a_path_are_evenly_spaced() -> None:
-    ends = [
-        Eye(position=place)
-        for place in ((0.0, 0.0, 100.0), (30.0, 0.0, 100.0), (30.0, 10.0, 100.0))
-    ]
-    found = [eye.position for eye in eyes_on_path(ends, 5)]
-    assert found == [(0, 0, 100), (10, 0, 100), (20, 0, 100), (30, 0, 100), (30, 10, 100)]
-    with pytest.raises(InputError, match="two eyes"):
-        eyes_on_path(ends[:1], 3)
-
-
 def test_a_plate_of_another_scene_or_with_holes_is_refused(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -229,30 +174,3 @@ def test_a_plate_of_another_scene_or_with_holes_is_refused(
     for scene, said in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
         assert main(["view", str(scene), EYE, "--plate", str(stored), "--quiet"]) == 2
         assert said in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("p50", "said"),
-    [
-        (0.05, "At every eye the renderer moves things by less than the display itself does."),
-        (
-            0.137,
-            "At 0 of 1 eyes the renderer moves things by more than the display does, by p99, and at 1",
-        ),
-    ],
-)
-def test_the_renderer_is_said_to_lose_less_only_where_median_and_99th_percentile_agree(
-    p50: float, said: str
-) -> None:
-    def lost(p50: float, p99: float) -> SimpleNamespace:
-        moved = SimpleNamespace(p50=p50, p99=p99)
-        return SimpleNamespace(
-            fraction=0.0, displacement_arcmin=moved, flip=None, color_fraction=None
-        )
-
-    losses = {"display": lost(0.0801, 1.5), "renderer": lost(p50, 0.3)}
-    eye = SimpleNamespace(eye=(0.0, 0.0, 600.0), losses=losses, display=losses["display"])
-    record = SimpleNamespace(eyes=[eye], units="mm", stereo=[])
-    scene = SimpleNamespace(vertices=np.zeros((1, 3)))
-    found: Any = SimpleNamespace(record=record, renderer=(eye,), gap=None, scene=scene)
-    assert any(one.startswith(said) for one in _sentences(found))

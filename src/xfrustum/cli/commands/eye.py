@@ -1,8 +1,9 @@
-"""`view`: what eyes before the plate see."""
+"""`view`: pictures of eyes before the plate."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,7 +13,6 @@ from xfrustum.cli.options import FOLDER, POSITIVE, RESOLUTION, TEXT, TILES, choi
 
 if TYPE_CHECKING:
     from xfrustum.reports.view import Source
-    from xfrustum.scenes.model.eye import Eye
     from xfrustum.scenes.model.scene import Scene
 
 Place = tuple[float, float, float]
@@ -33,34 +33,24 @@ class _Asked(options.Measured):
     places = option(
         _PLACES, "Positions before the plate, such as 0,0,600;30,0,600.", "--eye", required=True
     )
-    path = option(click.IntRange(min=2), "Number of eyes on the way from the first to the last.")
     film = several(
         resolution=option(RESOLUTION, "Pixels of an eye's film.  [default: 400,300]"),
         pupil=option(POSITIVE, "Diameter of the pupil.  [default: a pinhole]"),
-        focus=option(click.FLOAT, "Height z that eyes are focused on.  [default: 0, the plate]"),
+        focus=option(click.FLOAT, "Height z of the plane in focus.  [default: 0, the plate]"),
         beam=choice(
-            "box tent", "Beams that hogels replay: a pixel each, or means of four.  [default: box]"
+            "box tent", "Beam of a hogel: its nearest pixel, or a mean of four.  [default: box]"
         ),
     )
-    stereo = option(POSITIVE, "Distance of two eyes that take the place of each eye.")
     settings = options.settings_options()
     plate = option(FOLDER, "Show the hogels of this Zarr group.")
     images = option(TEXT, "Show hogels of any renderer, such as 'DIR/{i}x{j}.png'.")
     encoding = options.encoding_option
     light = light_options("effects")
-    quilt = option(TILES, "Write quilts alone: views 40 degrees wide, as tiles.")
+    quilt = option(TILES, "Write quilts alone: tiles of views, 40 degrees from first to last.")
     out = option(FOLDER, "Folder for the page and the pictures.")
 
-    def eyes(self) -> tuple[Eye, ...]:
-        """Return the eyes, along the path if there is one."""
-        from xfrustum.reports.view import eyes_on_path
-        from xfrustum.scenes.model.eye import Eye
-
-        film = options.present(**self.film)
-        return eyes_on_path([Eye(position=place, **film) for place in self.places], self.path)
-
     def source(self, scene: Scene) -> Source | None:
-        """Return where the hogels come from; None where none are asked for."""
+        """Return the source of the hogels; None without a renderer."""
         from xfrustum.reports.view import Drawing, Images, StoredPlate
         from xfrustum.scenes.files.foreign_images import Encoding
 
@@ -69,9 +59,7 @@ class _Asked(options.Measured):
         if self.plate is not None:
             return StoredPlate(self.plate, scene)
         if self.images is not None:
-            return Images(
-                pattern=self.images, scene=scene, encoding=Encoding(self.encoding or Encoding.RGB)
-            )
+            return Images(self.images, scene, Encoding(self.encoding or Encoding.RGB))
         return None
 
 
@@ -79,40 +67,43 @@ class _Asked(options.Measured):
     "xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen"
 )
 def view(asked: _Asked) -> None:
-    """Show what eyes before the plate see: the scene itself, its replayed truth, and a renderer's hogels.
+    """Show the scene to eyes before the plate: itself, its replayed truth, and a renderer's hogels.
 
-    The renderer is ours with --near and its other options, a stored plate, or anybody's files;
-    without any of these the display alone is judged. With --out, index.html has all pictures with
-    their numbers, and beside it lie OpenEXR and PNG files and an animation.
+    The renderer is ours with --near and its other options, a stored plate, or image files of any
+    renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
     """
-    out, quilt, stereo = asked.out, asked.quilt, asked.stereo
+    out = asked.out
     if sum(given is not None for given in (asked.settings, asked.plate, asked.images)) > 1:
         raise click.UsageError(
             "--near, --plate and --images each name the hogels: give one of them"
         )
     if asked.encoding is not None and asked.images is None:
-        raise click.UsageError("--encoding says what pixels of --images hold: give both")
+        raise click.UsageError("--encoding needs --images, whose pixels it describes")
     opened = asked.light.applied(options.open_scene(asked.scene))
-    from xfrustum.reports.view import file_names, quilt_names, write_quilt, write_view
-    from xfrustum.reports.view import view as viewed
+    from xfrustum.reports import view as own
+    from xfrustum.scenes.model.eye import Eye
 
-    eyes = asked.eyes()
-    if quilt is not None and (out is None or len(eyes) > 1 or stereo is not None):
-        raise click.UsageError("--quilt needs --out, and one eye: leave out --path and --stereo")
+    eyes = [Eye(position=place, **options.present(**asked.film)) for place in asked.places]
+    if asked.quilt is not None and (out is None or len(eyes) > 1):
+        raise click.UsageError("--quilt needs --out and one eye")
     options.warn_of(opened)
     source = asked.source(opened)
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
-        options.note("views are made with one sample a pixel, whatever the scene asks for")
-    how: dict[str, Any] = {"effects": asked.light.chosen(opened), "progress": asked.progress}
-    if quilt is not None and out is not None:
-        record = write_quilt(opened, eyes[0], quilt, source, out, **how)
-        names = quilt_names(opened, quilt, drawn=source is not None)[1:]
-        options.note("quilts are encoded as sRGB, which displays take them for")
-        asked.tell(lambda: record, lambda: "\n".join(str(out / name) for name in names))
+        options.note("views have one sample a pixel; the sampling of the scene is ignored")
+    show = partial(
+        own.view,
+        opened,
+        source=source,
+        effects=asked.light.chosen(opened),
+        progress=asked.progress,
+    )
+    if asked.quilt is not None and out is not None:
+        record, files = own.write_quilt(show, eyes[0], asked.quilt, out)
+        options.note("quilts are encoded in sRGB, as displays expect")
+        asked.tell(lambda: record, lambda: "\n".join(map(str, files)))
         return
-    count = len(eyes) * (1 if stereo is None else 2)
-    options.check_out(out, file_names(count, drawn=source is not None))
-    found = viewed(opened, eyes, source, stereo=stereo, **how)
-    files = () if out is None else write_view(found, out)
+    options.check_out(out, own.file_names(len(eyes), drawn=source is not None))
+    found = show(eyes)
+    files = () if out is None else own.write_view(found, out)
     page = [str(file) for file in files if file.suffix == ".html"]
     asked.tell(found.summary, lambda: "\n".join((found.table(), *page)))
