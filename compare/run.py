@@ -1,9 +1,11 @@
 """Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates.
 
-Frames are drawn in the one thread that owns the OpenGL context, truths are traced in another, and
-as many threads as there are processors judge. Results come in order, and a bounded number of frames
-is ahead of the caller. Depth buffers of one pair of cameras share the traced links of the chain (T1
-to T4), the frame with linear depth (R0), and the predictions.
+The caller's thread traces truths and draws frames, for it owns the OpenGL context. As many threads
+as there are processors judge: a task is submitted when all its images are there, so that no task
+waits for another. Results come in order, and a bounded number of images is ahead of the caller.
+
+The settings of a task differ in their depth buffers alone. They share the traced links of the chain
+(T1 to T4), the frame with linear depth (R0), and the predictions.
 """
 
 from __future__ import annotations
@@ -11,20 +13,18 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, groupby, islice, pairwise
 from types import MappingProxyType
-from typing import Generic, Self, TypeVar
+from typing import Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
-from xfrustum.compare.metrics.error_maps import PixelErrors, pixel_errors
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
-from xfrustum.compare.prediction.predict import LinkedPrediction, Prediction, Predictor
+from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
@@ -39,12 +39,11 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 Result = TypeVar("Result")
-Timed = tuple[Result, float]  #: something that was made, and the wall seconds that it took
 
 NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 
 IMAGES_PER_THREAD = 4
-"""Images that are made, or being judged, for each thread that judges: enough that none waits for an image."""
+"""Images under way for each judging thread: enough that no thread waits for an image."""
 
 MAX_CONCURRENT_PIXELS = 1 << 23
 """Largest number of pixels of all images under way, unless two have more. An image takes about 240 bytes a
@@ -52,12 +51,12 @@ pixel with its truth and its error maps, so that this is 2 GB."""
 
 
 def images_under_way(pixels: int) -> int:
-    """Return how many images of so many pixels are made and not yet handed to the caller at a time."""
+    """Return the largest number of images that are made and not yet handed to the caller."""
     return max(2, min(IMAGES_PER_THREAD * worker_count(), MAX_CONCURRENT_PIXELS // pixels))
 
 
-def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
-    """Yield results in order, so many begun ahead; after an error or close the others are cancelled."""
+def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, None, None]:
+    """Yield results in order, at most so many tasks ahead; after an error or close cancel the rest."""
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
@@ -73,13 +72,13 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """What is wanted of each frame beside its geometry."""
+    """Properties of judged frames beside their geometry."""
 
-    color: bool = False  #: whether frames have color
-    colored_truths: bool = True
-    radiance: bool = False  #: whether colors are compared; see `compare_images`
-    perceptual: bool = False
-    causes: bool = False  #: whether errors are predicted and wrong pixels charged to causes
+    color: bool = False  #: color of frames
+    colored_truths: bool = True  #: color of truths, where frames have color
+    radiance: bool = False  #: comparison of colors; see `compare_images`
+    perceptual: bool = False  #: FLIP and SSIM
+    causes: bool = False  #: predicted errors, and wrong pixels charged to causes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,16 +164,13 @@ class JudgedHogel(NotebookRepr):
         return () if self.truth is None else self.truth._figures()
 
 
-_Finished = tuple[Aperture, HogelImage | None, JudgedDrawing]
-
-
 class Evaluator:
-    """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
+    """A reference and a rasterizer of one scene: drawn hogels are judged by traced truths.
 
-    A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a
-    reference; effects are those that the scene calls for where they are None; `model` is that of
-    the device, None for what is known of it. Raises InputError where there is no such tracer, or no
-    usable OpenGL.
+    A context manager for one thread: leaving it frees the rasterizer. The tracer does not matter
+    where there is a reference; effects are those that the scene calls for where they are None;
+    `model` is that of the device, None for the known model of the device at hand. Raises InputError
+    where there is no such tracer, or no usable OpenGL.
     """
 
     def __init__(
@@ -189,14 +185,8 @@ class Evaluator:
         one_of(scene, Scene, "scene")
         self.scene = scene
         self.reference = Reference(scene, tracer, effects) if reference is None else reference
-        # An OpenGL context is made, used and freed in one thread only.
-        self._drawing = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+        self.rasterizer = Rasterizer(scene, effects, model)
         self._released = False
-        try:
-            self._rasterizer = self._drawing.submit(Rasterizer, scene, effects, model).result()
-        except BaseException:
-            self._drawing.shutdown(cancel_futures=True)
-            raise
 
     def __enter__(self) -> Self:
         return self
@@ -205,27 +195,20 @@ class Evaluator:
         self.release()
 
     def release(self) -> None:
-        """Free the rasterizer, and end its thread; again, it does nothing."""
+        """Free the rasterizer; again, it does nothing."""
         if not self._released:
             self._released = True
-            try:
-                self._drawing.submit(self._rasterizer.release).result()
-            finally:
-                self._drawing.shutdown()
+            self.rasterizer.release()
 
     @property
     def model(self) -> DeviceModel:
         """The model of the device that draws, by which pixels are explained."""
-        return self._rasterizer.model
+        return self.rasterizer.model
 
     @property
     def device(self) -> dict[str, str]:
         """Names of the device that draws."""
-        return self._rasterizer.device
-
-    def submit(self, task: Callable[[Rasterizer], Result]) -> Future[Result]:
-        """Have the drawing thread do something with the rasterizer, after all that it was asked before."""
-        return self._drawing.submit(task, self._rasterizer)
+        return self.rasterizer.device
 
     def stream(
         self,
@@ -237,246 +220,221 @@ class Evaluator:
     ) -> Iterator[JudgedHogel]:
         """Yield many hogels, judged, in the order of their apertures.
 
-        Apertures are taken in the caller's thread, some ahead of what has been yielded. Memory does
-        not grow with their number. An exception of any thread comes to the caller, and closing the
-        iterator early ends the work. InputError where there are no settings, or they make no sense
-        for the scene's frustum.
+        Apertures are taken some ahead of the hogels that have been yielded. Memory does not grow
+        with their number. Closing the iterator early ends the work. InputError where there are no
+        settings, or they make no sense for the scene's frustum.
 
         `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None
         does so for scenes that say how they look. `causes` predicts errors, and charges wrong
         pixels to causes.
         """
         colors = is_shaded(self.scene) if radiance is None else radiance
-        wanted = FrameRequest(color=images or colors, radiance=colors, causes=causes)
+        request = FrameRequest(color=images or colors, radiance=colors, causes=causes)
+        return self._hogels(self.frames(apertures, settings, request), settings, images=images)
 
-        def finish(frame: JudgedFrame) -> _Finished:
-            return (
-                frame.aperture,
-                frame.truth if images else None,
-                JudgedDrawing.from_frame(frame, images=images),
-            )
-
-        def hogels(frames: Generator[_Finished, None, None]) -> Iterator[JudgedHogel]:
-            # The frames of a hogel follow one another; equal settings are drawn once.
-            with closing(frames):
-                while found := list(islice(frames, len(set(settings)))):
-                    drawn = {drawing.settings: drawing for _, _, drawing in found}
-                    drawings = tuple(drawn[one] for one in settings)
-                    yield JudgedHogel(aperture=found[0][0], truth=found[0][1], drawings=drawings)
-
-        return hogels(self.frames(apertures, settings, wanted, finish))
+    def _hogels(
+        self,
+        frames: Generator[JudgedFrame, None, None],
+        settings: Sequence[DoubleFrustum],
+        *,
+        images: bool,
+    ) -> Iterator[JudgedHogel]:
+        # The frames of a hogel follow one another; equal settings are drawn once.
+        with closing(frames):  # a generator
+            while of_hogel := list(islice(frames, len(set(settings)))):
+                drawings = {
+                    frame.settings: JudgedDrawing.from_frame(frame, images=images)
+                    for frame in of_hogel
+                }
+                yield JudgedHogel(
+                    aperture=of_hogel[0].aperture,
+                    truth=of_hogel[0].truth if images else None,
+                    drawings=tuple(drawings[setting] for setting in settings),
+                )
 
     def frames(
         self,
         apertures: Iterable[Aperture],
         settings: Sequence[DoubleFrustum],
-        wanted: FrameRequest,
-        finish: Callable[[JudgedFrame], Result],
+        request: FrameRequest,
         truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
-    ) -> Generator[Result, None, None]:
-        """Yield what is made of each judged frame, hogel by hogel, those of the same cameras together.
+    ) -> Generator[JudgedFrame, None, None]:
+        """Yield each judged frame, hogel by hogel, those of the same cameras together.
 
-        `finish` is called with each frame in the thread that has judged it: what it returns is
-        yielded, and the frame is not kept. Equal settings are drawn once; truths that are there
-        already are not traced again.
+        Equal settings are drawn once; truths that are there already are not traced again.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")
-        for one in settings:
-            one_of(one, DoubleFrustum, "settings")
-            one.check_against(self.scene.frustum)
-        # In groups of the same cameras; those of one near follow one another.
+        for setting in settings:
+            one_of(setting, DoubleFrustum, "settings")
+            setting.check_against(self.scene.frustum)
+        # In groups of the same cameras; groups of one near follow one another.
         nears = list(dict.fromkeys(setting.near for setting in settings))
         cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
         for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
             cameras.setdefault(with_exact_depth(setting), []).append(setting)
-        return _Loop(self, wanted, finish).run(apertures, list(cameras.values()), truths)
+        return self._judged(apertures, list(cameras.values()), request, truths)
+
+    def _judged(
+        self,
+        apertures: Iterable[Aperture],
+        groups: list[list[DoubleFrustum]],
+        request: FrameRequest,
+        truths: Mapping[Aperture, HogelImage],
+    ) -> Generator[JudgedFrame, None, None]:
+        """Trace and draw in this thread, judge in others, and yield the frames in order."""
+        pixels = math.prod(self.scene.frustum.resolution)
+        most = max(2, images_under_way(pixels) // max(map(len, groups)))
+        pool = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
+
+        def tasks() -> Iterator[Future[list[JudgedFrame]]]:
+            # The next truth is traced early: its predictor is made while frames are drawn.
+            hogels = pairwise(chain(self._truths(pool, apertures, request, truths), [None]))
+            for hogel, _ in hogels:
+                assert hogel is not None, "only the last has no successor"
+                for images in self._drawn(hogel, groups, request):
+                    yield pool.submit(judge_frames, self.reference, self.model, request, images)
+
+        try:
+            with closing(in_order(tasks(), most)) as judged:
+                for frames in judged:
+                    yield from frames
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def _truths(
+        self,
+        pool: ThreadPoolExecutor,
+        apertures: Iterable[Aperture],
+        request: FrameRequest,
+        truths: Mapping[Aperture, HogelImage],
+    ) -> Iterator[_Truth]:
+        """Yield each truth, and begin to prepare the closed forms of its errors."""
+        colored = request.color and request.colored_truths
+        for aperture in apertures:
+            one_of(aperture, Aperture, "aperture")
+            begun, truth = time.perf_counter(), truths.get(aperture)
+            trace_s = 0.0
+            if truth is None:
+                truth = self.reference.trace(aperture, colored=colored)
+                trace_s = time.perf_counter() - begun
+            predictor = None
+            if request.causes:
+                predictor = pool.submit(Predictor, truth, self.reference, self.model)
+            yield _Truth(aperture=aperture, image=truth, trace_s=trace_s, predictor=predictor)
+
+    def _drawn(
+        self, hogel: _Truth, groups: list[list[DoubleFrustum]], request: FrameRequest
+    ) -> Iterator[FrameImages]:
+        """Draw a hogel with each group of settings; trace the models of their cameras."""
+        for _, of_near in groupby(groups, key=lambda group: group[0].near):
+            # Geometries of one near share some traced models.
+            traced: dict[DoubleFrustum, HogelImage] = {}
+            for settings in of_near:
+                frames = {
+                    setting: self._draw(hogel.aperture, setting, color=request.color)
+                    for setting in settings
+                }
+                start: tuple[HogelImage, ...] = ()
+                if request.causes:
+                    exact = with_exact_depth(settings[0])
+                    last = frames.get(exact) or self._draw(hogel.aperture, exact, color=False)
+                    models = traced_models(
+                        self.reference, hogel.aperture, exact, traced, shaded=False
+                    )
+                    start = (hogel.image, *models, last.drawn.image)
+                yield FrameImages(
+                    aperture=hogel.aperture,
+                    truth=hogel.image,
+                    trace_s=hogel.trace_s,
+                    frames=frames,
+                    start=start,
+                    predictor=hogel.predictor.result() if hogel.predictor else None,
+                )
+
+    def _draw(self, aperture: Aperture, setting: DoubleFrustum, *, color: bool) -> _TimedFrame:
+        begun = time.perf_counter()
+        drawn = self.rasterizer.draw(aperture, setting, normals=False, color=color)
+        return _TimedFrame(drawn=drawn, raster_s=time.perf_counter() - begun)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cameras:
-    """Settings of one hogel that differ in their depth buffers alone, under way."""
+class _Truth:
+    """The truth of a hogel that is to be drawn."""
 
     aperture: Aperture
-    truth: Future[Timed[HogelImage]]  #: with the seconds of tracing
-    predicted: (
-        Future[Timed[list[LinkedPrediction]]] | None
-    )  #: for all of the settings; None without causes
-    settings: list[DoubleFrustum]
-    first: Future[Timed[Drawn]]  #: the frame with the first of the settings, and the seconds
-    #: With causes the chain up to R0, with all that budgets of these frames share; else errors of
-    #: the first frame, beside which the others are judged.
-    shared: Future[ChainStart] | Future[PixelErrors] | None
+    image: HogelImage
+    trace_s: float
+    predictor: Future[Predictor] | None
 
 
-class _Loop(Generic[Result]):
-    """One run of `Evaluator.frames`: a thread that draws, one that traces, and those that judge."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _TimedFrame:
+    """A frame, and the wall seconds of drawing it."""
 
-    # A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted
-    # before it: so they never all wait.
+    drawn: Drawn
+    raster_s: float
 
-    def __init__(
-        self, judge: Evaluator, wanted: FrameRequest, finish: Callable[[JudgedFrame], Result]
-    ) -> None:
-        self._judge, self._wanted, self._finish = judge, wanted, finish
-        self._reference = judge.reference
-        self._device = judge.model
-        self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
-        self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
 
-    def run(
-        self,
-        apertures: Iterable[Aperture],
-        groups: list[list[DoubleFrustum]],
-        truths: Mapping[Aperture, HogelImage],
-    ) -> Generator[Result, None, None]:
-        """Yield what is made of each frame; see `Evaluator.frames`."""
-        most = images_under_way(math.prod(self._judge.scene.frustum.resolution))
-        # Some cameras are begun ahead: threads that would wait for the one work on the other.
-        begun = pairwise(chain(self._begun(apertures, groups, truths), [None]))
-        try:
-            tasks = (
-                self._submitted(some, one) for some, _ in begun if some for one in some.settings
-            )
-            yield from in_order(tasks, most)
-        finally:
-            # Nobody wants what has not begun, and what waits for that ends.
-            for pool in (self._tracing, self._judging):
-                pool.shutdown(cancel_futures=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameImages:
+    """Images of one hogel with settings that differ in their depth buffers alone."""
 
-    def _begun(
-        self,
-        apertures: Iterable[Aperture],
-        groups: list[list[DoubleFrustum]],
-        truths: Mapping[Aperture, HogelImage],
-    ) -> Iterator[_Cameras]:
-        """Begin with hogel after hogel: with first frames, and with what the frames of some cameras share."""
-        color, colored = self._wanted.color, self._wanted.color and self._wanted.colored_truths
+    aperture: Aperture
+    truth: HogelImage
+    trace_s: float
+    frames: Mapping[DoubleFrustum, _TimedFrame]
+    start: tuple[HogelImage, ...]  #: T0 to R0, for causes; empty without
+    predictor: Predictor | None  #: closed forms of the hogel; None without causes
 
-        def trace(aperture: Aperture) -> Timed[HogelImage]:
-            if aperture in truths:
-                return truths[aperture], 0.0
-            return _timed(partial(self._reference.trace, aperture, colored=colored))
 
-        def predicting(truth: Future[Timed[HogelImage]]) -> Predictor:
-            return Predictor(truth.result()[0], self._reference, self._device)
-
-        def predict(
-            predictor: Future[Predictor], settings: list[DoubleFrustum]
-        ) -> Timed[list[LinkedPrediction]]:
-            return _timed(partial(predictor.result().predict_each, settings))
-
-        for aperture in apertures:
-            one_of(aperture, Aperture, "aperture")
-            truth = self._tracing.submit(trace, aperture)
-            predictor = self._judging.submit(predicting, truth) if self._wanted.causes else None
-            # Geometries of one near share some traced models.
-            for _, of_near in groupby(groups, key=lambda group: group[0].near):
-                traced: dict[DoubleFrustum, HogelImage] = {}
-                for settings in of_near:
-                    first = self._draw(aperture, settings[0], color=color)
-                    shared: Future[ChainStart] | Future[PixelErrors] | None = None
-                    predicted = None
-                    if predictor:
-                        predicted = self._judging.submit(predict, predictor, settings)
-                        exact = with_exact_depth(settings[0])
-                        last = (
-                            first
-                            if exact == settings[0]
-                            else self._draw(aperture, exact, color=False)
-                        )
-                        chain_of = partial(
-                            traced_models, self._reference, aperture, exact, traced, shaded=False
-                        )
-                        models = self._tracing.submit(chain_of)
-                        shared = self._judging.submit(self._start, truth, models, last)
-                    elif len(settings) > 1:
-                        shared = self._judging.submit(self._beside, truth, first)
-                    yield _Cameras(
-                        aperture=aperture,
-                        truth=truth,
-                        predicted=predicted,
-                        settings=settings,
-                        first=first,
-                        shared=shared,
-                    )
-
-    def _draw(
-        self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
-    ) -> Future[Timed[Drawn]]:
-        """Have a frame drawn; the result has the seconds that this took, too."""
-        return self._judge.submit(
-            lambda rasterizer: _timed(
-                partial(rasterizer.draw, aperture, setting, normals=False, color=color)
-            )
-        )
-
-    def _beside(self, truth: Future[Timed[HogelImage]], first: Future[Timed[Drawn]]) -> PixelErrors:
-        errors = pixel_errors(truth.result()[0], first.result()[0].image, self._reference)
-        errors.find_maps()
-        return errors
-
-    def _start(
-        self,
-        truth: Future[Timed[HogelImage]],
-        models: Future[tuple[HogelImage, ...]],
-        last: Future[Timed[Drawn]],
-    ) -> ChainStart:
-        """Return the chain up to R0, and find in this thread all that budgets share."""
-        images = (truth.result()[0], *models.result(), last.result()[0].image)
-        start = ChainStart(reference=self._reference, images=images, device=self._device)
-        start.find_shared()
-        return start
-
-    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
-        drawn = cameras.first
-        if setting != cameras.settings[0]:
-            drawn = self._draw(cameras.aperture, setting, color=self._wanted.color)
-        return self._judging.submit(self._judged, cameras, setting, drawn)
-
-    def _judged(
-        self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[Timed[Drawn]]
-    ) -> Result:
-        """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
-        (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), drawing.result()
-        shared = cameras.shared.result() if cameras.shared else None
+def judge_frames(
+    reference: Reference, device: DeviceModel, request: FrameRequest, images: FrameImages
+) -> list[JudgedFrame]:
+    """Compare frames of the same cameras with the truth; with causes predict and charge errors."""
+    begun, settings = time.perf_counter(), list(images.frames)
+    start, predictions = None, []
+    cached, shared_s, predict_s = None, 0.0, 0.0
+    if images.predictor is not None:
+        start = ChainStart.from_images(reference, images.start, device)
+        cached, shared_s = start.exact, time.perf_counter() - begun
+        predictions = images.predictor.predict_each(settings)
+        predict_s = time.perf_counter() - begun - shared_s
+    judged = []
+    for place, (setting, frame) in enumerate(images.frames.items()):
         begun = time.perf_counter()
         comparison = compare_images(
-            truth,
-            drawn.image,
-            self._reference,
-            radiance=self._wanted.radiance,
-            perceptual=self._wanted.perceptual,
-            cached_errors=shared.exact if isinstance(shared, ChainStart) else shared,
+            images.truth,
+            frame.drawn.image,
+            reference,
+            radiance=request.radiance,
+            perceptual=request.perceptual,
+            cached_errors=cached,
         )
-        compared = done = time.perf_counter()
-        prediction, budget, predict_s = None, None, 0.0
-        if cameras.predicted and isinstance(shared, ChainStart):
-            predicted, predict_s = cameras.predicted.result()
-            prediction, links = predicted[cameras.settings.index(setting)]
-            budget = charged(shared, comparison.errors, (prediction, links))
-            budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
-            done = time.perf_counter()
-        frame = JudgedFrame(
-            aperture=cameras.aperture,
-            truth=truth,
-            settings=setting,
-            image=drawn.image,
-            comparison=comparison,
-            prediction=prediction,
-            budget=budget,
-            times=StageTimes(
-                trace=trace_s,
-                raster=raster_s,
-                compare=compared - begun,
-                predict=predict_s / len(cameras.settings),
-                causes=done - compared,
-            ),
-            gpu_s=drawn.times["draw"].gpu_s,
+        cached = cached or comparison.errors
+        compared = time.perf_counter()
+        prediction, budget, causes_s = None, None, 0.0
+        if start is not None:
+            prediction = predictions[place][0]
+            budget = charged(start, comparison.errors, predictions[place])
+            causes_s = time.perf_counter() - compared + shared_s / len(settings)
+        judged.append(
+            JudgedFrame(
+                aperture=images.aperture,
+                truth=images.truth,
+                settings=setting,
+                image=frame.drawn.image,
+                comparison=comparison,
+                prediction=prediction,
+                budget=budget,
+                times=StageTimes(
+                    trace=images.trace_s,
+                    raster=frame.raster_s,
+                    compare=compared - begun,
+                    predict=predict_s / len(settings),
+                    causes=causes_s,
+                ),
+                gpu_s=frame.drawn.times["draw"].gpu_s,
+            )
         )
-        return self._finish(frame)
-
-
-def _timed(make: Callable[[], Result]) -> Timed[Result]:
-    begun = time.perf_counter()
-    return make(), time.perf_counter() - begun
+    return judged

@@ -88,12 +88,14 @@ class BudgetReport(notebook.NotebookRepr):
 
     def _said(self) -> str:
         settings = f"near {notebook.digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
-        return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
+        return (
+            f"{self.scene.name!r}, {self.place} with {settings}: {headline(self.geometry.numbers)}"
+        )
 
     def _figures(self) -> Sequence[notebook.Figure]:
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = notebook.as_shown(drawn.color, drawn.covered, drawn.height)
-        marks = notebook.marked(shown, wrong, self.geometry.moved)
+        marks = notebook.marked(shown, wrong, self.geometry.errors.moved)
         return (
             notebook.Figure(
                 caption="wrong surfaces red, displacement blue (full at 1 px)",
@@ -122,7 +124,8 @@ class AutoBudget(notebook.NotebookRepr):
 
     def _said(self) -> str:
         said = (
-            f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets
+            f"{one.place.removeprefix('aperture ')}: {headline(one.geometry.numbers)}"
+            for one in self.budgets
         )
         return f"{len(self.budgets)} apertures; " + "; ".join(said)
 

@@ -14,7 +14,6 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -196,9 +195,9 @@ def inspected_drawings(
     judge: Evaluator, apertures: Sequence[Aperture], setting: DoubleFrustum, *, causes: bool = True
 ) -> Iterator[InspectedHogel]:
     """Yield the hogels of some apertures, drawn with a setting, and perhaps the causes of their errors."""
-    finish, wanted = partial(inspected_frame, judge.scene), replace(DRAWN, causes=causes)
-    with closing(judge.frames(apertures, (setting,), wanted, finish)) as frames:
-        yield from frames
+    request = replace(DRAWN, causes=causes)
+    with closing(judge.frames(apertures, (setting,), request)) as frames:
+        yield from (inspected_frame(judge.scene, frame) for frame in frames)
 
 
 def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:

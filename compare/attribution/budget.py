@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import NotebookRepr, ShortRepr
+from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Frustum
 
@@ -115,7 +115,7 @@ Size = tuple[float | None, float | None]
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the size of steps (H W,) where they are known; None stands for steps that are all 0."""
+    """Return the size of steps (H, W) where they are known; None stands for steps that are all 0."""
     if not known.any():
         return None, None
     if steps is None:
@@ -126,128 +126,123 @@ def _size(steps: Floats | None, known: Mask) -> Size:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ChainStart(ShortRepr):
-    """All images of a chain but the last: what the depth buffers of one pair of cameras share."""
+    """All images of a chain but the last, T0 to R0, and all that budgets of one pair of cameras share.
+
+    Settings that differ in their depth buffers alone share these images.
+    """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     device: DeviceModel  #: that drew R0
+    judged: Mask  #: (H, W) pixels whose truth is no tie
+    exact: error_maps.PixelErrors  #: errors of R0, the frame with exact depth
+    exact_wrong: Mask  #: (H, W) judged pixels at which R0 shows the wrong surface
+    #: (H, W) last link up to R0 that changes the triangle of a pixel, else `RIGHT`
+    charge: NDArray[np.int8]
+    #: (H, W) link from which on a pixel of R0 shows a wrong surface, else `RIGHT`
+    surface_charge: NDArray[np.int8]
+    #: displacement of each image in pixels, (2, H, W); equal images share one array
+    shifts: tuple[Floats, ...]
+    #: (H, W) lengths that each link adds to displacement, pixels; None for links without effect
+    steps: tuple[Floats | None, ...]
+    known: Mask  #: (H, W) pixels at which all these images show a surface off the plate
+    sizes: tuple[Size, ...]  #: size of each of `steps` over the `known` pixels
+    rounding: Causes  #: causes of the changes by rasterization with exact depth
+    shear: ShearNumbers | None  #: effect of the pivot alone on the points of T2; None without any
+
+    @classmethod
+    def from_images(
+        cls, reference: Reference, images: tuple[HogelImage, ...], device: DeviceModel
+    ) -> ChainStart:
+        """Judge R0, the last of the images, and charge its wrong pixels to the links before it."""
+        truth, drawn = images[0], images[-1]
+        exact = error_maps.pixel_errors(truth, drawn, reference)
+        assert exact.surface is not None, "the reference has the scene at hand"
+        # Links without effect repeat their image. The first link is kept as a fallback for charges.
+        changing = [
+            link for link, (before, after) in enumerate(pairwise(images)) if after is not before
+        ]
+        charge = np.full(truth.triangle.shape, RIGHT, dtype=np.int8)
+        for link in changing:
+            charge[images[link].triangle != images[link + 1].triangle] = link
+
+        shift_of: dict[HogelImage, Floats] = {drawn: exact.shift}
+        for image in images[:-1]:
+            if image not in shift_of:
+                shift_of[image] = error_maps.film_shifts(image, truth.camera)
+        shifts = tuple(shift_of[image] for image in images)
+        steps = tuple(
+            None if after is before else np.hypot(*(after - before))
+            for before, after in pairwise(shifts)
+        )
+        known: Mask = np.asarray(np.isfinite(shifts[0]).all(axis=0))
+        for step in steps:
+            if step is not None:
+                known &= np.isfinite(step)
+        return cls(
+            reference=reference,
+            images=images,
+            device=device,
+            judged=error_maps.judged_pixels(truth),
+            exact=exact,
+            exact_wrong=exact.surface,
+            charge=charge,
+            surface_charge=_surface_charge(reference, images, exact.surface, changing),
+            shifts=shifts,
+            steps=steps,
+            known=known,
+            sizes=tuple(_size(step, known) for step in steps),
+            rounding=explain(reference.scene, images[-2], drawn, device),
+            shear=shear_numbers(images[PIVOT + 1], reference.scene.frustum),
+        )
 
     @property
     def truth(self) -> HogelImage:
-        """The true image."""
+        """The true image, T0."""
         return self.images[0]
 
     @property
     def depth(self) -> int:
-        """Number of the link from R0 to what is drawn; the one before it rasterizes."""
+        """Number of the link from R0 to R1; the link before it rasterizes."""
         return len(self.images) - 1
 
-    @cached_property
-    def judged(self) -> Mask:
-        """(H, W) pixels whose truth is no tie."""
-        return error_maps.judged_pixels(self.truth)
 
-    @cached_property
-    def changing(self) -> tuple[int, ...]:
-        """Numbers of the links up to R0 that change anything: the first one, which traces, always does."""
-        pairs = enumerate(pairwise(self.images))
-        return tuple(link for link, (before, after) in pairs if after is not before)
-
-    @cached_property
-    def charge(self) -> NDArray[np.int8]:
-        """(H, W) the last link that changes the triangle of each pixel up to R0, `RIGHT` where none does."""
-        charge = np.full(self.truth.triangle.shape, RIGHT, dtype=np.int8)
-        for link in self.changing:
-            charge[self.images[link].triangle != self.images[link + 1].triangle] = link
-        return charge
-
-    @cached_property
-    def exact(self) -> error_maps.PixelErrors:
-        """Errors of the frame with exact depth, R0."""
-        return error_maps.pixel_errors(self.truth, self.images[-1], self.reference)
-
-    @cached_property
-    def exact_wrong(self) -> Mask:
-        """(H, W) judged pixels at which R0 shows the wrong surface."""
-        assert self.exact.surface is not None, "the reference has the scene at hand"
-        return self.exact.surface
-
-    @cached_property
-    def surface_charge(self) -> NDArray[np.int8]:
-        """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not."""
-        # Traced images are judged at these pixels alone. The truth is right everywhere: until a
-        # later image is, the first link is charged.
-        pixels = np.flatnonzero(self.exact_wrong)
-        truth = self.truth.at(pixels)
-        first, *later = self.changing
-        found = np.full(pixels.size, first, dtype=np.int8)
-        for link in later:
-            shown = error_maps.surface_errors(truth, self.images[link].at(pixels), self.reference)
-            found[~shown.wrong[0]] = link
-        charge = np.full(self.exact_wrong.shape, RIGHT, dtype=np.int8)
-        charge.reshape(-1)[pixels] = found
-        return charge
-
-    @cached_property
-    def shifts(self) -> tuple[Floats, ...]:
-        """Displacement of each image in pixels, (2, H W); that of the same image is the same array."""
-        camera, images = self.truth.camera, dict.fromkeys(self.images)
-        found = {image: error_maps.film_shifts(image, camera) for image in images}
-        return tuple(found[image] for image in self.images)
-
-    @cached_property
-    def steps(self) -> tuple[Floats | None, ...]:
-        """(H W,) lengths in pixels that each link adds to displacement; None for one that changes nothing."""
-        pairs = pairwise(self.shifts)
-        return tuple(
-            None if after is before else np.hypot(*(after - before)) for before, after in pairs
-        )
-
-    @cached_property
-    def known(self) -> Mask:
-        """(H W,) pixels at which all these images show a surface off the plate."""
-        known: Mask = np.asarray(np.isfinite(self.shifts[0]).all(axis=0))
-        for steps in self.steps:
-            if steps is not None:
-                known &= np.isfinite(steps)
-        return known
-
-    @cached_property
-    def sizes(self) -> tuple[Size, ...]:
-        """How far each link but the last displaces the pixels that are `known`."""
-        return tuple(_size(steps, self.known) for steps in self.steps)
-
-    @cached_property
-    def rounding(self) -> Causes:
-        """Causes of what rasterization changed, with exact depth."""
-        model, drawn = self.images[-2:]
-        return explain(self.reference.scene, model, drawn, self.device)
-
-    @cached_property
-    def shear(self) -> ShearNumbers | None:
-        """What the pivot alone does to the points that T2 shows; None where the pivot does nothing."""
-        return shear_numbers(self.images[PIVOT + 1], self.reference.scene.frustum)
-
-    def find_shared(self) -> None:
-        """Find what all budgets share, in the thread of the caller: other threads then only read it."""
-        for name in ("charge", "exact_wrong", "surface_charge", "sizes", "rounding", "shear"):
-            getattr(self, name)
-        self.exact.find_maps()
+def _surface_charge(
+    reference: Reference, images: Sequence[HogelImage], wrong: Mask, changing: Sequence[int]
+) -> NDArray[np.int8]:
+    """Return the link from which on each wrong pixel (H, W) of R0 shows a wrong surface."""
+    # Only pixels that end wrong are judged in the traced images. The truth is right everywhere: the
+    # first link is charged until a later image shows the right surface again.
+    pixels = np.flatnonzero(wrong)
+    truth = images[0].at(pixels)
+    first, *later = changing
+    charged_to = np.full(pixels.size, first, dtype=np.int8)
+    for link in later:
+        errors = error_maps.surface_errors(truth, images[link].at(pixels), reference)
+        charged_to[~errors.wrong[0]] = link
+    charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
+    charge.reshape(-1)[pixels] = charged_to
+    return charge
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Budget(NotebookRepr):
+class Budget(ShortRepr):
     """The error of one image, link by link."""
 
     start: ChainStart
-    drawn: HogelImage
-    charge: NDArray[np.int8]  #: (H, W) the link that each wrong pixel is charged to, else `RIGHT`
-    surface_charge: NDArray[
-        np.int8
-    ]  #: (H, W) the link from which on each pixel shows a wrong surface
-    explanation: Causes  #: of the pixels charged to rasterization and depth
+    errors: error_maps.PixelErrors  #: errors of the last image
+    charge: NDArray[np.int8]  #: (H, W) link that each wrong pixel is charged to, else `RIGHT`
+    #: (H, W) link from which on each pixel shows a wrong surface, else `RIGHT`
+    surface_charge: NDArray[np.int8]
+    explanation: Causes  #: causes of the pixels charged to rasterization and depth
+    causes: tuple[Cause, ...]  #: effect of each link, in the order of `links`
     predicted: tuple[LinkPrediction, ...]
-    reasons: Reasons  #: why predictions do not hold
+    reasons: Reasons  #: reasons for which predictions do not hold
+
+    @property
+    def drawn(self) -> HogelImage:
+        """The last image of the chain, R1."""
+        return self.errors.raster
 
     @property
     def judged(self) -> int:
@@ -260,21 +255,12 @@ class Budget(NotebookRepr):
         return int((self.charge != RIGHT).sum())
 
     @property
-    def moved(self) -> Floats:
-        """Lengths (H, W) of the displacement of the last image, NaN where it is undefined."""
-        return error_maps.lengths(error_maps.displacement(self.drawn, self.start.truth.camera))
-
-    @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        shifts = np.stack(
-            (*self.start.shifts, error_maps.film_shifts(self.drawn, self.start.truth.camera))
-        )
-        return VectorBudget.from_values(
-            np.moveaxis(shifts, 1, -1).reshape(len(shifts), *self.charge.shape, 2)
-        )
+        shifts = np.stack((*self.start.shifts, self.errors.shift))
+        return VectorBudget.from_values(np.moveaxis(shifts, 1, -1))
 
-    @cached_property
+    @property
     def height(self) -> VectorBudget:
         """Budget of height, scene units."""
         images = (*self.start.images, self.drawn)
@@ -283,35 +269,10 @@ class Budget(NotebookRepr):
         ]
         return VectorBudget.from_values(np.stack(heights)[..., None])
 
-    @cached_property
+    @property
     def links(self) -> tuple[str, ...]:
         """Names of the links."""
-        settings = self.drawn.camera.settings
-        assert settings is not None, "the rasterizer says with which settings it drew"
-        return links_of(settings)
-
-    @cached_property
-    def causes(self) -> tuple[Cause, ...]:
-        """What each link does, in the order of `links`."""
-        start = self.start
-        last = np.hypot(
-            *(error_maps.film_shifts(self.drawn, start.truth.camera) - start.shifts[-1])
-        )
-        known = start.known & np.isfinite(last)
-        same = np.array_equal(known, start.known)
-        sizes = start.sizes if same else [_size(steps, known) for steps in start.steps]
-        return tuple(
-            Cause(
-                name=self.links[link],
-                surface=int(np.count_nonzero(self.surface_charge == link)),
-                triangle=int(np.count_nonzero(self.charge == link)),
-                displacement_rms_px=rms,
-                displacement_p99_px=p99,
-                predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
-                predicted_surface=self.predicted[link].surface_pixels,
-            )
-            for link, (rms, p99) in enumerate((*sizes, _size(last, known)))
-        )
+        return tuple(cause.name for cause in self.causes)
 
     @property
     def numbers(self) -> BudgetNumbers:
@@ -341,15 +302,10 @@ class Budget(NotebookRepr):
             device_model=self.start.device.name,
         )
 
-    def _said(self) -> str:
-        unexplained = self.explanation.counts()["unexplained"]
-        wrong = f"{self.wrong:,} of {self.judged:,} judged pixels show another triangle"
-        return f"{wrong}, {unexplained:,} unexplained"
-
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:
     """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
-    start = ChainStart(reference=reference, images=chain.images[:-1], device=chain.device)
+    start = ChainStart.from_images(reference, chain.images[:-1], chain.device)
     predictor = Predictor(start.truth, reference, chain.device)
     errors = error_maps.pixel_errors(start.truth, chain.images[-1], reference, start.exact)
     return charged(start, errors, predictor.predict_each([chain.settings])[0])
@@ -362,21 +318,43 @@ def charged(
 ) -> Budget:
     """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
     exact, drawn, depth = start.images[-1], errors.raster, start.depth
+    settings = drawn.camera.settings
     assert errors.surface is not None, "the reference has the scene at hand"
+    assert settings is not None, "images of the rasterizer have its settings"
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
     by_depth = wrong & (drawn.triangle != exact.triangle)
     charge = np.where(wrong, np.where(by_depth, np.int8(depth), start.charge), np.int8(RIGHT))
-    # What R0 shows rightly goes wrong by depth, whatever the images before show.
+    # A pixel that R0 shows rightly goes wrong by depth, whatever the images before it show.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
+    surface_charge = np.where(errors.surface, by_surface, np.int8(RIGHT))
     rounding = start.rounding
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
     swapped = explain(start.reference.scene, exact, drawn, start.device, np.flatnonzero(by_depth))
+
+    last = np.hypot(*(errors.shift - start.shifts[-1]))
+    known: Mask = start.known & np.isfinite(last)
+    sizes = start.sizes
+    if not np.array_equal(known, start.known):
+        sizes = tuple(_size(step, known) for step in start.steps)
+    links = zip(links_of(settings), (*sizes, _size(last, known)), predicted[1], strict=True)
     return Budget(
         start=start,
-        drawn=drawn,
+        errors=errors,
         charge=charge,
-        surface_charge=np.where(errors.surface, by_surface, np.int8(RIGHT)),
+        surface_charge=surface_charge,
         explanation=rounded.joined(swapped),
+        causes=tuple(
+            Cause(
+                name=name,
+                surface=int(np.count_nonzero(surface_charge == link)),
+                triangle=int(np.count_nonzero(charge == link)),
+                displacement_rms_px=rms,
+                displacement_p99_px=p99,
+                predicted_displacement_rms_px=expected.displacement_rms_px,
+                predicted_surface=expected.surface_pixels,
+            )
+            for link, (name, (rms, p99), expected) in enumerate(links)
+        ),
         predicted=predicted[1],
         reasons=predicted[0].reasons,
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -134,9 +133,9 @@ class Comparison(NotebookRepr, ComparisonNumbers):
     errors: error_maps.PixelErrors
     colors: RadianceError | None  #: None where they were not compared
 
-    @cached_property
+    @property
     def maps(self) -> error_maps.ErrorMaps:
-        """Each error as an image, made when it is first asked for."""
+        """Each error as an image."""
         return replace(self.errors.maps, radiance=self.colors.error if self.colors else None)
 
     @property
@@ -225,9 +224,8 @@ def compare_images(
         Tracer of the same scene; without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
-    beside
-        Errors by the same truth of an image of the same cameras, which saves time where both show
-        the same.
+    cached_errors
+        Errors by the same truth of another image: pixels that both show alike are not judged again.
 
     Raises
     ------

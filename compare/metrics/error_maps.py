@@ -12,7 +12,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -162,28 +161,30 @@ class DrawnPoints:
         return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
 
 
-def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
-    """Return the displacement (2, N) of points whose true places are known from the pixels that show them."""
-    row = pixels // camera.resolution[0]
-    return np.stack((places[0] - (pixels - row * camera.resolution[0]), places[1] - row))
+def film_places(image: HogelImage, camera: HogelCamera) -> Floats:
+    """Return column and row of every shown point on the true film, (2, H, W); NaN in the plate."""
+    # Selecting the covered pixels first takes longer than computing the whole film.
+    x, y, z = (np.asarray(image.position[..., axis], dtype=np.float64) for axis in range(3))
+    z = np.where(image.off_plate, z, np.nan)
+    return np.stack(places_off_center(x, y, z, true_lines(camera)))
 
 
-def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
-    """Return the displacement of all pixels, (2, H W), NaN where no surface off the plate is shown."""
-    # Whole arrays: to pick the pixels that show something would take longer than to compute all of
-    # them.
-    x, y, z = (np.asarray(raster.position[..., axis], dtype=np.float64) for axis in range(3))
-    columns, rows = places_off_center(
-        x, y, np.where(raster.off_plate, z, np.nan), true_lines(camera)
-    )
-    columns -= np.arange(columns.shape[1])
-    rows -= np.arange(rows.shape[0])[:, None]
-    return np.stack((columns, rows)).reshape(2, -1)
+def _less_centers(places: Floats) -> Floats:
+    """Return places (2, H, W) relative to the centers of the pixels that show them."""
+    shift = places.copy()
+    shift[0] -= np.arange(places.shape[2])
+    shift[1] -= np.arange(places.shape[1])[:, None]
+    return shift
 
 
-def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
-    """Return the displacement of all pixels as an image (H, W, 2); see `film_shifts`."""
-    return np.moveaxis(film_shifts(raster, camera).reshape(2, *raster.triangle.shape), 0, -1)
+def film_shifts(image: HogelImage, camera: HogelCamera) -> Floats:
+    """Return true minus drawn place of every pixel, (2, H, W) pixels; NaN in the plate."""
+    return _less_centers(film_places(image, camera))
+
+
+def displacement(image: HogelImage, camera: HogelCamera) -> Floats:
+    """Return the displacement of every pixel, (H, W, 2): columns to the right, rows down."""
+    return np.moveaxis(film_shifts(image, camera), 0, -1)
 
 
 def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
@@ -219,10 +220,7 @@ class SurfaceErrors:
 
 
 def surface_errors(
-    truth: HogelImage,
-    raster: HogelImage,
-    reference: Reference,
-    located: tuple[DrawnPoints, Places] | None = None,
+    truth: HogelImage, raster: HogelImage, reference: Reference, places: Floats | None = None
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
@@ -230,22 +228,21 @@ def surface_errors(
     objects, where the point that it shows belongs outside the true film, and where something else
     is in front of that point on its own true line. The true frustum sees a point in the plate only
     in the aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so
-    that a picture displaced by less shows nothing from outside.
-
-    `located` are the raster's points off the plate and their places on the true film, where they
-    are known.
+    that a picture displaced by less shows nothing from outside. `places` are the `film_places` of
+    the raster, where they are at hand.
     """
     scene, bundle = reference.scene, true_lines(truth.camera)
-    if located is None:
-        points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
-        located = points, points.places(bundle)
-    points, places = located
-    # Row by row in memory, whatever the order of the images' arrays is: pixels are marked by flat
-    # numbers.
+    points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
+    if places is None:
+        located = points.places(bundle)
+    else:
+        columns, rows = (axis.reshape(-1)[points.pixels] for axis in places)
+        located = columns, rows
+    # Flat numbers need rows that are contiguous in memory.
     wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
     wrong |= in_plate(raster) & ~in_plate(truth)
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
-    beyond = _beyond_film(points, places, bundle, scene) & ~seen
+    beyond = _beyond_film(points, located, bundle, scene) & ~seen
     outside = np.zeros_like(wrong)
     outside.reshape(-1)[points.pixels[beyond]] = True
     wrong |= outside
@@ -396,63 +393,40 @@ class ErrorMaps(ShortRepr):
     """Each error as an image; errors are raster minus truth."""
 
     judged: Mask  #: (H, W) pixels whose truth is no tie
-    surface: (
-        Mask | None
-    )  #: pixels that show the wrong surface; None where the scene was not at hand
-    outside: Mask | None  #: of these, the ones whose point belongs outside the true film
+    surface: Mask | None  #: pixels that show the wrong surface; None without the scene
+    outside: Mask | None  #: of these, pixels whose point belongs outside the true film
     triangle: Mask  #: pixels that show another triangle number
     displacement: Floats  #: (H, W, 2) columns and rows in pixels, NaN where undefined
-    height: Floats  #: (H, W), NaN where they do not show the same triangle
-    radiance: (
-        Floats | None
-    )  #: (H, W, 3), NaN where it is not judged; None where it was not compared
+    height: Floats  #: (H, W), NaN where the triangles differ
+    radiance: Floats | None  #: (H, W, 3), NaN where not judged; None where not compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PixelErrors(ShortRepr):
-    """The errors of an image: numbers of displacement and height, and which pixels are wrong.
-
-    Masks are those of `ErrorMaps`.
-    """
+    """Errors of an image but those of color: maps, and the numbers of displacement and height."""
 
     truth: HogelImage
     raster: HogelImage
-    judged: Mask
+    judged: Mask  #: like the next three, a mask of `ErrorMaps`
     surface: Mask | None
     outside: Mask | None
     triangle: Mask
+    shift: Floats  #: (2, H, W) true minus drawn place, columns and rows; NaN where undefined
+    moved: Floats  #: (H, W) length of `shift`
+    height: Floats  #: (H, W) raster minus truth, NaN where the triangles differ
     spread: Spread | None
     height_error: HeightError | None
 
     @property
     def at_plate(self) -> int:
-        """Number of the image's pixels that show a surface in the plate, where displacement is undefined."""
+        """Number of pixels that show a surface in the plate, where displacement is undefined."""
         return int(np.count_nonzero(in_plate(self.raster)))
 
-    @cached_property
-    def moved(self) -> Floats:
-        """Lengths (H, W) of the displacement in pixels, NaN where it is undefined."""
-        return np.asarray(
-            np.hypot(*film_shifts(self.raster, self.truth.camera)).reshape(self.judged.shape)
-        )
-
-    @cached_property
-    def height(self) -> Floats:
-        """Raster minus truth (H, W), NaN where judged pixels do not show the same triangle."""
-        found = np.full(self.judged.shape, np.nan)
-        pixels, rise = _rise(self.truth, self.raster, self.judged)
-        found.reshape(-1)[pixels] = rise
-        return found
-
-    def find_maps(self) -> None:
-        """Find the maps beside which other images are judged, in the thread of the caller."""
-        _ = self.moved, self.height
-
-    @cached_property
+    @property
     def maps(self) -> ErrorMaps:
-        """Each error as an image, without that of radiance."""
+        """Errors as images, without radiance."""
         masks = {name: getattr(self, name) for name in ("judged", "surface", "outside", "triangle")}
-        moved = displacement(self.raster, self.truth.camera)
+        moved = np.moveaxis(self.shift, 0, -1)
         return ErrorMaps(**masks, displacement=moved, height=self.height, radiance=None)
 
 
@@ -462,14 +436,20 @@ def pixel_errors(
     reference: Reference | None,
     cached_errors: PixelErrors | None = None,
 ) -> PixelErrors:
-    """Return the errors of an image; pixels that show the same as one `beside` it are not judged again."""
+    """Return the errors of an image.
+
+    `cached_errors` are those of another image by the same truth; pixels that show the same in both
+    images are not judged again.
+    """
     if cached_errors is not None:
-        return _errors_beside(truth, raster, reference, cached_errors)
+        return _updated_errors(truth, raster, reference, cached_errors)
     judged = judged_pixels(truth)
-    points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
-    places = points.places(true_lines(truth.camera))
-    # Without the scene at hand nobody knows what occludes a point.
-    errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
+    places = film_places(raster, truth.camera)
+    # Occlusion cannot be decided without the scene.
+    errors = surface_errors(truth, raster, reference, places) if reference else None
+    shift = _less_centers(places)
+    moved = np.hypot(*shift)
+    height = _rise(truth, raster, judged)
     return PixelErrors(
         truth=truth,
         raster=raster,
@@ -477,69 +457,66 @@ def pixel_errors(
         surface=errors.wrong & judged if errors else None,
         outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & names_triangles(raster),
-        spread=Spread.from_values(np.hypot(*_shifts(places, points.pixels, truth.camera))),
-        height_error=_height_error(_rise(truth, raster, judged)[1]),
-    )
-
-
-def _errors_beside(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, cached_errors: PixelErrors
-) -> PixelErrors:
-    """Return the errors of an image, judged again only where it differs from one that was judged."""
-    pixels = differing_pixels(cached_errors.raster, raster)
-    if not pixels.size:
-        found = replace(cached_errors, raster=raster)
-        vars(found).update(moved=cached_errors.moved, height=cached_errors.height)
-        return found
-    before, after, judged = (
-        truth.at(pixels),
-        raster.at(pixels),
-        cached_errors.judged.reshape(-1)[pixels][None],
-    )
-    points = DrawnPoints.from_image(after, np.flatnonzero(after.off_plate))
-    places, shown = points.places(true_lines(truth.camera)), pixels[points.pixels]
-    errors = surface_errors(before, after, reference, (points, places)) if reference else None
-    moved = _with(cached_errors.moved, pixels, np.nan)
-    moved.reshape(-1)[shown] = np.hypot(*_shifts(places, shown, truth.camera))
-    height = _with(cached_errors.height, pixels, np.nan)
-    same, rise = _rise(before, after, judged)
-    height.reshape(-1)[pixels[same]] = rise
-    found = replace(
-        cached_errors,
-        raster=raster,
-        surface=_with(cached_errors.surface, pixels, errors.wrong & judged) if errors else None,
-        outside=_with(cached_errors.outside, pixels, errors.outside & judged) if errors else None,
-        triangle=_with(
-            cached_errors.triangle, pixels, (before.triangle != after.triangle) & judged
-        ),
+        shift=shift,
+        moved=moved,
+        height=height,
         spread=Spread.from_values(moved[raster.off_plate]),
-        height_error=_height_error(height[~np.isnan(height)]),
+        height_error=_height_error(height),
     )
-    # The maps are there already.
-    vars(found).update(moved=moved, height=height)
-    return found
 
 
-def _with(whole: NDArray[Any] | None, pixels: Indices, values: Any) -> Any:
-    """Return a map (H, W) with other values at some pixels, given by their flat numbers."""
+def _updated_errors(
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, cached: PixelErrors
+) -> PixelErrors:
+    """Return the errors of an image, judged only where it differs from one with cached errors."""
+    pixels = differing_pixels(cached.raster, raster)
+    if not pixels.size:
+        return replace(cached, raster=raster)
+    # The differing pixels as images of one row.
+    before, after = truth.at(pixels), raster.at(pixels)
+    judged = cached.judged.reshape(-1)[pixels][None]
+    places = film_places(after, truth.camera)
+    errors = surface_errors(before, after, reference, places) if reference else None
+    row, column = np.divmod(pixels, cached.judged.shape[1])
+    shift = cached.shift.copy()
+    shift.reshape(2, -1)[:, pixels] = places[:, 0] - (column, row)
+    moved = cached.moved.copy()
+    moved.reshape(-1)[pixels] = np.hypot(*shift.reshape(2, -1)[:, pixels])
+    height = _with(cached.height, pixels, _rise(before, after, judged))
+    triangle = (before.triangle != after.triangle) & judged
+    return replace(
+        cached,
+        raster=raster,
+        surface=_with(cached.surface, pixels, errors.wrong & judged) if errors else None,
+        outside=_with(cached.outside, pixels, errors.outside & judged) if errors else None,
+        triangle=_with(cached.triangle, pixels, triangle),
+        shift=shift,
+        moved=moved,
+        height=height,
+        spread=Spread.from_values(moved[raster.off_plate]),
+        height_error=_height_error(height),
+    )
+
+
+def _with(whole: NDArray[Any] | None, pixels: Indices, values: NDArray[Any]) -> Any:
+    """Return a map (H, W) with new values at some pixels, given by their flat numbers."""
     assert whole is not None, "both images were judged with the scene at hand"
-    found = whole.copy()
-    found.reshape(-1)[pixels] = values
-    return found
+    updated = whole.copy()
+    updated.reshape(-1)[pixels] = values.reshape(-1)
+    return updated
 
 
-def _height_error(error: Floats) -> HeightError | None:
+def _height_error(height: Floats) -> HeightError | None:
+    error = height[~np.isnan(height)]
     if not error.size:
         return None
     return HeightError(rms=root_mean_square(error), max=float(np.abs(error).max()))
 
 
-def _rise(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
-    """Return the judged pixels (N,) that show the same triangle, and raster minus truth of their heights."""
+def _rise(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
+    """Return raster minus truth of heights (H, W); NaN where not judged or the triangles differ."""
     same = (truth.triangle == raster.triangle) & judged & truth.covered & np.isfinite(raster.height)
-    pixels = np.flatnonzero(same)
-    drawn, true = (image.height.reshape(-1)[pixels] for image in (raster, truth))
-    return pixels, drawn.astype(np.float64) - true
+    return np.where(same, raster.height.astype(np.float64) - truth.height, np.nan)
 
 
 def names_triangles(image: HogelImage) -> bool:

@@ -67,9 +67,7 @@ def hogel_results(
     """
     exact = with_exact_depth(settings)
     drawn = tuple(dict.fromkeys((settings, exact, *others)))
-    with closing(
-        judge.frames(apertures, drawn, FrameRequest(), lambda frame: frame, truths)
-    ) as frames:
+    with closing(judge.frames(apertures, drawn, FrameRequest(), truths)) as frames:
         while some := {one.settings: one for one in islice(frames, len(drawn))}:
             found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
             wrong, judged = found.errors.surface, max(found.judged, 1)

@@ -10,9 +10,10 @@ import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,18 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet
 from xfrustum.compare.metrics.radiance import STEP, LeftOutNumbers, measure_left_out
 from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
-from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
+from xfrustum.compare.run import (
+    Evaluator,
+    FrameRequest,
+    JudgedFrame,
+    images_under_way,
+    in_order,
+)
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, alone
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
+from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reports import inspection
 from xfrustum.reports.common import provenance
@@ -372,12 +380,15 @@ def _measure(
     shaded = is_shaded(scene)
     # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
     wanted = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
-    total, finish = len(apertures) * (1 + len(settings)), partial(_finish, scene, reduction)
+    total = len(apertures) * (1 + len(settings))
+    most = images_under_way(math.prod(scene.frustum.resolution))
     with (
         progress_bar(total, "report", "image", shown=options.progress) as bar,
-        closing(judge.frames(apertures, settings, wanted, finish)) as frames,
+        ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
+        closing(judge.frames(apertures, settings, wanted)) as frames,
     ):
-        for row, truth, pictures_s in frames:
+        tasks = (pool.submit(_measured, scene, reduction, frame) for frame in frames)
+        for row, truth, pictures_s in in_order(tasks, most):
             aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
             rows[aperture, row.settings] = row
             stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
@@ -403,13 +414,10 @@ def _measure(
     return rows, truths
 
 
-def _finish(
+def _measured(
     scene: Scene, reduction: int, frame: JudgedFrame
 ) -> tuple[Measurement, HogelImage, float]:
-    """Return the row of a frame, its truth, and the seconds that its pictures took to encode.
-
-    The thread that has judged the frame encodes them.
-    """
+    """Return the row of a frame, its truth, and the seconds that its pictures took to encode."""
     begun, reach = time.perf_counter(), scene.frustum.longest_reach
     comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
     if budget is not None:

@@ -24,7 +24,7 @@ from xfrustum.compare.metrics.radiance import transported
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.rasterizer import Rasterizer, normals_of
+from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.outputs import json_ready, progress_bar
@@ -103,12 +103,8 @@ def source_of(
         return
     settings.check_against(scene.frustum)
     with Evaluator(scene, effects=content.effects) as judging:
-
-        def examined(rasterizer: Rasterizer) -> frozenset[Effect]:
-            rasterizer.check_sampling(scene.sampling)
-            return rasterizer.effects_for(settings)
-
-        effects = judging.submit(examined).result() & visible
+        judging.rasterizer.check_sampling(scene.sampling)
+        effects = judging.rasterizer.effects_for(settings) & visible
         described = described_as(scene, content, judging.device["renderer"], effects, settings)
         described["content"]["judged"] = True
         hogels = partial(_judged, judging, content, settings)
@@ -162,8 +158,8 @@ def _judged(
         )
         return JudgedPlateHogel(**{**vars(plate_hogel(image, content)), "measured": measured})
 
-    with closing(judge.frames(apertures, [settings], wanted, stored)) as frames:
-        yield from frames
+    with closing(judge.frames(apertures, [settings], wanted)) as frames:
+        yield from map(stored, frames)
 
 
 def described_as(

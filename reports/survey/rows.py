@@ -389,8 +389,8 @@ class DrawnJob(SurveyJob):
 
         def shown(index: tuple[int, int], setting: int) -> ShownHogel:
             apertures, settings = [self.scene.plate.aperture(*index)], [self.settings[setting]]
-            with closing(judge.frames(apertures, settings, DRAWN, self._shown)) as frames:
-                return next(frames)
+            with closing(judge.frames(apertures, settings, DRAWN)) as frames:
+                return self._shown(next(frames))
 
         with Evaluator(self.scene, self.tracer) as judge:
             device = Device(judge.device["renderer"], device_index())
