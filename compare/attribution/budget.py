@@ -331,11 +331,12 @@ def charged(
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
     swapped = explain(start.reference.scene, exact, drawn, start.device, np.flatnonzero(by_depth))
 
-    last = np.hypot(*(errors.shift - start.shifts[-1]))
-    known: Mask = start.known & np.isfinite(last)
-    sizes = start.sizes
-    if not np.array_equal(known, start.known):
-        sizes = tuple(_size(step, known) for step in start.steps)
+    last, known, sizes = None, start.known, start.sizes
+    if errors.shift is not start.exact.shift:
+        last = np.hypot(*(errors.shift - start.exact.shift))
+        known = start.known & np.isfinite(last)
+        if not np.array_equal(known, start.known):
+            sizes = tuple(_size(step, known) for step in start.steps)
     links = zip(links_of(settings), (*sizes, _size(last, known)), predicted[1], strict=True)
     return Budget(
         start=start,

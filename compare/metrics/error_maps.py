@@ -527,10 +527,14 @@ def names_triangles(image: HogelImage) -> bool:
 def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
     """Return the flat numbers of the pixels at which two images show different things."""
     differs = (one.triangle != other.triangle) | (one.object != other.object)
-    for axis in range(3):
-        mine, its = one.position[..., axis], other.position[..., axis]
-        # A position that is not a number equals no other.
-        differs |= (mine != its) & ~(np.isnan(mine) & np.isnan(its))
+    if one.position.dtype == other.position.dtype == np.float32:
+        # Compared bit by bit, for NaN equals NaN here. Zeros of two signs are merely judged again.
+        for axis in range(3):
+            mine, its = (image.position[..., axis].view(np.int32) for image in (one, other))
+            differs |= mine != its
+    else:
+        equal = np.isclose(one.position, other.position, rtol=0, atol=0, equal_nan=True)
+        differs |= ~equal.all(axis=-1)
     return np.flatnonzero(differs)
 
 
