@@ -14,7 +14,7 @@ import sys
 import numpy as np
 import wgpu
 
-from xfrustum.compare.rounding.fingerprints import MOST_SUBPIXEL_BITS, Measured
+from xfrustum.compare.device.fingerprints import MOST_SUBPIXEL_BITS, Measured
 from xfrustum.raster.device.fingerprint import (
     EMPTY,
     SIZE,

@@ -35,7 +35,10 @@ TESTS = (
         "devices, and what was drawn before",
         "tests/cli/test_device_command.py tests/raster/test_history.py",
     ),
-    ("rounding and causes", "tests/compare/rounding tests/compare/attribution"),
+    (
+        "rounding and causes",
+        "tests/compare/rounding tests/compare/device tests/compare/attribution",
+    ),
     ("rasterizer and plate", "tests/raster --ignore tests/raster/test_history.py"),
     ("shares of wrong depth", "tests/compare/prediction/test_depth.py"),
 )

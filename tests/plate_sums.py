@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import Budget, make_budget
-from xfrustum.compare.attribution.sums import LinkSum, sums_by_link
+from tests.support.link_sums import LinkSum, sums_by_link
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

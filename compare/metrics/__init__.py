@@ -1,7 +1,6 @@
-"""Truth against image: what is measured, pixel by pixel and in numbers.
+"""Truth against image, pixel by pixel and in numbers.
 
-comparison    Truth against raster in numbers, in words, in pictures, and as labelled arrays
-error_maps    Errors of each pixel: displacement, surface, triangle and height; pairs of pictures
-radiance      How far colors are off, beyond noise, and by what a rasterizer leaves out; FLIP and
-SSIM
+comparison  Truth against raster: numbers, error maps, and labelled arrays
+error_maps  Errors of each pixel: displacement, surface, triangle and height; pairs of pictures
+radiance    Radiance error beyond noise, light that a rasterizer leaves out; FLIP and SSIM
 """

@@ -63,7 +63,7 @@ def read_parts(out: Path) -> None:
 @click.argument("recording", type=click.Path(path_type=Path))
 def read_recording(recording: Path) -> None:
     """Read recorded frames, and open what they name, as `device --replay` does."""
-    from xfrustum.compare.attribution.recorded import read_frames
+    from xfrustum.compare.device.recorded import read_frames
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.model.device_model import model_of
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.attribution.recorded import read_frames
+from xfrustum.compare.device.recorded import read_frames
 from xfrustum.compare.judging.conformance import Pixels, judged, trace
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage

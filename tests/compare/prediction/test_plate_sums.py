@@ -3,7 +3,7 @@
 import pytest
 
 from tests.plate_sums import MAX_RATIO, MESHES, NUMERICS, plate, plate_sums
-from xfrustum.compare.attribution.sums import LinkSum
+from tests.support.link_sums import LinkSum
 from xfrustum.compare.prediction.reasons import Reason
 
 

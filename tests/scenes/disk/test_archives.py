@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import CHECKOUT
 from tests.support.scene_file import film
 from xfrustum.cli.main import main
-from xfrustum.compare.attribution.recorded import read_frames
+from xfrustum.compare.device.recorded import read_frames
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.archives import read_arrays
 from xfrustum.scenes.disk.input_files import input_memory, read_input

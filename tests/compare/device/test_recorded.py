@@ -11,7 +11,7 @@ import pytest
 from tests.support.light import dressed_scene, moved_by_snapping, radiance_by_definition
 from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import explain
-from xfrustum.compare.attribution.recorded import RecordedFrame, read_frames, recorded_image, replay
+from xfrustum.compare.device.recorded import RecordedFrame, read_frames, recorded_image, replay
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.depth import DepthLayers, depth_wrong_shares
 from xfrustum.compare.prediction.reasons import MIN_PIXELS

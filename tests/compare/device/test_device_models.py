@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import SHARED
-from xfrustum.compare.rounding.fingerprints import NEAREST_EVEN, Measured, Within
+from xfrustum.compare.device.fingerprints import NEAREST_EVEN, Measured, Within
 from xfrustum.compare.rounding.planes import Planes
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
