@@ -11,9 +11,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from tests.support.link_sums import LinkSum, sums_by_link
 from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import Budget, make_budget
-from tests.support.link_sums import LinkSum, sums_by_link
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
