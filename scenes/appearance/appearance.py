@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from xfrustum.scenes.arguments import one_of, real, reals, settle
@@ -139,7 +138,7 @@ class Environment:
 class Appearance:
     """Materials by the name that objects refer to, lights, and an environment to be reflected, if any."""
 
-    materials: Mapping[str, Material] = field(default_factory=lambda: MappingProxyType({}))
+    materials: Mapping[str, Material] = field(default_factory=dict)
     lights: tuple[DirectionalLight, ...] = (DEFAULT_LIGHT,)
     environment: Environment | None = None
 
@@ -148,7 +147,8 @@ class Appearance:
         for name, material in self.materials.items():
             one_of(material, Material, f"materials[{name!r}]")
         one_of(self.lights, Iterable, "lights")
-        settle(self, lights=tuple(self.lights))
+        # A dictionary of its own: scenes travel to worker processes, and proxies do not pickle.
+        settle(self, materials=dict(self.materials), lights=tuple(self.lights))
         for number, light in enumerate(self.lights):
             one_of(light, DirectionalLight, f"lights[{number}]")
         if self.environment is not None:

