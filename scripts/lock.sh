@@ -11,7 +11,7 @@ python=$(scripts/find_python.sh) || { echo "Python 3.11 or newer with venv is ne
 draft=build/requirements.lock
 [ ! -f requirements.lock ] || cp requirements.lock "$draft"
 "$tool/bin/uv" pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 \
-    --extra cluster --extra dev --extra docs --extra draco --extra notebook --extra video --generate-hashes --no-header --no-emit-index-url --no-emit-find-links \
+    --extra cluster --extra dev --extra docs --extra draco --extra notebook --generate-hashes --no-header --no-emit-index-url --no-emit-find-links \
     --output-file "$draft" "$@" pyproject.toml
 
 if grep -nE '://|@ *file|(^|[ =])/' "$draft"; then

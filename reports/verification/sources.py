@@ -22,19 +22,13 @@ from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object
+from xfrustum.reports.exchange.words import described
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program, choice, real
 from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
-from xfrustum.scenes.files.pictures import BYTE_LEVELS
-from xfrustum.scenes.files.plate_files import (
-    PARAMETERS_FILE,
-    FileSet,
-    find_files,
-    pictures_at,
-    with_levels,
-)
+from xfrustum.scenes.files.plate_files import FileSet, find_files, pictures_at
 from xfrustum.scenes.notebook import counted
 
 MAX_NAMES_TRIED = 10_000
@@ -177,7 +171,7 @@ class LaidOut(Source):
     files: FileSet
 
     def __post_init__(self) -> None:
-        self.name = f"{self.files.place}, layout {self.files.words}"
+        self.name = f"{self.files.place}, layout {described(self.files)}"
         self.fits = self.files.shape == shape_of(self.reference.scene)
 
     def check(self, apertures: Sequence[Aperture]) -> None:
@@ -194,8 +188,8 @@ class LaidOut(Source):
         if not self.fits:
             lacking = f" ({files.missing} are not there)" if files.missing else ""
             raise Problem(
-                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be {files.shape.words}"
-                f"{lacking}, and the scene says {shape_of(self.reference.scene).words}"
+                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be {files.shape}"
+                f"{lacking}, and the scene says {shape_of(self.reference.scene)}"
             )
         try:
             path = files.file_of_hogel(*aperture.index)
@@ -210,7 +204,7 @@ class LaidOut(Source):
             picture = files.hogel(*aperture.index)
         except InputError as error:
             raise Problem(str(error)) from error
-        if picture.levels is None:  # floating point: nothing but colors
+        if picture.pixels.dtype.kind == "f":  # nothing but colors
             color = picture.pixels.astype(np.float32)
             nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
             position = np.full(color.shape, np.nan, dtype=np.float32)
@@ -223,8 +217,8 @@ class LaidOut(Source):
                 color=color,
                 storage=storage,
             )
-        rgb = with_levels(picture.pixels, picture.levels, BYTE_LEVELS).astype(np.uint8)
-        return of_stored(StoredPixels(rgb=rgb, lossy=picture.lossy), camera, self.encoding)
+        rgb = StoredPixels(rgb=picture.pixels, lossy=picture.lossy)
+        return of_stored(rgb, camera, self.encoding)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -432,7 +426,7 @@ class ForeignRenderer:
             if not isinstance(source, LaidOut):
                 return found
             if self.layout is None:
-                told(f"{self.source} looks like {source.files.words}")
+                told(f"{self.source} looks like {described(source.files)}")
             return replace(found, layout=source.files.layout.name)
 
     @property
@@ -457,8 +451,7 @@ class ForeignRenderer:
             if self.layout is None:
                 paths = (pattern.format(i=one.column, j=one.row) for one in apertures)
             else:
-                beside = (place if place.is_dir() else place.parent) / PARAMETERS_FILE
-                paths = map(str, (*pictures_at(place), beside))
+                paths = map(str, pictures_at(place))
         digest = hashlib.sha256()
         for path in paths:
             with suppress(OSError, ValueError):

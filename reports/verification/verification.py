@@ -361,7 +361,7 @@ def with_layout_named(
     fault = Defect(
         fault="layout",
         value=right.files.layout.name,
-        words=f"files were read as {source.files.layout.words}, and hold {right.files.layout.words}",
+        words=f"files were read as {source.files.layout.meaning}, and hold {right.files.layout.meaning}",
         explains=max(0.0, 1.0 - after / before) if before else None,
     )
     corrected = {hogel.aperture: hogel for hogel in other.hogels}
@@ -394,12 +394,11 @@ def other_readings(stated: FileSet, told: layouts.PlateShape) -> Iterator[FileSe
 def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
     """Return what others take for a layout: numbers in the other order, and views from the other side."""
 
-    def other_side(one: layouts.Layout, *, downward: bool) -> layouts.Layout:
+    def other_side(one: layouts.Layout) -> layouts.Layout:
         def view(pixels: layouts.Pixels, _: layouts.Index, tiles: layouts.Index) -> layouts.Pixels:
-            return layouts.tiled_views(pixels, tiles or layouts.CUBEVI_TILES, downward=downward)
+            return layouts.tiled_views(pixels, tiles, downward=True)
 
-        before, after = ("bottom left", "top left") if downward else ("top left", "bottom left")
-        return replace(one, view=view, words=one.words.replace(before, after))
+        return replace(one, view=view, meaning=one.meaning.replace("bottom left", "top left"))
 
     numbers = layout.stated if layout.name == "quilt" else tuple(layout.numbers)
     exchanged: tuple[layouts.Layout, ...] = ()
@@ -408,15 +407,15 @@ def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
         pattern = layout.pattern.replace(f"<{first}>", "<swapped>").replace(
             f"<{second}>", f"<{first}>"
         )
-        words = layout.words.replace("columns x rows", "rows x columns")
-        if words == layout.words:
-            words = f"{words}, with the two numbers of its names exchanged"
+        meaning = layout.meaning.replace("columns x rows", "rows x columns")
+        if meaning == layout.meaning:
+            meaning = f"{meaning}, with the two numbers of its names exchanged"
         exchanged = (
-            replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words),
+            replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), meaning=meaning),
         )
     if layout.name == "quilt":
-        return (*exchanged, *(other_side(one, downward=True) for one in (layout, *exchanged)))
-    return (other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
+        return (*exchanged, *(other_side(one) for one in (layout, *exchanged)))
+    return exchanged
 
 
 def _is_right(source: sources.LaidOut, found: Verification) -> bool:

@@ -8,10 +8,11 @@ through `check_declared`, and errors of a library that reads it through `damage_
 
 import os
 import stat
+import struct
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from xfrustum.scenes.errors import InputError
 
@@ -192,14 +193,30 @@ def check_picture_size(path: Path, width: int, height: int) -> None:
     check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
 
 
+def open_image(file: BinaryIO) -> Any:
+    """Return Pillow's image of a file, undecoded, without Pillow's limit on pixels.
+
+    `check_picture_size` bounds them instead, by a number that an option raises. `PIL.Image.open`
+    differs from this search by the test against `Image.MAX_IMAGE_PIXELS`, which belongs to the host
+    process. Raises UnidentifiedImageError for a file that is no picture.
+    """
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - a scene file needs no Pillow
+
+    Image.init()
+    prefix = file.read(16)  # as many bytes as Pillow's own tests of formats get
+    for name in Image.ID:
+        factory, accepts = Image.OPEN[name]
+        accepted = accepts is None or accepts(prefix)
+        if accepted and not isinstance(accepted, str):  # a text is a reason against the format
+            file.seek(0)
+            with suppress(SyntaxError, IndexError, TypeError, struct.error):
+                return factory(file, "")
+    raise UnidentifiedImageError("no known format of pictures")
+
+
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
     """Let a library read a file whose declared size was checked; InputError where memory runs out."""
-    from PIL import Image  # noqa: PLC0415 - a scene file is checked without it
-
-    Image.MAX_IMAGE_PIXELS = (
-        None  # `check_picture_size` bounds them, by a number that an option raises
-    )
     try:
         yield
     except MemoryError as error:

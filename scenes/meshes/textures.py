@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from trimesh.visual.color import srgb_to_linear
 
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.disk.input_files import open_image, read_input
 from xfrustum.scenes.meshes.content import MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
@@ -97,7 +96,7 @@ def open_picture(path: Path, name: str) -> Any:
 def opened(data: bytes) -> Any:
     """Return the Pillow image, not yet decoded, of a file's bytes; None where it cannot be opened."""
     with suppress(*_DAMAGED):
-        return Image.open(io.BytesIO(data))
+        return open_image(io.BytesIO(data))
     return None
 
 

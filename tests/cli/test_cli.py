@@ -319,7 +319,7 @@ BAD = [
         "color or triangle",
     ),
     ("plate boxes.toml --near 1 --layout views --ids --out x", "let the name end in .zarr"),
-    ("plate boxes.toml --near 1 --layout cubevi --out x.zarr", "40 pixels wide"),
+    ("plate boxes.toml --near 1 --layout hci --out x.zarr", "is not one of"),
     ("plate boxes.toml --near 1 --multisample 64 --quiet --out x.zarr", "too fine"),
     ("cost boxes.toml --aperture 1,1 --apertures auto --quiet", "give one of them"),
     ("trace boxes.toml --decided-by mitsuba --tracer embree --out x.exr", "--decided-by mitsuba"),

@@ -6,7 +6,7 @@ about; one in so many goes all the way:
 scene, mesh, patches, environment, instances   `read-scene`; one in ten `check`, one in ten `trace`
 exr                                 `compare` picture                             `read-picture`,
 which reads as `verify` does; one in a hundred `verify` exr-attributes
-`read-picture`; one in ten `compare` zarr, names, video                  `convert`; of zarr one in
+`read-picture`; one in ten `compare` zarr, names                         `convert`; of zarr one in
 twenty `plate --check` parts                               `read-parts`, which reads the parts of a
 survey replay                              `read-recording`; one in ten `device --replay` device
 `read-device`; one in ten `budget --device`, `device --replay --device` archive
@@ -34,7 +34,6 @@ from tests.support.environment_maps import write_map
 from tests.support.gltf_writer import TENT, Writer
 from tests.support.packages import mesh_xml, threedxml, threemf
 from tests.support.scene_file import film, named, part
-from xfrustum.scenes.files.pictures import write_video
 from xfrustum.scenes.model.device_model import H100, SOFTPIPE
 
 SCENE = named("small", "mm") + film((10.0, 8.0), (3, 2), (16, 12), (60.0, 50.0), (20.0, 20.0))
@@ -312,7 +311,6 @@ _NAMES = {
     "columns": [f"Hogel_Column_{i}.png" for i in range(3)],
     "views": [f"{r}_{c}.png" for r in range(2) for c in range(3)],
     "stanford": [f"out_0{r}_0{c}_0.{r}_-0.{c}.png" for r in range(2) for c in range(3)],
-    "hci": [f"input_Cam00{k}.png" for k in range(4)],
     "quilt": ["a_qs4x2a1.5.png"],
 }
 
@@ -330,18 +328,6 @@ def names() -> list[Seed]:
         for layout, names in _NAMES.items()
     ]
     return [replace(one, how="mutated_names", listed=("in/{}", _picture((4, 4)))) for one in found]
-
-
-def videos() -> list[Seed]:
-    """Return a row of hogels as a video."""
-    name, pixels = (
-        "in/HogelRow_0.avi",
-        np.arange(3 * 16 * 32 * 3, dtype=np.uint8).reshape(3, 16, 32, 3),
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        write_video(Path(folder) / "row.avi", pixels)
-        content = (Path(folder) / "row.avi").read_bytes()
-    return [_seed("video-ffv1", {name: content}, name, f"convert in out {_CONVERT}", "out")]
 
 
 def parts() -> list[Seed]:
@@ -510,7 +496,6 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "exr": images,
     "exr-attributes": attributes,
     "names": names,
-    "video": videos,
     "parts": parts,
     "replay": recordings,
     "device": devices,

@@ -35,9 +35,7 @@ class _Convert(options.Measured):
     facts = several(
         hogels=option(_COUNTS, "Columns and rows of hogels, which a mosaic does not state."),
         tiles=option(_COUNTS, "Columns and rows of tiles of a quilt.  [default: by its views]"),
-        suffix=choice(
-            ".png .ppm .exr .avi", "Format of pictures.  [default: .png; .exr for floats]"
-        ),
+        suffix=choice(".png .exr", "Format of pictures.  [default: .png; .exr for floats]"),
         array=choice("color triangle", "Array of a Zarr group.  [default: color]"),
     )
 
@@ -46,8 +44,8 @@ class _Convert(options.Measured):
 def convert(asked: _Convert) -> None:
     """Write a plate in another layout of files, or from and into Zarr.
 
-    IN is a folder of pictures or videos, one picture, or a Zarr group; OUT the same. Pixels are
-    moved and never computed; what a layout cannot hold is said.
+    IN is a folder of pictures, one picture, or a Zarr group; OUT the same. Pixels are moved, never
+    computed; data that the layout cannot store is listed on standard error.
     """
     from xfrustum.reports.exchange import convert as converting
 
