@@ -7,7 +7,6 @@ and against tracers that prove nothing.
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -36,10 +35,9 @@ from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
-from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, InputError, Plate, Scene
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry import shapes
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.notebook import aligned
@@ -123,10 +121,8 @@ def exhaust(images: Iterable[object]) -> None:
     deque(images, maxlen=0)
 
 
-def rates_table(
-    title: str, races: Sequence[Record], key: str, more: Iterable[Sequence[str]] = ()
-) -> str:
-    """Return rates and ratios of some races, and more rows, as text: one column for each race."""
+def rates_table(title: str, races: Sequence[Record], key: str) -> str:
+    """Return rates and ratios of some races as text, one column for each race."""
     heads = ["{} x {}".format(*race["resolution"]) for race in races]
     rows: list[Sequence[str]] = [[title, *heads]]
     for name in races[0][key]:
@@ -140,7 +136,7 @@ def rates_table(
     for pair in races[0]["ratios"]:
         ratios = (race["ratios"][pair] for race in races)
         rows.append([pair, *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios)])
-    return aligned([*rows, *more], str.ljust)
+    return aligned(rows, str.ljust)
 
 
 def report(
@@ -271,75 +267,11 @@ JUDGE_MEANINGS = {
 
 JUDGE_RATIOS = [("stream", name) for name in JUDGE_MEANINGS if name != "stream"]
 
-STAGES = {
-    "deciding": "the certified decision alone",
-    "second opinion": "the tracer's first hits along the same lines, which is no part of a truth",
-    "points and colors": "the rest of a truth: points, normals, objects, colors",
-    "drawing": "the double frustum, until the device has finished",
-    "read-back": "the rest of a frame: triangle numbers, surface points, normals and colors, read back",
-    "comparing": "compare_images, without colors",
-    "comparing radiance": "what comparing colors takes besides",
-}
-"""All stages of one judged hogel."""
-
-WITHIN = {
-    "second opinion": "points and colors",
-    "points and colors": "deciding",
-    "read-back": "drawing",
-    "comparing radiance": "comparing",
-}
-"""Stages whose runs contain another stage's run: their time is the difference."""
-
 
 def default_scenes() -> tuple[str, ...]:
     """Return the built-in car and, where the folder of test data is beside the checkout, its car body."""
     beside = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
     return ("car", str(beside)) if beside.exists() else ("car",)
-
-
-GLOBE_REACH = 100.0  #: reach on both sides, scene units; every globe lies within it
-
-#: Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two
-#: behind.
-GLOBES = (
-    ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
-    ((12.0, -12.0, 60.0), (11.0, 11.0, 11.0)),
-    ((9.0, 2.0, 0.0), (6.0, 6.0, 40.0)),
-    ((-16.0, -8.0, -50.0), (13.0, 13.0, 13.0)),
-    ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
-)
-
-MAX_FACTOR_RATIO = (
-    2.5  #: largest ratio of sectors to rings: a number whose factors differ more is refused
-)
-
-
-def globes(triangles: int) -> Scene:
-    """Return closed globes before, across and behind a plate of 9 x 9 hogels.
-
-    They have exactly that number of triangles; with m sectors or bands a silhouette is off by at
-    most 1 - cos(pi / m) of a semi-axis. Raises InputError where no globe has that many.
-    """
-    # A product of sectors, and of rings of vertices between the poles, as even as it can be.
-    product, rest = divmod(triangles, 2 * len(GLOBES))
-    factors = range(2, math.isqrt(max(product, 0)) + 1) if not rest else range(0)
-    rings = max((n for n in factors if product % n == 0), default=0)
-    if not rings or product > MAX_FACTOR_RATIO * rings**2:
-        raise InputError(
-            f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
-            "32000 or 100000"
-        )
-    unit, faces = shapes.ball(0.5, rings + 1, product // rings)
-    objects = tuple(
-        shapes.as_object("globe", (2.0 * np.array(semi_axes) * unit + np.array(center), faces))
-        for center, semi_axes in GLOBES
-    )
-    fov = math.radians(60)
-    frustum = Frustum(resolution=(1, 1), reach=(GLOBE_REACH, GLOBE_REACH), fov=(fov, fov))
-    plate = Plate(size=(1.0, 1.0), hogels=(9, 9))
-    return Scene(
-        name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects
-    )
 
 
 def judged_in_stream(judge: Evaluator, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
@@ -392,13 +324,13 @@ def benchmark_judge(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure how fast hogels, spread over the plates of some scenes, are judged; W = H of each race.
+    """Measure judged hogels a second, spread over the plates of some scenes; W = H of each race.
 
-    Contestants, and then stages, take `repeat` turns after a warm-up. InputError where a scene has
-    no triangles, or there is no usable OpenGL.
+    Contestants take `repeat` turns after a warm-up. InputError for a scene without triangles, and
+    without a usable OpenGL.
     """
     films = [[sized(scene, side) for side in resolutions] for scene in scenes]
-    turns = len(scenes) * len(resolutions) * (repeat + 1) * (len(JUDGE_MEANINGS) + len(STAGES))
+    turns = len(scenes) * len(resolutions) * (repeat + 1) * len(JUDGE_MEANINGS)
     with progress_bar(turns, "bench", "run", shown=progress) as bar:
         judged = [
             {
@@ -408,13 +340,18 @@ def benchmark_judge(
             }
             for scene, sizes in zip(scenes, films, strict=True)
         ]
-    asked = {"hogels": hogels, "repeat": repeat, "meanings": JUDGE_MEANINGS, "stages": STAGES}
-    return {**asked, "scenes": judged, **machine_record(tracers=True)}
+    return {
+        "hogels": hogels,
+        "repeat": repeat,
+        "meanings": JUDGE_MEANINGS,
+        "scenes": judged,
+        **machine_record(tracers=True),
+    }
 
 
 def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
-    """Measure the contestants, and the stages of one hogel, at one resolution."""
-    settings, middle, plate = settings_of(scene), scene.plate.middle, scene.plate
+    """Measure the contestants at one resolution."""
+    middle, plate = scene.plate.middle, scene.plate
     # Spread evenly over the plate row by row; some twice where it has fewer.
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
     apertures = [
@@ -433,19 +370,6 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
             bare = bare_intersection(scene, *film_rays(scene, middle))
             runs["mitsuba"] = lambda: exhaust(bare() for _ in apertures)
         taken = race(runs, repeat, bar.update)
-    with Rasterizer(scene) as rasterizer:
-        reference = Reference(scene)
-        truth, frame = reference.trace(middle), rasterizer.render(middle, settings, normals=False)
-        stages: dict[str, Callable[[], object]] = {
-            "deciding": lambda: exhaust(reference.decide(middle)),
-            "second opinion": lambda: reference.trace(middle).overruled,
-            "points and colors": lambda: reference.trace(middle),
-            "drawing": lambda: rasterizer.draw_only(middle, settings),
-            "read-back": lambda: rasterizer.render(middle, settings),
-            "comparing": lambda: compare_images(truth, frame, reference, radiance=False),
-            "comparing radiance": lambda: compare_images(truth, frame, reference),
-        }
-        cpu = race(stages, repeat, bar.update, time.process_time)
     rates = {name: rate_of(hogels, seconds) for name, seconds in taken.items()}
     renderer = judge.device["renderer"]
     both = f"{renderer}, {array_device()}"
@@ -457,45 +381,22 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
         },
         "hogels_per_second": {name: rates.get(name) for name in JUDGE_MEANINGS},
         "ratios": ratios_of(rates, JUDGE_RATIOS),
-        **stages_record({stage: seconds.median for stage, seconds in cpu.items()}),
     }
-
-
-def stages_record(taken: Mapping[str, float]) -> Record:
-    """Return the CPU seconds of each stage, and truth and comparing over a frame, given those of the runs.
-
-    A difference is never negative. A second opinion is no part of a truth: somebody asks for it.
-    """
-    cpu_s = {
-        stage: max(0.0, taken[stage] - taken.get(WITHIN.get(stage, ""), 0.0)) for stage in STAGES
-    }
-    drawing = cpu_s["drawing"] + cpu_s["read-back"]
-    judging = cpu_s["deciding"] + cpu_s["points and colors"] + cpu_s["comparing"]
-    colors = judging + cpu_s["comparing radiance"]
-    over = {"without radiance": judging / drawing, "with radiance": colors / drawing}
-    return {"cpu_s": cpu_s, "judging_over_drawing": over}
 
 
 def judge_table(found: Record) -> str:
-    """Return rates, ratios and stages as text, one column for each resolution."""
+    """Return rates and ratios as text, one column for each resolution."""
     tables = []
     for judged in found["scenes"]:
         scene, races = judged["scene"], judged["races"]
-        more = [["CPU ms of one hogel", *("" for _ in races)]]
-        more += [
-            [stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES
-        ]
-        for how in races[0]["judging_over_drawing"]:
-            shares = (f"{one['judging_over_drawing'][how]:.2f}" for one in races)
-            more.append([f"(truth + comparing)/drawing {how}", *shares])
-        rates = rates_table("judged hogels per second", races, "hogels_per_second", more)
+        rates = rates_table("judged hogels per second", races, "hogels_per_second")
         tables.append(f"{scene['name']}, {scene['triangles']:,} triangles\n{rates}")
     head = [
         f"{found['hogels']} hogels a run",
         f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
     ]
     devices = found["scenes"][0]["races"][0]["devices"]
-    return report(head, tables, {**found, "devices": devices}, JUDGE_MEANINGS | STAGES)
+    return report(head, tables, {**found, "devices": devices}, JUDGE_MEANINGS)
 
 
 # Many hogels at once, next to loops that anybody would write
@@ -554,11 +455,8 @@ def benchmark_plate(
             "batched-color": lambda: exhaust(color.hogels(apertures)),
         }
         seconds = race(runs, repeat, bar.update)
-        # Everything has warmed up by now.
-        measured = [batched.measure(apertures) for _ in range(repeat)]
         device = batched.device["renderer"]
     rates = {name: rate_of(len(apertures), taken) for name, taken in seconds.items()}
-    clocks = ("gpu_s", "wall_s")
     return {
         "scene": scene_record(scene),
         "resolution": scene.frustum.resolution,
@@ -568,13 +466,6 @@ def benchmark_plate(
         "meanings": PLATE_MEANINGS,
         "hogels_per_second": rates,
         "ratios": ratios_of(rates, PLATE_RATIOS),
-        "stages_s": {
-            stage: {
-                clock: Timing.from_values([getattr(run[stage], clock) for run in measured])
-                for clock in clocks
-            }
-            for stage in measured[0]
-        },
         "device": device,
         "devices": dict.fromkeys(PLATE_MEANINGS, device),
         **machine_record(),
@@ -582,15 +473,11 @@ def benchmark_plate(
 
 
 def plate_table(found: Record) -> str:
-    """Return rates, ratios and stages as text."""
+    """Return rates and ratios as text."""
     scene, hogels = found["scene"], found["hogels"]
     head = [
         f"{scene['name']}, {scene['triangles']:,} triangles, row {found['row']}: {hogels} hogels",
         f"median of {found['hogels_per_second']['plain'].repetitions} after a warm-up (slowest to fastest)",
     ]
-    stages = ["stages of batched, ms a hogel: the device's own, and wall time of giving the orders"]
-    for name, clocks in found["stages_s"].items():
-        figures = (f"{1e3 * clock.median / hogels:9.3f}" for clock in clocks.values())
-        stages.append(f"{name:<18}" + "".join(figures))
     rates = rates_table("hogels per second", [found], "hogels_per_second")
-    return report(head, [rates, "\n".join(stages)], found, PLATE_MEANINGS)
+    return report(head, [rates], found, PLATE_MEANINGS)

@@ -6,7 +6,6 @@ import doctest
 import importlib
 import inspect
 import re
-import runpy
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,6 @@ PAGES = sorted(
 NAMES_PAGE = CHECKOUT / "docs" / "api" / "examples.md"
 INDEX = (CHECKOUT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
 PACKAGES = ("scenes", "reference", "raster", "compare")
-FIGURES = runpy.run_path(str(CHECKOUT / "scripts" / "draw_method_figures.py"))["FIGURES"]
 
 MADE_BY_THE_BUILD = ("docs/gallery/index.rst",)
 """Targets of links that `make docs` makes."""
@@ -169,9 +167,3 @@ def test_the_tests_that_the_makefile_names_are_there() -> None:
     ):
         assert (CHECKOUT / path).exists(), path
         assert not name or f"def {name}(" in (CHECKOUT / path).read_text(), name
-
-
-@pytest.mark.parametrize("name", sorted(FIGURES))
-def test_a_figure_of_the_method_is_what_its_program_draws_and_the_page_shows_it(name: str) -> None:
-    assert (CHECKOUT / "docs" / "images" / name).read_text() == FIGURES[name]().document()
-    assert f"images/{name}" in (CHECKOUT / "docs" / "method.md").read_text()

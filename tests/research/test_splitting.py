@@ -79,19 +79,6 @@ def single(rows: tuple[Row, ...]) -> list[Row]:
     return [row for row in rows if not row.slabs]
 
 
-def cell(family: Family, ratio: float, near: float, **drawn: Any) -> Cell:
-    both = {Family.BOTH_SIDES, Family.THROUGH, Family.RECENTERED_THROUGH}
-    side = Camera.BOTH if family in both else Camera.C
-    depth, mapping = EXACT
-    pivot, fit, offset = AS_IN_THE_PAPER
-    own = {"family": family, "side": side, "ratio": ratio, "resolution": 48, "near": near}
-    own |= {"pivot": pivot, "fit": fit, "offset": offset}
-    return Cell(**{**own, "depth": depth, "mapping": mapping, **drawn})
-
-
-# What is measured.
-
-
 @pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """The film's corner is off by W n / (sqrt(2) |z|): that much at most, and not a tenth of it at p99."""
@@ -130,12 +117,9 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
     assert all(outcome.nears or outcome.slabs for outcome in outcomes(tiny.rows).values())
 
 
-# Verdicts.
-
-
 def row_of(**changed: Any) -> Row:
     plain = Row(
-        **vars(cell(Family.ONE_SIDE, 10.0, 1e-3)), judged=10_000, covered=4_000, nearest=0.1, farthest=1.0,
+        **vars(Cell(Family.ONE_SIDE, Camera.C, 10.0, 48, *EXACT, *AS_IN_THE_PAPER, 1e-3)), judged=10_000, covered=4_000, nearest=0.1, farthest=1.0,
         surface_wrong=0, outside=0, depth_wrong=0, lost=0, displacement_rms=0.1, displacement_p99=0.1,
         displacement_max=0.1, displaced=0, predicted_rms=0.1, predicted_p99=0.1, misordered=0.0,
         ordered_separation=1e-6, predicted_separation=1e-6,
@@ -186,17 +170,11 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
         assert 1 <= near * ASKED_SEPARATION * 2.0**bits < 6
 
 
-# Stopped and resumed.
-
-
 def test_what_was_measured_is_not_measured_again(
     tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))
     assert studied(tiny.data.parent).rows == tiny.rows
-
-
-# What is written.
 
 
 def test_the_command_prints_one_object_that_names_every_case(
@@ -210,9 +188,6 @@ def test_the_command_prints_one_object_that_names_every_case(
     assert len(said["cases"]) == len(outcomes(tiny.rows))
     assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
     assert {Path(file).stem for file in said["files"]["figures"]} == figures(tiny.rows).keys()
-
-
-# What is published.
 
 
 def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(

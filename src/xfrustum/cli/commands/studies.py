@@ -126,24 +126,24 @@ def truth(asked: _Truth) -> None:
 class _Judge(Measured):
     scenes = options.argument(metavar="[SCENE]...", nargs=-1)
     resolution = option(options.SIZES, "W = H of each race.  [default: 128,256,512,1024]")
-    triangles = option(COUNT_FROM_1, "Also globes of so many triangles.")
+    triangles = option(COUNT_FROM_1, "Also the car in about so many triangles.")
     hogels = option(COUNT_FROM_1, "Judged in each run.", default=6)
     repeat = _repeat(5)
 
 
 @options.command("xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1", bench)
 def judge(asked: _Judge) -> None:
-    """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
+    """Measure judged hogels a second, beside plain loops and bare renderers.
 
     Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout,
-    and globes of a million triangles.
+    and the car in a million triangles.
     """
     opened = [options.open_scene(name) for name in asked.scenes]
-    from xfrustum.research import benchmarks
+    from xfrustum.research import benchmarks, table1
 
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
-    opened += [] if count is None else [benchmarks.globes(count)]
+    opened += [] if count is None else [table1.tessellated_car(count, 0.0).scene]
     _measured(
         asked,
         "judge",
