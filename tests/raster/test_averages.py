@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.images import assert_same, interior
-from tests.support.light import dressed_scene, moved_by_snapping
+from tests.support.images import assert_same
+from tests.support.light import dressed_scene
 from tests.support.lit import GLOW, lit, quad
 from tests.support.long_tail import thinned
-from tests.support.views import reversed_d32f, view
-from xfrustum.raster import Rasterizer, rasterizer
+from tests.support.views import reversed_d32f
+from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, Screen
-from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Singles
 
@@ -27,8 +26,6 @@ FOUR = 4
 
 SINGLE = 2.0**-23
 """Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean."""
-INTERPOLATED = 192 * 2.0**-23
-"""Largest rounding of attributes, which are float32 plane equations over 192 pixels."""
 
 Ask = Callable[..., HogelImage]
 Answer = Callable[[Scene], AbstractContextManager[Ask]]
@@ -215,65 +212,12 @@ def test_a_grating_as_fine_as_the_aperture_is_gray(
     assert 2 * discrepancy(count) < 0.1
 
 
-def test_a_grating_in_the_plane_of_the_screen_stays_sharp() -> None:
-    """The projection screen is fixed while the aperture moves (paper, section 6)."""
-    scene = grating(SCREEN_HEIGHT, 0.77, recentered=True)
-    with Rasterizer(scene) as raster:
-        exact = replace(SETTINGS, fit=SCREEN_HEIGHT)
-        sharp, averaged = (
-            raster.render(scene.plate.middle, exact, sampling=Sampling(aperture=n)) for n in (1, 16)
-        )
-    # Bars are left out whose edges meet a pixel's center to within the rasterizer's roundings.
-    assert (np.abs(averaged.color - sharp.color) > SINGLE).mean() < 0.02
-
-
 # What the rasterizer alone has: tiles, coverage samples, colors without the rest.
 
 
 def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> Singles:
     place = raster.scene.default_apertures()[-1] if at is None else at
     return raster.render(place, SETTINGS, sampling=Sampling(**sampling)).color
-
-
-def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tiles do not divide the film: 48 x 36 pixels in tiles of 11 x 11."""
-    scene = dressed_scene("asymmetric-recentered", RESOLUTION)
-    width, height = RESOLUTION
-    larger = replace(scene, frustum=replace(scene.frustum, resolution=(3 * width, 3 * height)))
-    with Rasterizer(scene) as raster, Rasterizer(larger) as fine:
-        # Corners have other places on a tile, so that snapping may move attributes the other way.
-        image = fine.render(scene.default_apertures()[-1], SETTINGS)
-        moved = (
-            moved_by_snapping(larger, image, fine.model)
-            .reshape(height, 3, width, 3, 3)
-            .mean(axis=(1, 3))
-        )
-        whole = color(raster, supersample=3)
-        monkeypatch.setattr(rasterizer, "POINTS_AT_ONCE", 33 * 33)
-        assert {tile.size for tile in rasterizer.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
-        monkeypatch.setattr("xfrustum.raster.rasterizer.largest_image", lambda: 33)
-        parts = color(raster, supersample=3)
-    # Where a corner is snapped to another subpixel an edge may take or leave one point of a pixel.
-    different = np.abs(parts - whole).max(axis=-1) > 1e-4 + 2 * moved.max(axis=-1)
-    assert different.mean() < 0.01
-
-
-@pytest.mark.parametrize("samples", thinned([FOUR, 2, 3], 3))
-def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(samples: int) -> None:
-    """This holds however many more samples the device stores than are asked for."""
-    scene = dressed_scene("asymmetric", (192, 144))
-    with Rasterizer(scene) as raster:
-        plain = raster.render(scene.plate.middle, SETTINGS)
-        several = color(raster, multisample=samples)
-    # A triangle that the plate cuts is drawn in parts, which meet within it.
-    lowest, highest = scene.height_ranges[:, plain.triangle]
-    inside = interior(plain) & (lowest * highest > 0)
-    assert inside.sum() > 1000
-    # Whether a covered pixel's attributes are those at its center, to the last bits, is the
-    # driver's choice.
-    np.testing.assert_allclose(several[inside], plain.color[inside], atol=INTERPOLATED)
-    assert several.min() >= 0
-    assert (several != plain.color).any()
 
 
 @pytest.mark.parametrize("sampling", [{}, {"multisample": FOUR}, {"supersample": 2, "aperture": 4}])
@@ -291,26 +235,3 @@ def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -
         np.testing.assert_array_equal(
             raster.render_color(place, SETTINGS, Sampling(**sampling)), expected
         )
-
-
-@pytest.mark.parametrize("sampling", [{"multisample": FOUR}, {"supersample": 3}])
-def test_what_is_hidden_reflects_nothing_in_any_sample(sampling: dict[str, int]) -> None:
-    """Mirrors in a white surrounding look like a white surface: as much light, in the same samples."""
-    scene = view("asymmetric", RESOLUTION)
-    parts = tuple(replace(part, material="look") for part in scene.objects)
-    surrounding = Environment(radiance=np.ones((2, 4, 3), np.float32))
-    mirror = Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
-    pictures = []
-    for material in (GLOW, mirror):
-        look = Appearance(materials={"look": material}, lights=(), environment=surrounding)
-        with Rasterizer(replace(scene, objects=parts, appearance=look)) as raster:
-            pictures.append(color(raster, **sampling))
-    np.testing.assert_allclose(pictures[1], pictures[0], atol=SINGLE)
-
-
-def test_multisampling_mixes_reflections_as_supersampling_does() -> None:
-    scene = dressed_scene("car", RESOLUTION)
-    with Rasterizer(scene) as raster:
-        exact = color(raster, supersample=8).astype(np.float64)
-        four, one = (np.abs(color(raster, multisample=n) - exact).mean() for n in (FOUR, 1))
-    assert four < one

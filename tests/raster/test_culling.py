@@ -99,21 +99,6 @@ def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: fl
     np.testing.assert_array_equal(squares(drawn.triangle), np.where(front, 1, -1))
 
 
-@pytest.mark.parametrize("name", thinned(["large-triangles", "beetle", "crossing"], 2))
-def test_the_traced_cameras_cull_what_the_drawn_ones_cull(name: str) -> None:
-    """But for pixels at edges: where scenes are open, culling changes hundreds of pixels."""
-    scene = view(name, (96, 72))
-    settings = culled(1e-3 * scene.frustum.longest_reach)
-    aperture, reference = scene.plate.middle, Reference(scene)
-    with Rasterizer(scene) as rasterizer:
-        drawn = rasterizer.render(aperture, settings, color=False)
-    model = reference.trace_model(aperture, settings)
-    whole = reference.trace_model(aperture, replace(settings, cull=Cull.NONE))
-    assert (model.triangle != whole.triangle).sum() > 500
-    assert (model.triangle != drawn.triangle).sum() < 30
-    assert (model.triangle[model.covered] == drawn.triangle[model.covered]).mean() > 0.99
-
-
 def test_culling_is_a_setting_of_images_and_those_written_before_cull_nothing(
     tmp_path: Path,
 ) -> None:

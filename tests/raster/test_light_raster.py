@@ -9,13 +9,10 @@ import pytest
 
 from tests.support.images import assert_same
 from tests.support.light import (
-    LIGHTS,
-    PLAIN,
     decoded,
     device_at_hand,
     dressed_scene,
     moved_by_snapping,
-    patterned_environment,
     radiance_by_definition,
     unit,
 )
@@ -26,7 +23,6 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
-    Camera,
     DepthMapping,
     DoubleFrustum,
     Frustum,
@@ -34,7 +30,7 @@ from xfrustum.scenes import (
     Plate,
     Scene,
 )
-from xfrustum.scenes.appearance.appearance import Appearance, Material
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -244,47 +240,6 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
         assert np.median(error) < ONE_CODE / 4
 
 
-def test_the_environment_reaches_around_and_to_the_poles() -> None:
-    """A sphere seen from within looks the map up in every direction."""
-    scene = dressed_scene("asymmetric", RESOLUTION)
-    mirrors = {
-        name: Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
-        for name in ("shiny", "plain")
-    }
-    for size in ((1, 1), (2, 1), (3, 2), (64, 32)):
-        environment = patterned_environment(7, size)
-        look = replace(scene.appearance, materials=mirrors, lights=(), environment=environment)
-        reflective = replace(scene, appearance=look)
-        image = drawn(reflective, reversed_d32f(1e-2))
-        assert beyond_snapping(reflective, image).max() < ONE_CODE, size
-
-
-def test_surfaces_that_tie_reflect_once() -> None:
-    """Only one of two surfaces at equal depth is seen; the other adds nothing."""
-    scene = view("hard/coincident-copies")
-    mirror = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
-    look = Appearance(materials={"mirror": mirror}, lights=(), environment=patterned_environment())
-    scene = replace(
-        scene,
-        appearance=look,
-        objects=tuple(replace(part, material="mirror") for part in scene.objects),
-    )
-    image = drawn(scene, reversed_d32f(scene.frustum.longest_reach * 1e-3))
-    assert image.covered.sum() > 500
-    assert beyond_snapping(scene, image).max() < ONE_CODE
-
-
-def reduced(scene: Scene, **look: Any) -> Scene:
-    return replace(scene, appearance=replace(scene.appearance, **look))
-
-
-def materials(**changes: Any) -> dict[str, Material]:
-    return {"shiny": replace(PLAIN, **changes), "plain": replace(PLAIN, **changes)}
-
-
-NONE = (0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     "name", thinned([*builtin.names(), *SHARED_SCENES, *hard_cases.names(giants=False)], 11)
 )
@@ -299,15 +254,6 @@ def test_auto_and_all_are_the_same_bits_on_every_scene(name: str) -> None:
         Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS)
     )
     assert_same(true, every, "color")
-
-
-def test_no_highlight_is_so_small_that_a_device_may_flush_it() -> None:
-    scene = dressed_scene("asymmetric", RESOLUTION)
-    alone = reduced(scene, environment=None, materials=materials(ambient=NONE, diffuse=NONE))
-    color = drawn(alone, reversed_d32f(0.5)).color
-    darkest = min(PLAIN.specular) * min(min(light.color) for light in LIGHTS)
-    assert color[color > 0].min() >= 2.0**-100 * darkest * (1 - 1e-6)
-    assert color[color > 0].min() < 1e-20
 
 
 @pytest.mark.parametrize("effect", thinned(Effect, 4, 1))
@@ -326,19 +272,3 @@ def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
             for e in (None, ALL_EFFECTS - {effect})
         )
         assert not np.array_equal(one.color, other.color)
-
-
-@pytest.mark.parametrize(
-    ("effect", "camera"), [(Effect.C, Camera.C_STAR), (Effect.C_STAR, Camera.C)]
-)
-def test_without_one_camera_the_other_draws_alone(effect: Effect, camera: Camera) -> None:
-    scene = dressed_scene("asymmetric", RESOLUTION)
-    one = drawn(scene, reversed_d32f(0.5), ALL_EFFECTS - {effect})
-    alone = drawn(scene, replace(reversed_d32f(0.5), camera=camera))
-    assert_same(one, alone, "triangle", "position", "color")
-
-
-def test_without_reflections_the_rest_of_the_light_is_that_of_the_definition() -> None:
-    scene = dressed_scene("asymmetric", RESOLUTION)
-    image = drawn(scene, reversed_d32f(1e-2), ALL_EFFECTS - {Effect.REFLECTION})
-    assert beyond_snapping(scene, image, reflections=False).max() < ONE_CODE

@@ -5,9 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import moderngl
 import numpy as np
 import pytest
 
@@ -99,14 +97,6 @@ def test_an_image_says_who_drew_it_and_with_what() -> None:
     assert (image.object[~covered] == NOTHING).all() and (image.color[~covered] == 0).all()
 
 
-def test_an_empty_scene_is_an_empty_image() -> None:
-    scene = view("empty", (32, 16))
-    with Rasterizer(scene) as raster:
-        image = raster.render(scene.plate.middle, reversed_d32f(1.0))
-    assert image.triangle.shape == (16, 32)
-    assert not image.covered.any() and np.isnan(image.position).all()
-
-
 @pytest.mark.parametrize("near", [150.0, 1e9])
 def test_near_beyond_the_reach_is_an_input_error(near: float) -> None:
     scene = view("asymmetric", (32, 32))
@@ -189,43 +179,6 @@ def test_points_depend_neither_on_the_number_of_parts_nor_on_pictures_before() -
         whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True
     ):
         np.testing.assert_array_equal(found.position, expected.position)
-
-
-def test_opengl_4_5_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    """NVIDIA's driver gives the version that is asked for and no newer one; Mesa gives its newest."""
-    asked: list[int] = []
-    create = moderngl.create_context
-
-    def strict(require: int = 330, **options: Any) -> moderngl.Context:
-        asked.append(require)
-        return create(require=require, **options)
-
-    monkeypatch.setattr(moderngl, "create_context", strict)
-    opened = context.open_context()
-    assert opened.version_code >= 450
-    opened.release()
-    assert asked == [450]
-
-
-def test_where_opengl_is_too_old_the_error_says_what_the_machine_has(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    create = moderngl.create_context
-
-    def old(require: int = 330, **options: Any) -> moderngl.Context:
-        if require > 440:
-            raise ValueError("Requested OpenGL version 450, got version 440")
-        return create(require=require, **options)
-
-    found = create(standalone=True, backend="egl")  # type: ignore[arg-type]  # a name, as its code takes it
-    renderer, version = found.info["GL_RENDERER"], found.info["GL_VERSION"]
-    found.release()
-    monkeypatch.setattr(moderngl, "create_context", old)
-    with pytest.raises(InputError) as caught:
-        context.open_context()
-    assert renderer in str(caught.value) and version in str(caught.value)
-    assert "4.5" in str(caught.value) and "install an EGL driver" in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:

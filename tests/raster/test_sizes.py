@@ -1,6 +1,5 @@
 """Images too large for the device or the memory are refused before any work, and large ones are foretold."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +12,9 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import context
 from xfrustum.raster.device.context import open_context
 from xfrustum.raster.rasterizer import largest_image
-from xfrustum.reports import trace as tracing
 from xfrustum.reports.trace import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.files.exr import read_image
 
 
 def on_film(width: int, height: int) -> Scene:
@@ -59,19 +56,6 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     assert not out.exists()
 
 
-def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def searched(*_: object, **__: object) -> None:
-        raise AssertionError("the search began")
-
-    monkeypatch.setattr("xfrustum.reports.planning.make_plan", searched)
-    assert main(["plan", str(write_scene(tmp_path, longest_side()))]) == 2
-    said = capfd.readouterr().err
-    assert said.count("\n") == 1
-    assert "choose a smaller frustum.resolution" in said
-
-
 def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, needed = on_film(64, 48), context.PIXEL_BYTES * 64 * 48
     monkeypatch.setattr(context, "free_memory", lambda: needed - 1)
@@ -97,25 +81,3 @@ def test_a_large_truth_is_foretold_and_a_small_one_is_not() -> None:
     assert "each is the mean of 64 samples" in str(forecast(averaged, transported=False))
     lit = replace(on_film(512, 512), transport=Transport(shadows=True, samples=100))
     assert "each is the mean of 100 light paths" in str(forecast(lit, transported=True))
-
-
-def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tracing, "LARGE_PIXELS", 64 * 64)
-    scene, out = write_scene(tmp_path, 64), tmp_path / "truth.exr"
-    for quiet, lines in ((["--quiet"], 0), ([], 1)):
-        assert main(["trace", str(scene), "--out", str(out), *quiet]) == 0
-        printed = capfd.readouterr()
-        told = [
-            line
-            for line in printed.err.splitlines()
-            if line.startswith("xfrustum: note: 64 x 64 are")
-        ]
-        assert len(told) == lines
-        assert printed.out == ""
-    # The predicted size bounds the actual one: the header has no more than some kilobytes.
-    image = read_image(out)
-    assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (
-        1 << 12
-    )

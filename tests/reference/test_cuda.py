@@ -8,7 +8,6 @@ operations, numbers that come back, speed, or anything with OpenGL.
 `test_a_card_decides_the_same_bits` needs a card and is skipped without one.
 """
 
-import importlib.util
 import os
 import re
 import shutil
@@ -18,8 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from tests.support.long_tail import thinned
 
 KERNELS = """
 import sys
@@ -50,11 +47,11 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
     reference, rows, shape = Reference(scene), range(8), (8, 8)
     pencil = crossed_frustum(scene.frustum, scene.plate.middle)
     narrow = Filter(reference._triangles, pencil, ExactPencil(scene.triangles, pencil))
-    narrow.sift(rows)
+    narrow.classify_pixels(rows)
     narrow.gaps(rows)
     seen = FirstSurfaces(
         triangle=np.zeros(shape, np.int32), s=np.ones(shape), certainty=np.zeros(shape, np.uint8),
-        companions=np.zeros((0, 3), np.int64),
+        tied_triangles=np.zeros((0, 3), np.int64),
     )
     camera = reference.camera(scene.plate.middle)
     reference._pictures.image(camera, rows, [(pencil, seen)], colored=False)
@@ -128,6 +125,7 @@ def test_no_product_of_doubles_can_be_fused_with_a_sum(kernels: dict[str, str]) 
     assert "div.rn.f64" in everything and "sqrt.rn.f64" in everything and "approx" not in everything
 
 
+@pytest.mark.slow
 def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path: Path) -> None:
     """Without the remedy most kernels have some."""
     plain = traced(driver, tmp_path, "plain")
@@ -135,78 +133,6 @@ def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path:
     assert fused("mul.f64 %d3, %d1, %d2;\nneg.f64 %d4, %d3;\nadd.f64 %d5, %d4, %d1;") == [
         "add.f64 %d5, %d4, %d1;"
     ]
-
-
-def _ptxas() -> str | None:
-    wheel = importlib.util.find_spec("nvidia")  # a namespace of wheels
-    places = [
-        str(Path(place, "cuda_nvcc", "bin"))
-        for place in (wheel and wheel.submodule_search_locations) or ()
-    ]
-    return shutil.which("ptxas", path=os.pathsep.join([os.environ.get("PATH", ""), *places]))
-
-
-@pytest.mark.parametrize(
-    ("card", "remedy"),
-    thinned([("sm_90", True), ("sm_100", True), ("sm_90", False), ("sm_100", False)], 4),
-)
-def test_nvidias_compiler_finds_nothing_to_fuse(
-    driver: Path, kernels: dict[str, str], tmp_path: Path, card: str, *, remedy: bool
-) -> None:
-    """Machine code is the same whether the compiler may fuse or not, unless there is something to fuse."""
-    ptxas = _ptxas()
-    if ptxas is None:
-        pytest.skip("no ptxas on the path, and no wheel nvidia-cuda-nvcc-cu12")
-    differing = []
-    for name, text in (kernels if remedy else traced(driver, tmp_path, "plain")).items():
-        (tmp_path / name).write_text(text)
-        codes = []
-        for may in ("true", "false"):
-            code = tmp_path / f"{name}.{may}"
-            subprocess.run(
-                [ptxas, f"--gpu-name={card}", f"--fmad={may}", tmp_path / name, "-o", code],
-                check=True,
-            )
-            codes.append(machine_code(code.read_bytes()))
-        if codes[0] != codes[1]:
-            differing.append(name)
-    assert bool(differing) is not remedy, differing
-
-
-def machine_code(file: bytes) -> bytes:
-    """Return the instructions in an ELF file of 64 bits: its sections `.text`, without notes and options."""
-    start, size, count, names = (
-        int.from_bytes(file[at : at + length], "little")
-        for at, length in ((40, 8), (58, 2), (60, 2), (62, 2))
-    )
-
-    def section(number: int) -> tuple[int, bytes]:
-        head = file[start + number * size :][:size]
-        offset, length = (int.from_bytes(head[at : at + 8], "little") for at in (24, 32))
-        return int.from_bytes(head[:4], "little"), file[offset : offset + length]
-
-    _, strings = section(names)
-    found = (section(number) for number in range(count))
-    code = b"".join(content for name, content in found if strings[name:].startswith(b".text"))
-    assert code
-    return code
-
-
-def test_without_a_card_the_command_says_what_to_do() -> None:
-    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
-    command = [sys.executable, "-m", "xfrustum", "--arrays"]
-    rest = ["trace", "asymmetric", "--out", "never.exr", "--quiet"]
-    done = subprocess.run(
-        [*command, "cuda", *rest], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2 and done.stdout == ""
-    (line,) = done.stderr.strip().splitlines()
-    assert "asks for cuda" in line and "no NVIDIA card" in line and "install" in line
-    wrong = {**environment, "XFRUSTUM_DEVICE": "gpu"}
-    done = subprocess.run(
-        [*command[:-1], *rest], env=wrong, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2 and "'gpu': set it to one of auto, llvm, cuda" in done.stderr
 
 
 SAVED = """

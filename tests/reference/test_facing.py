@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
+from tests.support.strategies import EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
@@ -20,16 +20,6 @@ NARROW = Frustum(resolution=(8, 8), reach=(12.0, 12.0), fov=(1.0, 1.0))
 
 def cameras_pencils(frustum: Frustum, aperture: Aperture, near: float = 0.5):  # type: ignore[no-untyped-def]
     return [camera.bundle for camera in model_cameras(frustum, aperture, DoubleFrustum(near=near))]
-
-
-@given(corners=triangles(coordinates=ANYTHING), aperture=apertures(), frustum=frusta())
-def test_exchanging_two_corners_turns_a_triangle(
-    corners: Floats, aperture: Aperture, frustum: Frustum
-) -> None:
-    for bundle in cameras_pencils(frustum, aperture):
-        np.testing.assert_array_equal(
-            facing(corners[:, [1, 0, 2]], bundle), -facing(corners, bundle)
-        )
 
 
 @given(a=CORNERS, b=CORNERS, step=st.sampled_from([-1.0, 1.0]))

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.light import dressed_scene
 from tests.support.lit import PLATE, RECENTERED, SUN, card, lit
-from xfrustum.reference import Reference, averages
+from xfrustum.reference import Reference
 from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.scenes import Scene
 from xfrustum.scenes.appearance.appearance import Material
@@ -102,17 +102,3 @@ class TestSmoothPicture:
             assert error <= 7.1 * one.error
         order = np.log(errors[1] / errors[0]) / np.log(found[1].points / found[0].points)
         assert order < -1.1
-
-    def test_other_seeds_are_other_points_and_their_spread_is_the_error(self) -> None:
-        exact, reference = self.integral(), Reference(self.scene())
-        found = [reference.converged(self.COARSE.middle, 1.0, seed=seed) for seed in range(12)]
-        actual = np.sqrt(np.mean([(one.color - exact) ** 2 for one in found]))
-        claimed = np.sqrt(np.mean([one.error**2 for one in found]))
-        # Twelve independent estimates know a spread to 1 / sqrt(24): four times that.
-        assert 0.2 < actual / claimed < 1.8
-
-    def test_what_does_not_converge_ends_and_says_so(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(averages, "MAX_SAMPLES", 64)
-        found = Reference(self.scene()).converged(self.COARSE.middle, tolerance=0.0)
-        assert found.points == 64
-        assert found.error > 0

@@ -12,7 +12,7 @@ from xfrustum.scenes import NOTHING, Certainty
 POSITION = 1e-12
 """Largest error of a point as a part of the reach: a dozen roundings of doubles."""
 
-PIXELS = 150  #: pixels of each image that are held to rational numbers, chosen at random
+PIXELS = 60  #: pixels of each image that are held to rational numbers, chosen at random
 
 CASES = [
     ("car", (48, 36), (40, 30)),

@@ -26,17 +26,6 @@ def test_a_stream_has_the_images_of_each_aperture_alone() -> None:
         assert image.rendering == Rendering.from_effects(needed(scene), Sampling(aperture=3))
 
 
-def test_a_stream_without_color_has_all_else() -> None:
-    scene = view("crossing", (24, 20))
-    for sampling in (Sampling(), Sampling(aperture=3)):
-        reference = Reference(replace(scene, sampling=sampling))
-        expected = Reference(scene).trace(scene.plate.middle)
-        (image,) = reference.stream([scene.plate.middle], colored=False)
-        assert image.color is None and image.rendering is None
-        assert_same(image, replace(expected, color=None, rendering=None))
-        assert_same(image, reference.trace(scene.plate.middle, colored=False))
-
-
 def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -14,12 +14,8 @@ from tests.support.light import dressed_scene
 from tests.support.long_tail import examples, thinned
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.cameras.cameras import MAPPINGS, drawing_order
-from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached
-from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
-    NOTHING,
     Aperture,
     Camera,
     Cull,
@@ -172,28 +168,11 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         PlateRenderer(scene, DoubleFrustum(near=0.1))
 
 
-def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:
-    scene = view("asymmetric", (16, 12))
-    row = [scene.plate.aperture(column, 30) for column in range(41)]
-    assert checked_one_by_one(scene, DoubleFrustum(near=0.1), row) > 0.02
-
-
 def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
     for a, b in zip(one, other, strict=True):
         assert a.aperture == b.aperture
         np.testing.assert_array_equal(a.triangle, b.triangle)
         np.testing.assert_array_equal(a.color, b.color)
-
-
-def test_the_plain_loops_are_the_same_images_too() -> None:
-    """The loop that the fast path is measured against does the same work."""
-    scene, chosen = view("car-recentered", (32, 24)), reversed_d32f(0.01)
-    apertures = some_apertures(scene)
-    with PlateRenderer(scene, chosen, EVERYTHING) as plate:
-        hogels = list(plate.hogels(apertures))
-    for numbered in (False, True):
-        with PlainLoop(scene, chosen, EVERYTHING, numbered=numbered) as loop:
-            assert_same(hogels, list(loop.hogels(apertures)))
 
 
 def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,37 +253,6 @@ def test_culling_loses_no_pixel_of_triangles_of_any_size(
     assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
 
-@given(st.integers(0, 1 << 20), st.sampled_from([CENTERED, RECENTERED]))
-def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) -> None:
-    """With points instead of boxes, the points found are those on the film by both its definitions."""
-    scene = soup(scattered(seed, 20, 1.0), frustum)
-    aperture = scene.plate.aperture(5, 9)
-    # A step back this small moves nothing visibly, and leaves no far plane that float32 could clip
-    # at.
-    chosen = DoubleFrustum(near=1e-9)
-    points = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * (40, 40, 20)
-    boxes = Boxes.from_bounds(points, points)
-    found = np.zeros(len(points), dtype=np.bool_)
-    for camera in drawing_order(scene, aperture, chosen):
-        planes, magnitudes = clip_planes(
-            camera.clip_from_scene.astype(np.float32), MAPPINGS[chosen.mapping].clip_control
-        )
-        found |= reached(planes, magnitudes, boxes)
-    k, t = shear_and_half_extent(frustum, aperture)
-    s = -points[:, 2]
-    film = ((points[:, :2] - (aperture.x, aperture.y)) / s[:, None] - k) / t
-    np.testing.assert_array_equal(found, np.abs(film).max(axis=1) < 1)
-
-
-def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[Floats, ...]:
-    """k and t by their definitions (CONVENTIONS.md, "Frames")."""
-    if frustum.screen is None:
-        return np.zeros(2), np.tan(np.array(frustum.fov) / 2)
-    depth = -frustum.screen.height
-    k = (np.array(frustum.screen.center) - (aperture.x, aperture.y)) / depth
-    return k, np.array(frustum.screen.size) / 2 / abs(depth)
-
-
 FILM = (96, 80)
 
 
@@ -336,23 +284,3 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
         np.testing.assert_array_equal(one.color[here], other.color[here])
         shown += int((one.triangle[here] >= 0).sum())
     assert shown > 100
-
-
-@pytest.mark.parametrize("effect", thinned(Effect, 4))
-def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
-    scene = dressed_scene("asymmetric", (32, 24))
-    chosen = DoubleFrustum(near=0.1)
-    assert checked_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
-
-
-@pytest.mark.parametrize("rasterize", [True, False])
-def test_discarded_triangles_make_no_pixels(rasterize: bool) -> None:
-    """They measure vertices alone: the picture stays as it was cleared."""
-    scene = view("asymmetric", (16, 12))
-    with PlateRenderer(scene, DoubleFrustum(near=0.3), EVERYTHING) as renderer:
-        renderer.draw_only([scene.plate.middle], rasterize=rasterize)
-        with renderer._context:
-            target = renderer._rounds[0][0].target
-            target.start_reading()
-            triangle = target.finish_triangle()
-    assert (triangle != NOTHING).any() == rasterize

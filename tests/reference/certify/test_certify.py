@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tests.support.brute_force import exact_first
 from tests.support.long_tail import examples
 from tests.support.strategies import (
-    ANYTHING,
     apertures,
     coincidences,
     frusta,
@@ -21,9 +20,8 @@ from tests.support.strategies import (
     triangles,
 )
 from tests.support.views import at, lines_by_definition, soup, view
-from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import (
     NOTHING,
     Aperture,
@@ -38,8 +36,6 @@ from xfrustum.scenes import (
 from xfrustum.scenes.arrays import Floats, Indices
 
 Winners = list[list[frozenset[int]]]
-
-several = examples(60)
 
 
 def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
@@ -93,7 +89,7 @@ def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 class TestAgainstRationalNumbers:
     """Corners lie exactly on lines and in the aperture; edges are shared, triangles coincide or are flat."""
 
-    @examples(60)
+    @examples(30)
     @given(exact_scenes())
     def test_every_pixel_shows_the_first_surface_and_names_every_tie(
         self, asked: tuple[Scene, Aperture]
@@ -105,7 +101,7 @@ class TestAgainstRationalNumbers:
             scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture
         )
 
-    @examples(60)
+    @examples(30)
     @given(rounded_scenes())
     def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
         self, asked: tuple[Scene, Aperture]
@@ -119,7 +115,7 @@ class TestAgainstRationalNumbers:
             assert image.triangle[row, column] == (first[0] if first else NOTHING)
             assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
 
-    @examples(40)
+    @examples(20)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
     def test_so_do_the_two_offset_cameras_overlaid(
         self, asked: tuple[Scene, Aperture], near: float
@@ -183,54 +179,6 @@ def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
     assert winners(twice) == twins
 
 
-@several
-@given(triangles(coordinates=ANYTHING), frusta(), apertures())
-def test_what_a_pixel_shows_is_imaged_in_that_pixel(
-    corners: Floats, frustum: Frustum, aperture: Aperture
-) -> None:
-    scene = soup(corners, frustum)
-    image = Reference(scene).trace(aperture)
-    shown = image.covered & (image.height != 0)
-    off = np.abs(
-        pixel_places(image.position, true_lines(image.camera)) - pixel_centers(image.camera)
-    )[shown]
-    # s d + a and the subtraction of a again round by 2^-53 of |a| and |s d| each, over |s|.
-    s = np.abs(image.height[shown])[:, None]
-    largest = np.abs(image.position[shown, :2]) + np.abs([aperture.x, aperture.y])
-    pixels_per_slope = np.array(frustum.resolution) / (2 * np.array(image.camera.half_extent))
-    slopes = np.abs(image.camera.shear) + image.camera.half_extent
-    assert (off <= 2.0**-50 * (largest / s + slopes) * pixels_per_slope).all()
-
-
-@several
-@given(triangles(), frusta(), apertures(), st.randoms(use_true_random=False))
-def test_numbers_make_no_difference(
-    corners: Floats, frustum: Frustum, aperture: Aperture, random: Any
-) -> None:
-    order = list(range(len(corners)))
-    random.shuffle(order)
-    one = Reference(soup(corners, frustum)).trace(aperture)
-    other = Reference(soup(corners[order], frustum)).trace(aperture)
-    assert winners(other, np.array(order)) == winners(one)
-    np.testing.assert_allclose(s_of(other), s_of(one), rtol=1e-9, atol=1e-12)
-
-
-@several
-@given(triangles(), frusta(), apertures(), st.integers(0, 7), st.integers(0, 2))
-def test_a_triangle_in_two_halves_is_the_same_surface(
-    corners: Floats, frustum: Frustum, aperture: Aperture, which: int, edge: int
-) -> None:
-    which %= len(corners)
-    a, b, c = np.roll(corners[which], -edge, axis=0)
-    middle = (a + b) / 2  # sums of eighths are exact
-    split = np.concatenate([corners, [[middle, b, c]]])
-    split[which] = [a, middle, c]
-    one = Reference(soup(corners, frustum)).trace(aperture)
-    two = Reference(soup(split, frustum)).trace(aperture)
-    assert winners(two, np.append(np.arange(len(corners)), which)) == winners(one)
-    np.testing.assert_allclose(s_of(two), s_of(one), rtol=1e-9, atol=1e-12)
-
-
 def turned_frustum(frustum: Frustum, swap: bool, signs: tuple[int, int]) -> Frustum:
     """Return the frustum after x and y are swapped, or not, and then multiplied by signs."""
 
@@ -254,10 +202,7 @@ def turned_frustum(frustum: Frustum, swap: bool, signs: tuple[int, int]) -> Frus
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 MOVES: dict[str, tuple[bool, tuple[int, int], Picture]] = {
     "mirrored in x": (False, (-1, 1), lambda image: image[:, ::-1]),
-    "mirrored in y": (False, (1, -1), lambda image: image[::-1]),
     "a quarter turn": (True, (-1, 1), lambda image: np.rot90(image, 1)),
-    "a half turn": (False, (-1, -1), lambda image: image[::-1, ::-1]),
-    "three quarters of a turn": (True, (1, -1), lambda image: np.rot90(image, -1)),
 }
 
 
@@ -279,26 +224,3 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
     ties, moved_ties = one.certainty == Certainty.TIE, other.certainty == Certainty.TIE
     np.testing.assert_array_equal(moved_ties, picture(ties))
     np.testing.assert_allclose(s_of(other), picture(s_of(one)), rtol=1e-9, atol=1e-12)
-
-
-@several
-@given(triangles(coordinates=ANYTHING), frusta(), apertures(), st.integers(-60, 60))
-def test_the_unit_of_length_makes_no_difference(
-    corners: Floats, frustum: Frustum, aperture: Aperture, exponent: int
-) -> None:
-    """Scaling by a power of two rounds nothing: every bit of the image but the exponent stays."""
-    scale = 2.0**exponent
-    screen = frustum.screen
-    if screen is not None:
-        center, size = np.array(screen.center) * scale, np.array(screen.size) * scale
-        screen = Screen(height=screen.height * scale, center=tuple(center), size=tuple(size))
-    viewer, back = frustum.reach
-    scaled = replace(frustum, reach=(viewer * scale, back * scale), screen=screen)
-    one = Reference(soup(corners, frustum)).trace(aperture)
-    larger = soup(corners * scale, scaled, size=16 * scale)
-    other = Reference(larger).trace(at(aperture.x * scale, aperture.y * scale))
-    np.testing.assert_array_equal(other.triangle, one.triangle)
-    np.testing.assert_array_equal(other.certainty, one.certainty)
-    np.testing.assert_array_equal(other.position, one.position * scale)
-    np.testing.assert_array_equal(other.normal, one.normal)
-    np.testing.assert_array_equal(other.tied_triangles, one.tied_triangles)

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from tests.support.brute_force import first_hits
-from tests.support.views import at, lines_by_definition, soup, view
+from tests.support.views import at, lines_by_definition, soup
 from xfrustum.reference import Reference
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.geometry.shapes import build_shape, refine
 
 ALIKE = 1e-9
 """Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap."""
@@ -122,41 +121,3 @@ def test_surfaces_a_few_roundings_apart_are_told_apart_and_coincident_ones_are_o
         scene = soup(level_squares(heights), FRUSTA[0])
         gaps = Reference(scene).gaps(at(0.3, -0.2))
         np.testing.assert_allclose(gaps, gap, rtol=0, atol=3 * ROUNDED)
-
-
-def test_the_gap_of_a_sphere_is_its_chord() -> None:
-    """A polyhedron between two balls has chords between theirs: 2 sqrt(r^2 - h^2 sin^2 a) cos a in |z|."""
-    shape = build_shape("sphere")
-    height = -90.0
-    corners = 40 * shape.vertices[shape.faces] + [0, 0, height]
-    scene = soup(corners, view("empty", (64, 48)).frustum)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - [0, 0, height]) / np.linalg.norm(
-        normals, axis=1
-    )
-    inner, outer = offsets.min(), np.linalg.norm(corners - [0, 0, height], axis=-1).max()
-    gaps = Reference(scene).gaps(at(0, 0))
-    cosine = 1 / np.linalg.norm(lines_by_definition(scene, at(0, 0)), axis=-1)
-
-    def chord(radius: float) -> Floats:
-        return np.asarray(
-            2 * np.sqrt(np.maximum(radius**2 - height**2 * (1 - cosine**2), 0)) * cosine
-        )
-
-    seen = np.isfinite(gaps)
-    assert (seen >= (chord(inner) > 0)).all() and (seen <= (chord(outer) > 0)).all()
-    assert seen.sum() > 100
-    rounded = ROUNDED * abs(height)
-    assert (gaps[seen] >= chord(inner)[seen] - rounded).all()
-    assert (gaps[seen] <= chord(outer)[seen] + rounded).all()
-
-
-@pytest.mark.parametrize("name", ["car", "crossing", "asymmetric-recentered"])
-def test_refining_a_mesh_leaves_its_gaps(name: str) -> None:
-    """Neither edges of triangles nor their number change a gap, except where a line meets an edge exactly."""
-    scene = view(name, (160, 120))
-    aperture = scene.plate.middle
-    coarse, fine = (Reference(s).gaps(aperture) for s in (scene, refine(scene, 1)))
-    assert np.isfinite(coarse).mean() > 0.05
-    alike = np.isclose(coarse, fine, rtol=1e-6, atol=1e-9) | (np.isinf(coarse) & np.isinf(fine))
-    assert (~alike).mean() <= 1e-4

@@ -191,21 +191,6 @@ def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> N
     assert abs(total - 1) < 1e-12
 
 
-def test_what_is_in_focus_is_sharp_and_all_else_is_blurred() -> None:
-    scene = view("crossing", (64, 48))
-    eyes = EyeReference(scene)
-    sharp = eyes.true_view(EYE)
-    # So large a pupil that its blur is several pixels wide.
-    height = float(np.nanmedian(sharp.position[..., 2]))
-    blurs = [
-        float(
-            np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean()
-        )
-        for focus in (height, height + 150.0)
-    ]
-    assert blurs[0] < blurs[1] / 2
-
-
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

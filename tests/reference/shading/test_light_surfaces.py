@@ -7,22 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.support.lit import PLATE, ROUNDING, card, lit, quad
+from tests.support.lit import PLATE, ROUNDING, card, lit
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum
-from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
+from xfrustum.scenes.appearance.appearance import Material
 
 MIDDLE = PLATE.middle
-APERTURE = PLATE.aperture(3, 12)
 
 PAINT = Material(
     ambient=(0.02, 0.05, 0.03), diffuse=(0.7, 0.4, 0.2), specular=(0.3, 0.5, 0.6), exponent=12.5
 )
-# Neither parallel to anything nor symmetric: one behind the plate, one before it, seen from its
-# back.
-BEHIND = quad([(-30, -25, -40), (28, -20, -60), (33, 30, -52.75), (-25, 25, -32.75)], "paint")
-BEFORE = quad([(6, 2, 30), (4, 9, 34), (16, 12, 41), (18, 5, 37)], "paint")
 
 
 def test_a_triangle_whose_corner_has_no_normal_is_flat() -> None:
@@ -49,26 +44,6 @@ class TestModel:
         truth = Reference(scene_along).trace(MIDDLE).color
         model = Reference(scene).trace_model(MIDDLE, fitted).color
         np.testing.assert_allclose(model, truth, rtol=ROUNDING)
-
-
-def test_a_light_from_behind_leaves_the_ambient_term() -> None:
-    scene = lit(
-        card((0, 0, -50), (200, 200), "paint"),
-        lights=(DirectionalLight(direction=(1, 2, -0.1)),),
-        paint=PAINT,
-    )
-    color = Reference(scene).trace(scene.plate.middle).color
-    np.testing.assert_array_equal(
-        color, np.broadcast_to(np.array(PAINT.ambient, np.float32), color.shape)
-    )
-
-
-def test_faces_have_no_back() -> None:
-    turned = [replace(part, faces=part.faces[:, [0, 2, 1]]) for part in (BEHIND, BEFORE)]
-    scene, back = lit(BEHIND, BEFORE, paint=PAINT), lit(*turned, paint=PAINT)
-    seen, from_back = (Reference(s).trace(APERTURE) for s in (scene, back))
-    np.testing.assert_array_equal(from_back.normal[seen.covered], -seen.normal[seen.covered])
-    np.testing.assert_array_equal(from_back.color, seen.color)
 
 
 def test_a_smooth_normal_is_turned_by_the_side_of_its_triangle() -> None:
