@@ -15,7 +15,6 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.research import splitting
 from xfrustum.research.depth_family import FARTHEST
 from xfrustum.research.splitting import (
-    AS_IN_THE_PAPER,
     ASKED_SEPARATION,
     FULL,
     QUICK,
@@ -38,12 +37,15 @@ from xfrustum.research.splitting import (
 )
 from xfrustum.research.sweep import StudyFiles, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping
-from xfrustum.scenes.plate.double_frustum import Offset
+from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)
 D24 = (DepthFormat.D24, DepthMapping.STANDARD)
 EXACT = (DepthFormat.D32F, DepthMapping.REVERSED)
+CELL = Cell(
+    Family.ONE_SIDE, Camera.C, 10.0, 48, *EXACT, Pivot.APERTURE, None, Offset.PLATE, near=1e-3
+)
 
 TINY = (
     (1e-2, 1e-3, 1e-6),
@@ -119,7 +121,7 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
 
 def row_of(**changed: Any) -> Row:
     plain = Row(
-        **vars(Cell(Family.ONE_SIDE, Camera.C, 10.0, 48, *EXACT, *AS_IN_THE_PAPER, 1e-3)), judged=10_000, covered=4_000, nearest=0.1, farthest=1.0,
+        **vars(CELL), judged=10_000, covered=4_000, nearest=0.1, farthest=1.0,
         surface_wrong=0, outside=0, depth_wrong=0, lost=0, displacement_rms=0.1, displacement_p99=0.1,
         displacement_max=0.1, displaced=0, predicted_rms=0.1, predicted_p99=0.1, misordered=0.0,
         ordered_separation=1e-6, predicted_separation=1e-6,
