@@ -34,9 +34,9 @@ from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.notebook import Figure, NotebookRepr
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr
 
 Result = TypeVar("Result")
 
@@ -109,7 +109,7 @@ class JudgedFrame:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class JudgedDrawing(NotebookRepr):
+class JudgedDrawing(ShortRepr):
     """One drawing of a hogel, judged by the truth."""
 
     settings: DoubleFrustum
@@ -136,32 +136,14 @@ class JudgedDrawing(NotebookRepr):
             times=frame.times,
         )
 
-    def _said(self) -> str:
-        near, depth = self.settings.near, self.settings.depth_label
-        return f"near {near:.3g} scene units, {depth}: {self.comparison.said()}"
-
-    def table(self) -> str:
-        """Return the numbers as aligned lines."""
-        return self.comparison.table()
-
-    def _figures(self) -> Sequence[Figure]:
-        return self.comparison._figures() if isinstance(self.comparison, Comparison) else ()
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class JudgedHogel(NotebookRepr):
+class JudgedHogel(ShortRepr):
     """One hogel with its drawings, judged, in the order of the settings."""
 
     aperture: Aperture
     truth: HogelImage | None  #: None unless images were asked for
     drawings: tuple[JudgedDrawing, ...]
-
-    def _said(self) -> str:
-        drawn = "; ".join(one._said() for one in self.drawings)
-        return f"aperture {self.aperture.column},{self.aperture.row}; {drawn}"
-
-    def _figures(self) -> Sequence[Figure]:
-        return () if self.truth is None else self.truth._figures()
 
 
 class Evaluator:

@@ -25,17 +25,19 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
 from xfrustum.reports.common.provenance import aperture_option, scene_command, settings_words
-from xfrustum.reports.common.reasons import SENTENCES, sentences
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene, notebook
+from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
+from xfrustum.reports.notebook import png as png_of
+from xfrustum.reports.text import SENTENCES, aligned, sentences
+from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.notebook import png as notebook_png
+from xfrustum.scenes.representation import digits, percent
 
 CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
 """Names of the chain's images, as files are called; T5 only where faces are culled."""
@@ -50,7 +52,7 @@ SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BudgetReport(notebook.NotebookRepr):
+class BudgetReport(NotebookRepr):
     """The error of one image, charged to its causes."""
 
     scene: Scene
@@ -84,28 +86,30 @@ class BudgetReport(notebook.NotebookRepr):
         for row in _radiance_rows(self):
             values = (getattr(row, name) for name in columns)
             rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
-        return f"{table(self.geometry)}\n{notebook.aligned(rows)}"
+        return f"{table(self.geometry)}\n{aligned(rows)}"
 
     def _said(self) -> str:
-        settings = f"near {notebook.digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        settings = (
+            f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        )
         return (
             f"{self.scene.name!r}, {self.place} with {settings}: {headline(self.geometry.numbers)}"
         )
 
-    def _figures(self) -> Sequence[notebook.Figure]:
+    def _figures(self) -> Sequence[Figure]:
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
-        shown = notebook.as_shown(drawn.color, drawn.covered, drawn.height)
-        marks = notebook.marked(shown, wrong, self.geometry.errors.moved)
+        shown = as_shown(drawn.color, drawn.covered, drawn.height)
+        marks = marked(shown, wrong, self.geometry.errors.moved)
         return (
-            notebook.Figure(
+            Figure(
                 caption="wrong surfaces red, displacement blue (full at 1 px)",
-                content=notebook_png(marks),
+                content=png_of(marks),
             ),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class AutoBudget(notebook.NotebookRepr):
+class AutoBudget(NotebookRepr):
     """A budget at each of the apertures that were chosen for a plate, in their order."""
 
     budgets: tuple[BudgetReport, ...]
@@ -221,7 +225,7 @@ def headline(numbers: BudgetNumbers) -> str:
         sum(link.surface for link in numbers.links),
         max(numbers.links, key=lambda one: one.surface),
     )
-    share = notebook.percent(wrong / max(numbers.judged, 1))
+    share = percent(wrong / max(numbers.judged, 1))
     cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
     said = f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
     return f"{said}; {numbers.wrong:,} show another triangle"
@@ -251,7 +255,7 @@ def table(geometry: Budget) -> str:
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
     notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
-        f"{headline(numbers)}\n{notebook.aligned(_link_cells(numbers))}\n{notes}"
+        f"{headline(numbers)}\n{aligned(_link_cells(numbers))}\n{notes}"
         f"explained by the model of {numbers.device_model}: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
@@ -286,7 +290,7 @@ def _three_digits(value: float | None) -> str:
     """Write a number with three digits, and all digits of thousands of pixels."""
     if value is None:
         return "-"
-    return f"{value:,.0f}" if value >= 1000 else notebook.digits(value)
+    return f"{value:,.0f}" if value >= 1000 else digits(value)
 
 
 def command(report: BudgetReport) -> str:

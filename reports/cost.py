@@ -27,11 +27,13 @@ from xfrustum.reports.common.outputs import json_object, progress_bar, write_fil
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
+from xfrustum.reports.notebook import NotebookRepr
+from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.notebook import NotebookRepr, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 REPEAT = 5

@@ -21,12 +21,13 @@ from xfrustum.raster.device.fingerprint import draw_fingerprint
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.text import aligned
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, kept_at
-from xfrustum.scenes.notebook import aligned, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.representation import percent
 
 FILES = PAGE, DATA = "index.html", "device.json"
 

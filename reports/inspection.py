@@ -28,11 +28,12 @@ from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import plate_cells
-from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, InputError, Plate, Scene
+from xfrustum.reports.text import CERTAINTY_LABELS
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.files.channels import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE
 from xfrustum.scenes.files.exr import stored_planes
-from xfrustum.scenes.notebook import digits, percent
+from xfrustum.scenes.representation import digits, percent
 
 PAGE, FILE = "inspect.html", "inspect-{}x{}.js"
 """Names of the page, and of a file beside it by column and row."""
@@ -57,14 +58,6 @@ bytes, and half of them, the upper ones, are always zero and take no room."""
 
 STATE, CORRECTED, LINK, ROUNDING = "state", "state.corrected", "cause", "rounding"
 """Names of the channels of errors that have labels."""
-
-CERTAINTY_LABELS = {
-    Certainty.PROVEN: "proven in floating point",
-    Certainty.EXACT: "decided in rational arithmetic",
-    Certainty.TIE: "tie, not judged",
-    Certainty.UNEXAMINED: "not examined",
-}
-"""Meanings of the values of `certainty`."""
 
 TYPES = {"float32": "<f4", "uint32": "<u4", "uint8": "u1"}
 """Types of channels by their names on a page: those of the typed arrays of browsers."""

@@ -47,7 +47,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.notebook import digits, percent
+from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG
 
 LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason

@@ -38,9 +38,10 @@ from xfrustum.reports.common.provenance import (
 )
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
+from xfrustum.reports.text import aligned
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.notebook import aligned, digits, percent, sides
+from xfrustum.scenes.representation import digits, percent, sides
 from xfrustum.tolerances import MAX_WRONG
 
 FILES = PAGE, DATA = "index.html", "recommend.json"

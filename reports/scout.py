@@ -13,7 +13,7 @@ from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.notebook import digits
+from xfrustum.scenes.representation import digits
 
 MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and

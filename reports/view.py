@@ -26,6 +26,8 @@ from xfrustum.reports.common.outputs import (
 )
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import address, html_page, plain_text, png
+from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
+from xfrustum.reports.notebook import png as notebook_png
 from xfrustum.reports.plate import stored
 from xfrustum.reports.plate.store import COLOR, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
@@ -38,16 +40,7 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
-from xfrustum.scenes.notebook import (
-    Figure,
-    NotebookRepr,
-    as_shown,
-    counted,
-    digits,
-    marked,
-    percent,
-)
-from xfrustum.scenes.notebook import png as notebook_png
+from xfrustum.scenes.representation import counted, digits, percent
 
 PAGE, DATA = "index.html", "view.json"
 

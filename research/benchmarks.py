@@ -40,7 +40,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-from xfrustum.scenes.notebook import aligned
+from xfrustum.reports.text import aligned
 
 Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""

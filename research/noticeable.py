@@ -25,7 +25,7 @@ from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Pivot, Scene, open_scene
-from xfrustum.scenes.notebook import digits
+from xfrustum.scenes.representation import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"

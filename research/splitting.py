@@ -30,7 +30,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
 from xfrustum.reports.common.outputs import json_object
-from xfrustum.reports.common.templates_environment import plain_text, svg_picture
+from xfrustum.reports.common.templates_environment import fragment, plain_text
 from xfrustum.research import depth_family
 from xfrustum.research.depth_family import FARTHEST, REACH
 from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
@@ -725,7 +725,7 @@ def svg(title: str, rows: Rows) -> str:
         "nears": sorted({row.near for row in rows}, reverse=True),
         "legend": list(COLORS.values()),
     }
-    return svg_picture("study-map.svg.j2", {"map": drawn}, {"power": power})
+    return fragment("study-map.svg.j2", {"map": drawn}, {"power": power})
 
 
 def panels(rows: Rows) -> list[list[dict[str, Any]]]:

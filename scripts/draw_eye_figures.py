@@ -26,13 +26,13 @@ from xfrustum.compare.eye.loss import (
 from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reports.notebook import WRONG
 from xfrustum.reports.planning import make_plan, make_viewer_plan, scouted_plate
 from xfrustum.reports.view import Drawing, shown
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.notebook import WRONG
 
 FOLDER = Path("docs") / "images"
 

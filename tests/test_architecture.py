@@ -7,6 +7,15 @@ import re
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]
+STAGES = ("scenes", "reference", "raster", "compare")
+WORDLESS = (
+    "compare/run.py",
+    "compare/metrics/",
+    "compare/attribution/",
+    "compare/rounding/",
+    "compare/device/",
+    "compare/selfcheck/",
+)
 FOLDERS = ("scenes", "reference", "raster", "compare", "reports", "research")
 SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
 TESTS = sorted((CHECKOUT / "tests").rglob("*.py"))
@@ -57,3 +66,52 @@ def test_the_lock_file_names_no_registry_and_hashes_everything() -> None:
     entries = re.split(r"\n(?=\w)", (CHECKOUT / "requirements.lock").read_text())
     assert len(entries) > len(FOLDERS)
     assert not [entry for entry in entries if "://" in entry or "--hash=sha256:" not in entry]
+
+
+def literals(tree: ast.AST) -> list[str]:
+    """Return the texts of a module but docstrings and messages of errors."""
+    excluded: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise | ast.Assert):
+            excluded.update(map(id, ast.walk(node)))
+        # A text that stands alone documents the name above it.
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            excluded.add(id(node.value))
+    constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    return [
+        node.value for node in constants if isinstance(node.value, str) and id(node) not in excluded
+    ]
+
+
+def test_stages_before_reports_make_no_html() -> None:
+    sources = [path for path in SOURCES if name(path).split("/")[0] in STAGES]
+    assert len(sources) > len(STAGES)
+    markup = re.compile(r"</?(div|p|b|pre|img|table|svg|html|span)\b[^|]*>")
+    found = [
+        f"{name(path)}: {text!r}"
+        for path in sources
+        for text in literals(ast.parse(path.read_text()))
+        if markup.search(text)
+    ]
+    assert found == []
+    imports = re.compile(r"^\s*(?:from|import) (?:html|jinja2|markupsafe|plotly)\b", re.MULTILINE)
+    assert [name(path) for path in sources if imports.search(path.read_text())] == []
+
+
+def test_compare_builds_no_sentences() -> None:
+    """Words are made of records in `reports`: `compare` formats numbers in messages of errors alone."""
+    formatting = {"digits", "percent", "counted", "sides", "aligned"}
+    modules = [path for path in SOURCES if name(path).startswith(tuple(WORDLESS))]
+    assert modules
+    for path in modules:
+        tree = ast.parse(path.read_text())
+        imported = {
+            alias.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        assert not imported & formatting, name(path)
+        assert [text for text in literals(tree) if re.search(r"\w+ \w+ \w+ \w+ \w+", text)] == [], (
+            name(path)
+        )

@@ -21,9 +21,9 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.representation import ShortRepr
 
 RIGHT = -1  #: value in a map of charges of a pixel that is right in the end, or not judged
 

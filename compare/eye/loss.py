@@ -25,8 +25,8 @@ from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import ShortRepr, digits
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.representation import ShortRepr, digits
 
 T = TypeVar("T")
 Block = tuple[Indices, Indices]  #: rows (R, 1) and columns (1, C) of pixels of a picture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,27 +12,12 @@ from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, co
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.labelled import NO_UNIT, SCENE_UNITS, Labelled, dataset
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.notebook import (
-    NO_UNIT,
-    SCENE_UNITS,
-    Figure,
-    Labelled,
-    NotebookRepr,
-    aligned,
-    as_shown,
-    dataset,
-    digits,
-    marked,
-    percent,
-    png,
-)
+from xfrustum.scenes.representation import ShortRepr
 
 if TYPE_CHECKING:
     import xarray
-
-MOVED_PX = 1.0
-"""Displacement from which on a map is in full color: a neighboring pixel shows what this one should."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +26,6 @@ class Share:
 
     wrong: int
     fraction: float
-
-    def __str__(self) -> str:
-        return f"{self.wrong:,} ({percent(self.fraction)})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,54 +61,9 @@ class ComparisonNumbers:
     radiance: RadianceNumbers | None  #: None where colors were not compared, or an image has none
     certainty: dict[str, int]  #: the truth's pixels by class
 
-    def said(self) -> str:
-        """Return the errors of an image in a line."""
-        told = [f"{self.surface or 'unknown'} show the wrong surface"]
-        if self.triangle is not None:
-            told.append(f"{self.triangle} another triangle")
-        if spread := self.displacement_px:
-            p99, most = digits(spread.p99), digits(spread.max)
-            told.append(f"99 of 100 surface points within {p99} px, all within {most} px")
-        return f"of {self.judged:,} judged pixels {', '.join(told)}"
-
-    def table(self) -> str:
-        """Return the numbers as aligned lines."""
-        surface, color = self.surface, self.radiance
-
-        def numbers(group: object, names: str) -> str:
-            """Write some numbers of a group, each after its name."""
-            if group is None:
-                return "not defined"
-            return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names.split())
-
-        lines = {
-            "pixels": f"{self.pixels:,}",
-            "judged": f"{self.judged:,}",
-            "covered": f"{self.covered:,}",
-            "wrong surface": "not known" if surface is None else str(surface),
-        }
-        if surface is not None and surface.culled is not None:
-            lines["  a face culled"] = f"{surface.culled:,}"
-        lines |= {
-            "another triangle": "not known" if self.triangle is None else str(self.triangle),
-            "displacement, px": numbers(self.displacement_px, "rms p50 p95 p99 max"),
-            "height error": numbers(self.height, "rms max"),
-            "drawn in the plate": f"{self.at_plate:,}",
-        }
-        if color is not None:
-            lines["radiance error"] = numbers(color, "mean rms p99 max")
-            if color.away_from_edges is not None:
-                lines["  in the same triangle"] = numbers(color.away_from_edges, "mean rms p99 max")
-            if color.flip is not None:
-                ssim = "not defined" if color.ssim is None else f"{color.ssim:.4g}"
-                lines["looks different"] = f"FLIP {color.flip:.3g}  SSIM {ssim}"
-            if color.noise is not None:
-                lines["beyond noise, 1/255"] = f"{color.noise.differ:,} pixels"
-        return aligned(list(lines.items()), str.ljust)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Comparison(NotebookRepr, ComparisonNumbers):
+class Comparison(ShortRepr, ComparisonNumbers):
     """How a raster image differs from the truth: in numbers, and pixel by pixel."""
 
     errors: error_maps.PixelErrors
@@ -163,10 +99,10 @@ class Comparison(NotebookRepr, ComparisonNumbers):
         """Return the errors as an `xarray.Dataset`, lengths in `units`; InputError without xarray."""
         maps, camera = self.maps, self.errors.truth.camera
         moved, surface, radiance = maps.displacement, maps.surface, maps.radiance
-        told: tuple[tuple[str, Any, str, str | None], ...] = (
-            ("judged", maps.judged, "whether the truth is no tie", None),
-            ("surface", surface, "whether the wrong surface is shown", None),
-            ("triangle", maps.triangle, "whether another triangle is shown", None),
+        labels: tuple[tuple[str, Any, str, str | None], ...] = (
+            ("judged", maps.judged, "judged: no tie", None),
+            ("surface", surface, "wrong surface", None),
+            ("triangle", maps.triangle, "another triangle", None),
             ("displacement_columns", moved[..., 0], "true minus drawn place, to the right", "px"),
             ("displacement_rows", moved[..., 1], "true minus drawn place, down", "px"),
             ("height_error", maps.height, "height, image minus truth", units),
@@ -174,33 +110,11 @@ class Comparison(NotebookRepr, ComparisonNumbers):
         )
         images = {
             name: None if values is None else Labelled(values=values, meaning=meaning, units=unit)
-            for name, values, meaning, unit in told
+            for name, values, meaning, unit in labels
         }
         renderers = {"truth": camera.renderer, "image": self.errors.raster.camera.renderer}
         scene = {"scene": camera.scene, "scene_hash": camera.scene_hash}
         return dataset(images, {}, {"aperture": list(camera.aperture.index), **scene, **renderers})
-
-    def _said(self) -> str:
-        camera, renderer = self.errors.truth.camera, self.errors.raster.camera.renderer
-        column, row = camera.aperture.index
-        what = f"{renderer} against the truth, aperture {column},{row} of {camera.scene or 'a scene'!r}"
-        return f"{what}; {self.said()}"
-
-    def table(self) -> str:
-        """Return the numbers as aligned lines."""
-        return self.numbers.table()
-
-    def _figures(self) -> Sequence[Figure]:
-        truth, picture = (
-            as_shown(image.color, image.covered, image.height)
-            for image in (self.errors.truth, self.errors.raster)
-        )
-        errors = marked(
-            picture, self.maps.surface, error_maps.lengths(self.maps.displacement) / MOVED_PX
-        )
-        caption = f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)"
-        pictures = (caption, errors), ("truth", truth), ("image", picture)
-        return [Figure(caption=name, content=png(content)) for name, content in pictures]
 
 
 def compare_images(

@@ -34,8 +34,8 @@ from xfrustum.scenes.model.hogel_image import (
     SurfaceImage,
 )
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import Cull
+from xfrustum.scenes.representation import ShortRepr
 
 Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
 FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10

@@ -31,8 +31,8 @@ from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr
 
 ALPHA = 0.01  #: chance that a test of a whole picture fails although nothing is wrong
 

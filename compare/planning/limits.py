@@ -13,9 +13,9 @@ from xfrustum.compare.planning.views import Requirement, Views, displacement_bou
 from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.representation import digits
 
 COMPARED_BUFFERS: tuple[search.DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),

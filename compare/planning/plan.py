@@ -41,9 +41,9 @@ from xfrustum.compare.scout import AutoApertures, CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import NotebookRepr, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr
 from xfrustum.tolerances import MAX_WRONG
 
 MAX_SAMPLES = 3
@@ -146,7 +146,7 @@ class Alternative:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Plan(NotebookRepr):
+class Plan(ShortRepr):
     """What to draw with, and what that keeps, lengths in scene units.
 
     Without a plan `near` and what was predicted and measured are None; so is the depth buffer where
@@ -205,48 +205,6 @@ class Plan(NotebookRepr):
             "plate": self.plate and self.plate.summary(),
             "apertures": self.auto and self.auto.record,
         }
-
-    def _said(self) -> str:
-        settings = self.settings
-        if settings is None or self.measured is None:
-            return f"none; {self.reason}"
-        cuts = f"cuts at {', '.join(map(digits, self.slabs))}" if self.slabs else "no cuts"
-        keeps = "keeps what is required" if self.within else "does not keep what is required"
-        return (
-            f"near {digits(settings.near)} scene units, {cuts}, {settings.depth_label}; measured at the "
-            f"worst aperture: 99 % within {digits(self.measured.displacement_p99_px)} px, "
-            f"{percent(self.measured.surface_fraction)} wrong surface; {keeps}"
-        )
-
-    def _facts(self) -> str:
-        lines = []
-        if self.predicted is not None and self.measured is not None:
-            rows = [("at the worst aperture", "predicted", "measured")]
-            for name, words, write in _QUALITIES:
-                rows.append(
-                    (
-                        words,
-                        write(getattr(self.predicted, name)),
-                        write(getattr(self.measured, name)),
-                    )
-                )
-            lines = [aligned(rows)]
-        lines.append(f"reason: {self.reason}")
-        if (one := self.plate) is not None:
-            looked = f"{one.scouted:,} were looked through and {one.measured:,} measured"
-            bound = f"{percent(one.share_beyond_at_most)}, with a confidence of {percent(one.confidence)}"
-            lines += [f"hogels: {one.hogels:,}, of which {looked}", f"beyond: at most {bound}"]
-        return "\n".join(lines)
-
-
-_QUALITIES = (
-    ("displacement_p99_px", "displacement, 99 %, px", digits),
-    ("surface_fraction", "wrong surface", percent),
-    ("depth_wrong", "wrong by depth", percent),
-    ("misordered", "sheets in the wrong order", percent),
-    ("separation", "smallest separation, scene units", digits),
-)
-"""Fields of `Quality`, their names in a table, and the functions that write their values."""
 
 
 def depth_buffers(

@@ -21,8 +21,8 @@ from xfrustum.compare.planning.search import (
 )
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.representation import digits
 
 if TYPE_CHECKING:
     from xfrustum.compare.planning.plan import PlateResult

@@ -6,7 +6,6 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.double_frustum import (
     Cull,
     DepthFormat,
@@ -16,6 +15,7 @@ from xfrustum.scenes.plate.double_frustum import (
     Pivot,
 )
 from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.representation import ShortRepr
 
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""

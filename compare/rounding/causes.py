@@ -39,7 +39,7 @@ from xfrustum.compare.rounding.edges import (
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.notebook import ShortRepr
+from xfrustum.scenes.representation import ShortRepr
 
 HEADINGS = ("edge", "order", "lost", "unexplained")
 """Headings of `Causes`; the last one is for pixels that bear no mark."""

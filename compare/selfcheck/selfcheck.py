@@ -23,7 +23,6 @@ from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneOb
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
-from xfrustum.scenes.notebook import aligned
 
 Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13
@@ -50,9 +49,8 @@ and the rounding of this bound itself."""
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
 
-COUNTS = {name: name for name in ("pixels", "covered", "proven", "exact", "ties", "wrong")}
-COUNTS["tracer_wrong"] = "float32 wrong"
-"""Counts of each view that are summed, with their titles in the table."""
+COUNTS = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
+"""Counts of each view that are summed over all views."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,35 +130,6 @@ class SelfCheck:
         """Return everything as `selfcheck --json` prints it."""
         counts = {count: self.total(count) for count in COUNTS}
         return {"agrees": self.agrees, **counts, **asdict(self)}
-
-
-def table(check: SelfCheck) -> str:
-    """Return a self-check in words: one row per scene, the sphere, every disagreement, the result."""
-    of_scene: dict[str, list[ViewCheck]] = {}
-    for view in check.views:
-        of_scene.setdefault(view.scene, []).append(view)
-    rows = [("scene", "apertures", *COUNTS.values())]
-    for name, group in (*of_scene.items(), ("all", list(check.views))):
-        sums = (sum(getattr(view, count) for view in group) for count in COUNTS)
-        rows.append((name, str(len(group)), *(f"{n:,}" for n in sums)))
-    lines = [aligned(rows)]
-    if one := check.sphere:
-        lines.append(
-            f"sphere of {one.triangles:,} triangles, lines from its center: {one.vertices:,} vertices, "
-            f"{one.vertex_misses:,} missed (float32 {one.tracer_vertex_misses:,}); {one.edges:,} edges, "
-            f"{one.edge_misses:,} missed (float32 {one.tracer_edge_misses:,}); {one.wrong:,} wrong"
-        )
-    lines += [
-        f"{view.scene} {view.aperture[0]},{view.aperture[1]}: column {at.column}, row {at.row}, "
-        f"{at.about}: expected {at.expected}, got {at.got}"
-        for view in check.views
-        for at in view.disagreements
-    ]
-    result = "agree" if check.agrees else "DISAGREE"
-    pixels = f"{check.total('pixels'):,} pixels"
-    return "\n".join(
-        [*lines, f"reference and integers {result} on {pixels} ({check.seconds:.0f} s)"]
-    )
 
 
 def selfcheck(

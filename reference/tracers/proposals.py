@@ -15,7 +15,7 @@ from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import ShortRepr
+from xfrustum.scenes.representation import ShortRepr
 
 OPINION_PIXELS = 1 << 18
 """Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from xfrustum.reports.common.templates_environment import svg_picture
+from xfrustum.reports.common.templates_environment import fragment
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
@@ -24,5 +24,5 @@ class JUnitCase:
 
 def junit(suite: str, cases: Sequence[JUnitCase], told: str) -> bytes:
     """Return test cases as JUnit XML, with what is told of all of them."""
-    text = svg_picture("junit.xml.j2", {"suite": suite, "cases": cases, "told": told}, {})
+    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "told": told})
     return _NOT_IN_XML.sub("\ufffd", text).encode()

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from xfrustum.reports.common.outputs import json_ready
-from xfrustum.scenes.notebook import counted, digits, percent
+from xfrustum.scenes.representation import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
 NO_FILTERS: Filters = MappingProxyType(
@@ -96,8 +96,8 @@ def html_page(
     return text.replace(_POLICY_MARK, policy, 1)
 
 
-def svg_picture(template: str, values: Mapping[str, Any], filters: Filters) -> str:
-    """Return an SVG document; all text is escaped."""
+def fragment(template: str, values: Mapping[str, Any], filters: Filters = NO_FILTERS) -> str:
+    """Return an SVG or XML document, or a part of an HTML page; all text is escaped."""
     return _environment(tuple(filters.items())).get_template(template).render(values)
 
 
@@ -118,8 +118,10 @@ def png(pixels: NDArray[np.number], *, optimize: bool = True) -> bytes:
 
 
 def address(encoded: bytes) -> str:
-    """Return an encoded picture, WebP or PNG, as an address that a page holds within itself."""
-    kind = "webp" if encoded.startswith(b"RIFF") else "png"
+    """Return an encoded picture, WebP, PNG or SVG, as an address that a page holds within itself."""
+    kind = "svg+xml"
+    if encoded.startswith((b"RIFF", b"\x89PNG")):
+        kind = "webp" if encoded.startswith(b"RIFF") else "png"
     return f"data:image/{kind};base64,{base64.b64encode(encoded).decode()}"
 
 
@@ -145,6 +147,12 @@ def _environment(
         keep_trailing_newline=not autoescape,
     )
     environment.filters.update(
-        {"digits": digits, "percent": percent, "counted": counted, **dict(filters)}
+        {
+            "digits": digits,
+            "percent": percent,
+            "counted": counted,
+            "address": address,
+            **dict(filters),
+        }
     )
     return environment

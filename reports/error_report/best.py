@@ -20,8 +20,8 @@ from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.run import StageTimes
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import CERTIFIED
-from xfrustum.reports.common.reasons import sentences
 from xfrustum.reports.common.records import named_columns
+from xfrustum.reports.text import sentences
 from xfrustum.scenes import (
     Aperture,
     Cull,
@@ -33,8 +33,8 @@ from xfrustum.scenes import (
     Pivot,
 )
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.notebook import digits, percent, plain
 from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.representation import digits, percent, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]

@@ -18,16 +18,15 @@ from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
-from xfrustum.reports.common.reasons import SENTENCES, sentences
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images
 from xfrustum.reports.error_report.best import Measurement, geometry_names, geometry_of
 from xfrustum.reports.error_report.images import CAUSE_COLORS
-from xfrustum.reports.inspection import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.scout import map_figures
+from xfrustum.reports.text import CERTAINTY_LABELS, SENTENCES, sentences
 from xfrustum.scenes import Aperture, DoubleFrustum, Offset
-from xfrustum.scenes.notebook import digits, percent
+from xfrustum.scenes.representation import digits, percent
 
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]

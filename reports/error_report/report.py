@@ -58,7 +58,7 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.notebook import counted, digits, percent
+from xfrustum.scenes.representation import counted, digits, percent
 
 
 @dataclass(frozen=True, kw_only=True)

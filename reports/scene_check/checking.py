@@ -25,12 +25,13 @@ from xfrustum.compare.extent import (
     warnings,
 )
 from xfrustum.reports.common.outputs import json_object, write_files
-from xfrustum.reports.common.templates_environment import Filters, plain_text, svg_picture
+from xfrustum.reports.common.templates_environment import Filters, fragment, plain_text
+from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.scene_check.effects import SceneEffects, scene_effects
 from xfrustum.scenes import Aperture, DoubleFrustum
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook import Figure, NotebookRepr, counted
+from xfrustum.scenes.representation import counted
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
@@ -208,7 +209,7 @@ def draw_view(scene: Scene, view: View) -> str:
         "height": 540 + 18 * len(objects),
     }
     filters: Filters = {"printable": printable, "signed": signed, "length": length}
-    return svg_picture("scene-view.svg.j2", values, filters) + "\n"
+    return fragment("scene-view.svg.j2", values, filters) + "\n"
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -12,9 +12,10 @@ from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.compare.prediction import band_limiting
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.common.templates_environment import Filters, plain_text
+from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, Scene
 from xfrustum.scenes.model.effects import Effect, Question, SlabContent, decide, slab_contents
-from xfrustum.scenes.notebook import aligned, counted, digits, percent
+from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_NEAR_PER_REACH = 1e-3  #: near offset where none is stated, share of the longest reach

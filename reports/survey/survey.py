@@ -22,7 +22,7 @@ from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.arrays import Indices
-from xfrustum.scenes.notebook import percent
+from xfrustum.scenes.representation import percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 ROWS = "survey.parquet"  # folder of the rows

@@ -32,7 +32,7 @@ from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.input_files import read_input
-from xfrustum.scenes.notebook import counted, digits
+from xfrustum.scenes.representation import counted, digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"
 

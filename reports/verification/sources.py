@@ -29,7 +29,7 @@ from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
 from xfrustum.scenes.files.plate_files import FileSet, find_files, pictures_at
-from xfrustum.scenes.notebook import counted
+from xfrustum.scenes.representation import counted
 
 MAX_NAMES_TRIED = 10_000
 """Files whose names are looked up one by one before the work, to tell a wrong pattern at once."""

@@ -36,12 +36,13 @@ from xfrustum.reports.common.templates_environment import (
     plain_text,
 )
 from xfrustum.reports.inspection import InspectedHogel, PlateMap
+from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.where import Places, where_words, where_wrong, wrong_counts
 from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Aperture, InputError, Scene
 from xfrustum.scenes.arguments import real
-from xfrustum.scenes.notebook import Figure, NotebookRepr, plain
+from xfrustum.scenes.representation import plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"

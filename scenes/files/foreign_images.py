@@ -13,7 +13,7 @@ from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.channels import OBJECT, TRIANGLE
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
-from xfrustum.scenes.notebook import ShortRepr
+from xfrustum.scenes.representation import ShortRepr
 
 
 class Encoding(StrEnum):

@@ -24,7 +24,7 @@ from xfrustum.scenes.meshes.textures import decode_textures
 from xfrustum.scenes.meshes.threedxml import read_3dxml
 from xfrustum.scenes.meshes.threemf import read_3mf
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
-from xfrustum.scenes.notebook import counted
+from xfrustum.scenes.representation import counted
 
 #: Readers by suffix.
 _READERS: dict[str, Callable[[Path], MeshContent]] = {

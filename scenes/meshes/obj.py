@@ -29,7 +29,7 @@ from xfrustum.scenes.meshes.text_lines import (
 )
 from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
-from xfrustum.scenes.notebook import counted
+from xfrustum.scenes.representation import counted
 
 #: Statements of surfaces that are no polygons, and of files and commands.
 _REFUSED: Final = {

@@ -22,7 +22,7 @@ from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.meshes.textures import linear_colors, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
-from xfrustum.scenes.notebook import counted
+from xfrustum.scenes.representation import counted
 
 _TYPES: Final = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

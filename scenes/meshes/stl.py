@@ -12,7 +12,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
 from xfrustum.scenes.model.scene import UnreadFeature
-from xfrustum.scenes.notebook import counted
+from xfrustum.scenes.representation import counted
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 84  # 80 of any content, and the number of triangles

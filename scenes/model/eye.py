@@ -10,8 +10,9 @@ from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.labelled import Labelled
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
-from xfrustum.scenes.notebook import Labelled, ShortRepr, digits
+from xfrustum.scenes.representation import ShortRepr
 
 #: Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
@@ -142,11 +143,6 @@ class EyeImage(SurfaceImage):
     def covered(self) -> Mask:
         """Pixels that show a surface."""
         return np.asarray((self.triangle != NOTHING) | (self.object != NOTHING))
-
-    def _said(self) -> str:
-        place = ", ".join(map(digits, self.eye.position))
-        color = "with" if self.color is not None else "without"
-        return f"what an eye at ({place}) scene units sees; {self._pixels()}; {color} color"
 
     def _labels(self, units: str) -> Labels:
         eye = self.eye

@@ -14,24 +14,12 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
+from xfrustum.scenes.labelled import NO_UNIT, SCENE_UNITS, Labelled, dataset
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import read_only
-from xfrustum.scenes.notebook import (
-    NO_UNIT,
-    SCENE_UNITS,
-    Figure,
-    Labelled,
-    NotebookRepr,
-    as_shown,
-    by_height,
-    dataset,
-    digits,
-    percent,
-    png,
-    sides,
-)
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr
 
 if TYPE_CHECKING:
     import xarray
@@ -90,8 +78,8 @@ class Rendering:
         return cls(effects=ordered, sampling=sampling, transport=transport)
 
 
-class SurfaceImage(NotebookRepr):
-    """An image whose pixels show surfaces: a notebook shows its color and heights, and xarray labels it."""
+class SurfaceImage(ShortRepr):
+    """An image whose pixels show surfaces."""
 
     triangle: Numbers
     object: Numbers
@@ -129,24 +117,6 @@ class SurfaceImage(NotebookRepr):
             ),
         }
         return dataset({**surfaces, **images}, places, attributes)
-
-    def _figures(self) -> Sequence[Figure]:
-        covered, height = self.covered, self.position[..., 2]
-        shown = Figure(caption="height, dark to light", content=png(by_height(covered, height)))
-        if self.color is None:
-            return (shown,)
-        return Figure(
-            caption="color, sRGB", content=png(as_shown(self.color, covered, height))
-        ), shown
-
-    def _pixels(self) -> str:
-        """Return the size of the image, how many pixels show a surface, and at which heights."""
-        rows, columns = self.covered.shape
-        count, height = int(np.count_nonzero(self.covered)), self.position[..., 2]
-        where, share = "", percent(count / max(1, self.covered.size))
-        if (known := height[np.isfinite(height)]).size:
-            where = f" at heights {digits(float(known.min()))} to {digits(float(known.max()))} scene units"
-        return f"{sides((columns, rows))} pixels, {count:,} ({share}) show a surface{where}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -219,30 +189,6 @@ class HogelImage(SurfaceImage):
         arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
         some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}
         return HogelImage(camera=self.camera, **some)
-
-    def _said(self) -> str:
-        camera = self.camera
-        kind = "image" if self.certainty is None else "truth"
-        if camera.settings is not None:
-            kind = f"drawing with near {digits(camera.settings.near)} {camera.settings.depth_label}"
-        column, row = camera.aperture.index
-        whose = f"{kind} of aperture {column},{row} of {camera.scene or 'a scene'!r} by {camera.renderer}"
-        optional = ("color", "normal", "variance", "certainty")
-        has = ["surfaces", *(name for name in optional if getattr(self, name) is not None)]
-        return f"{whose}; {self._pixels()}; has {', '.join(has)}"
-
-    def _facts(self) -> str:
-        lines = [f"renderer: {self.camera.renderer}"]
-        if self.camera.settings is not None:
-            lines.append(f"settings: {self.camera.settings}")
-        if self.certainty is not None:
-            counts = {
-                one.name.lower(): np.count_nonzero(self.certainty == one) for one in Certainty
-            }
-            lines.append(
-                "certainty: " + ", ".join(f"{n:,} {name}" for name, n in counts.items() if n)
-            )
-        return "\n".join(lines)
 
     def _labels(self, units: str) -> Labels:
         camera = self.camera

@@ -10,8 +10,8 @@ from numpy.typing import DTypeLike, NDArray
 from xfrustum.scenes.arguments import choice, settle, switch
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.notebook import ShortRepr
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr
 
 
 class ColorType(StrEnum):

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property, reduce
-from pathlib import PurePath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,8 +18,8 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.notebook import NotebookRepr, ShortRepr, aligned, counted, digits, sides
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
+from xfrustum.scenes.representation import ShortRepr
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two
 #: stay within float32's range in pictures, and products of three far within that of doubles, where
@@ -70,7 +68,7 @@ class UnreadFeature:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SceneObject(NotebookRepr):
+class SceneObject(ShortRepr):
     """One object of a scene: a triangle mesh in scene coordinates.
 
     Vertex normals, of any length, lie on the side that the winding faces; they are interpolated
@@ -134,19 +132,6 @@ class SceneObject(NotebookRepr):
             settle(self, **{name: read_only(np.array(values, dtype=np.float64))})
         settle(self, vertices=read_only(vertices), faces=read_only(faces))
 
-    def _said(self) -> str:
-        low, size, high = self._extent()
-        return (
-            f"{PurePath(self.name).name!r}, {counted(len(self.faces), 'triangle')}, "
-            f"{size} scene units, heights {low} to {high}"
-        )
-
-    def _extent(self) -> tuple[str, str, str]:
-        """Return the lowest height, the size and the largest height of what triangles show, in words."""
-        points = self.vertices[self.faces.ravel()]
-        low, high = points.min(axis=0), points.max(axis=0)
-        return digits(low[2]), " x ".join(map(digits, (high - low).tolist())), digits(high[2])
-
 
 UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a texture
 
@@ -200,7 +185,7 @@ class SurfaceAttributes(ShortRepr):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Scene(NotebookRepr):
+class Scene(ShortRepr):
     """Plate, frustum and objects: one question for every renderer; there may be no objects.
 
     Triangles are numbered through the objects in order, and within one in the order of its faces.
@@ -378,35 +363,6 @@ class Scene(NotebookRepr):
             return (self.plate.middle,)
         candidates = (self.plate.middle, *self.plate.corners)
         return tuple(dict.fromkeys(candidates))
-
-    def _said(self) -> str:
-        toward, back = map(digits, self.frustum.reach)
-        screen, fov, units = self.frustum.screen, self.frustum.fov, self.units
-        if screen is not None:
-            size, height = sides(screen.size), digits(screen.height)
-            lines = f"recentered on a screen of {size} {units} at height {height} {units}"
-        else:
-            lines = f"each {sides(math.degrees(angle) for angle in fov or ())} degrees"
-        triangles = sum(len(part.faces) for part in self.objects)
-        return (
-            f"{self.name!r}, a plate of {sides(self.plate.size)} {units} with {sides(self.plate.hogels)} "
-            f"hogels of {sides(self.frustum.resolution)} pixels, {lines}, "
-            f"reach {toward} {units} toward the viewer and {back} {units} behind; "
-            f"{counted(len(self.objects), 'object')}, {counted(triangles, 'triangle')}"
-        )
-
-    def _facts(self) -> str:
-        head = ("object", "triangles", f"size, {self.units}", f"heights, {self.units}", "material")
-        rows = [head]
-        for part in self.objects[:MAX_LISTED_OBJECTS]:
-            low, size, high = part._extent()
-            name, count = PurePath(part.name).name, f"{len(part.faces):,}"
-            rows.append((name, count, size, f"{low} to {high}", part.material or "default"))
-        lines = [aligned(rows)] if self.objects else []
-        if (more := len(self.objects) - MAX_LISTED_OBJECTS) > 0:
-            lines.append(f"and {counted(more, 'more object')}")
-        lines.append(f"source: {self.source or 'made in memory'}")
-        return "\n".join([*lines, *(f"warning: {one}" for one in self.warnings)])
 
 
 def look_hash(scene: Scene) -> str:

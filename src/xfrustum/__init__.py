@@ -34,6 +34,9 @@ Modules that every layer may use:
 Names are imported when they are first used (`__init__.pyi`), so that `import xfrustum` costs nothing.
 """
 
+import sys
+from typing import Any
+
 import lazy_loader
 
 _lazy, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -46,3 +49,15 @@ def __getattr__(name: str) -> object:
 
         return metadata.version("xfrustum")
     return _lazy(name)
+
+
+def load_ipython_extension(shell: Any) -> None:
+    """Make IPython display scenes, images and comparisons; `%load_ext xfrustum` calls it."""
+    from xfrustum.reports.displays import register  # noqa: PLC0415 - for notebooks alone
+
+    register(shell.display_formatter.formatters)
+
+
+# A notebook displays objects without a further step of its user.
+if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:
+    load_ipython_extension(_shell)

@@ -281,10 +281,7 @@ def test_a_comparison_says_how_many_wrong_surfaces_were_culled() -> None:
         whole = rasterizer.render(scene.plate.middle, replace(settings, cull=Cull.NONE))
     found, without = (compare_images(truth, image, reference) for image in (drawn, whole))
     assert found.surface.wrong - 2 <= found.surface.culled <= found.surface.wrong
-    told = next(line for line in found.table().splitlines() if "a face culled" in line)
-    assert told.split()[-1] == f"{found.surface.culled:,}"
     assert without.surface is not None and without.surface.culled is None
-    assert "culled" not in without.table()
 
 
 def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:

@@ -16,10 +16,11 @@ from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, 
 from tests.support.views import SHARED_SCENES, at, soup, view
 from xfrustum.compare.selfcheck import selfcheck as module
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck.selfcheck import check_sphere, disagreements, selfcheck, table
+from xfrustum.compare.selfcheck.selfcheck import check_sphere, disagreements, selfcheck
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reports.text import selfcheck_table
 from xfrustum.scenes import (
     NOTHING,
     Aperture,
@@ -106,7 +107,7 @@ def test_arbitrary_lines_are_decided_as_fractions_do(
 def test_a_part_of_the_self_check_agrees() -> None:
     """The views cover all kinds of scenes, and ties, exact decisions and proofs among the pixels."""
     check = selfcheck(quick=True)
-    assert check.agrees, table(check)
+    assert check.agrees, selfcheck_table(check)
     assert check.total("wrong") == 0
     assert {view.scene for view in check.views} >= {*names(), *hard_cases.names(giants=False)}
     assert check.total("pixels") >= 60_000
@@ -201,7 +202,7 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(
     assert not check.agrees
     assert check.total("wrong") == check.total("tracer_wrong") > 0
     assert 0 < len(check.views[0].disagreements) <= 5
-    assert "DISAGREE" in table(check)
+    assert "DISAGREE" in selfcheck_table(check)
 
 
 def test_processes_make_no_difference() -> None:
@@ -221,7 +222,7 @@ def test_processes_make_no_difference() -> None:
 )
 def test_scene_files_agree(name: str) -> None:
     check = selfcheck([view(name, (1, 1)).source], quick=True)
-    assert check.agrees, table(check)
+    assert check.agrees, selfcheck_table(check)
     assert check.total("covered") > 0
 
 

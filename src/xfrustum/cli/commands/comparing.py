@@ -126,6 +126,7 @@ def compare(asked: _Compare) -> None:
     for image in (asked.truth, asked.raster):
         regular_size(image, "image file")
     from xfrustum.reports import comparison
+    from xfrustum.reports.text import comparison_table
 
     options.check_out(asked.out, comparison.FILES)
     compared = comparison.compare_files(asked.truth, asked.raster)
@@ -133,7 +134,7 @@ def compare(asked: _Compare) -> None:
         options.note(note)
     if asked.out is not None:
         comparison.write_comparison(compared, asked.out)
-    asked.tell(compared.comparison.summary, compared.comparison.table)
+    asked.tell(compared.comparison.summary, lambda: comparison_table(compared.comparison))
 
 
 class _Budget(options.OneOrAuto):

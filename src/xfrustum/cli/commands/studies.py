@@ -194,9 +194,10 @@ def selfcheck(asked: _Selfcheck) -> int:
     for name in asked.scenes:
         check_scene(name)
     from xfrustum.compare.selfcheck import selfcheck as checking
+    from xfrustum.reports.text import selfcheck_table
 
     found = checking.selfcheck(asked.scenes, quick=asked.quick, progress=asked.progress)
-    asked.tell(found.summary, lambda: checking.table(found))
+    asked.tell(found.summary, lambda: selfcheck_table(found))
     return 0 if found.agrees else options.LIMIT_EXCEEDED
 
 

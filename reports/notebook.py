@@ -1,0 +1,146 @@
+"""Notebook display of results: a line, facts and pictures, as HTML and PNG."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from xfrustum.reports.common.templates_environment import fragment
+from xfrustum.scenes.appearance.display import LEVELS, encoded
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Singles
+
+# Pictures
+# ------------------------------------------------------------------------------------------------
+
+SHADES = (0.35, 0.9)  #: darkest and lightest gray of surfaces in pictures without color, by height
+#: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under
+#: marks, and opacity of the mark of a displaced pixel.
+WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
+#: Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole
+#: ones, and the longest that larger ones are reduced to, so that notebooks stay small.
+MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
+
+
+def as_shown(color: Singles | None, covered: Mask, height: NDArray[np.floating]) -> Bytes:
+    """Return an image of linear RGB as a screen shows it, (H, W, 3); without colors, see `by_height`."""
+    return by_height(covered, height) if color is None else _levels(encoded(color))
+
+
+def by_height(covered: Mask, height: NDArray[np.floating]) -> Bytes:
+    """Return surfaces as shades of gray, (H, W, 3): the lowest dark, the highest light, black for none."""
+    gray = np.where(covered, SHADES[0], 0.0)
+    known = np.isfinite(height)
+    if known.any():
+        low, high = float(height[known].min()), float(height[known].max())
+        share = (height[known] - low) / (high - low if high > low else 1.0)
+        gray[known] = SHADES[0] + share * (SHADES[1] - SHADES[0])
+    return _levels(np.repeat(gray[..., None], 3, axis=-1))
+
+
+def _levels(values: Singles | Floats) -> Bytes:
+    return np.asarray(np.rint(LEVELS * np.asarray(values)), dtype=np.uint8)
+
+
+def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
+    """Return a picture (H, W, 3) in dimmed gray, with wrong surfaces red and displaced points blue.
+
+    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None
+    if not known.
+    """
+    found = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
+    share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
+    found = found * (1 - MARKED * share) + MARKED * share * np.array(MOVED)
+    if wrong is not None:
+        found[wrong] = WRONG
+    return np.asarray(np.rint(found), dtype=np.uint8)
+
+
+def map_of(values: Floats) -> Bytes:
+    """Return numbers (rows, columns) as squares, the largest the brightest; black where there is none."""
+    known = np.isfinite(values)
+    largest = float(values.max(where=known, initial=0.0))
+    share = np.where(
+        known, SHADES[0] + (1 - SHADES[0]) * np.nan_to_num(values) / (largest or 1.0), 0.0
+    )
+    return _levels(np.repeat(share[..., None], 3, axis=-1))
+
+
+def png(picture: Bytes) -> bytes:
+    """Return a picture (H, W, 3) as PNG of `MIN_SIDE_PX` to `MAX_SIDE_PX` pixels, in whole steps of size."""
+    longest = max(picture.shape[:2])
+    factor = max(1, MIN_SIDE_PX // longest)
+    image = Image.fromarray(
+        np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))
+    )
+    divisor = -(-longest // MAX_SIDE_PX)
+    stream = io.BytesIO()
+    (image if divisor == 1 else image.reduce(divisor)).save(stream, format="PNG", optimize=True)
+    return stream.getvalue()
+
+
+# Displays
+# ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A picture, PNG, WebP or SVG, with its caption."""
+
+    caption: str
+    content: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Display:
+    """Content of the display of an object."""
+
+    line: str  #: the object in a line, with sizes and units
+    facts: str = ""  #: further lines, aligned
+    figures: Sequence[Figure] = ()
+
+    def html(self, name: str) -> str:
+        """Return HTML without scripts and without colors of its own."""
+        return fragment("notebook.html.j2", {"name": name, "shown": self})
+
+    @property
+    def first_png(self) -> bytes | None:
+        """The first picture; None where there is none, or it is no PNG."""
+        content = next((figure.content for figure in self.figures), b"")
+        return content if content.startswith(b"\x89PNG") else None
+
+
+class NotebookRepr:
+    """A result that a notebook displays: its line (`_said`), facts (`_facts`), pictures (`_figures`)."""
+
+    def _said(self) -> str:
+        """Return the result in a line or two, with sizes and units; cheap to compute."""
+        raise NotImplementedError
+
+    def table(self) -> str:
+        """Return the facts as aligned lines, as a command prints them; empty where no command does."""
+        return ""
+
+    def _facts(self) -> str:
+        """Return the facts that a notebook shows below that line, as text."""
+        return self.table()
+
+    def _figures(self) -> Sequence[Figure]:
+        """Return the pictures that a notebook shows."""
+        return ()
+
+    def _display(self) -> Display:
+        return Display(line=self._said(), facts=self._facts(), figures=self._figures())
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}: {self._said()}"
+
+    def _repr_html_(self) -> str:
+        return self._display().html(type(self).__name__)
+
+    def _repr_png_(self) -> bytes | None:
+        return self._display().first_png
