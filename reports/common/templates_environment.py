@@ -41,8 +41,6 @@ def html_page(
     template: str,
     values: Mapping[str, Any],
     filters: Filters = NO_FILTERS,
-    *,
-    nonce: str | None = None,
 ) -> str:
     """Return a page that needs nothing else, online or offline; all text of the values is escaped.
 
@@ -50,10 +48,6 @@ def html_page(
     element with plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of
     templates, one after the other; and `data(ID, VALUE)`, an element with JSON that scripts can
     read.
-
-    `nonce` is a word in base64 by which the browser knows files of scripts beside the page, which
-    our scripts load; nobody whose text is on the page can guess it. None where there are no such
-    files.
     """
     sources: list[str] = []
 
@@ -84,8 +78,6 @@ def html_page(
     text = (
         _environment(tuple(filters.items())).get_template(template).render({**elements, **values})
     )
-    if nonce is not None:
-        sources.append(f"'nonce-{nonce}'")
     # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob
     # address.
     scripts = " ".join(sources) or "'none'"

@@ -188,6 +188,15 @@ def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
     return _palette_png(wrong, 1, [color], reduction)
 
 
+def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 1) -> bytes:
+    """Encode classes of pixels (H, W) as PNG: i has the i-th color, counted from 1, 0 none.
+
+    A block shows the largest of its numbers.
+    """
+    known = index > 0
+    return _palette_png(known, index[known], colors, reduction)
+
+
 def alone_pictures(
     truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1
 ) -> dict[str, bytes]:

@@ -175,39 +175,7 @@ get("aperture").addEventListener("change", (event) => { state.aperture = Number(
 get("geometry").addEventListener("change", (event) => { state.geometry = Number(event.target.value); show(); });
 get("near").addEventListener("input", (event) => { state.near = candidates()[event.target.value].near; show(); });
 
-// One window on all pictures: scale and offset in units of a picture's width and height.
-const pane = { scale: 1, x: 0, y: 0 };
-function place() {
-  pane.x = Math.min(0, Math.max(1 - pane.scale, pane.x));
-  pane.y = Math.min(0, Math.max(1 - pane.scale, pane.y));
-  for (const view of document.querySelectorAll(".view")) {
-    view.classList.toggle("close", pane.scale > 1.5);
-    for (const image of view.children) image.style.transform = `translate(${100 * pane.x}%, ${100 * pane.y}%) scale(${pane.scale})`;
-  }
-}
-get("panels").addEventListener("wheel", (event) => {
-  const view = event.target.closest(".view");
-  if (!view) return;
-  event.preventDefault();
-  const box = view.getBoundingClientRect();
-  const u = (event.clientX - box.left) / box.width, v = (event.clientY - box.top) / box.height;
-  const scale = Math.min(64, Math.max(1, pane.scale * Math.exp(-event.deltaY / 400)));
-  pane.x = u - ((u - pane.x) * scale) / pane.scale;
-  pane.y = v - ((v - pane.y) * scale) / pane.scale;
-  pane.scale = scale;
-  place();
-}, { passive: false });
-get("panels").addEventListener("pointerdown", (event) => {
-  const view = event.target.closest(".view");
-  if (!view) return;
-  view.setPointerCapture(event.pointerId);
-  const box = view.getBoundingClientRect();
-  const move = (next) => { pane.x += next.movementX / box.width; pane.y += next.movementY / box.height; place(); };
-  view.addEventListener("pointermove", move);
-  view.addEventListener("pointerup", () => view.removeEventListener("pointermove", move), { once: true });
-  view.addEventListener("pointercancel", () => view.removeEventListener("pointermove", move), { once: true });
-});
-get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 1, x: 0, y: 0 }); place(); });
+zoomed(get("panels"));
 
 for (const name of Object.keys(data.curves[0][0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
 data.scout.forEach((map, place) => Plotly.newPlot(get("plot-scout").children[place], map.data, map.layout, { ...config, displayModeBar: false }));
