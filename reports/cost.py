@@ -26,7 +26,8 @@ from xfrustum.reports.common.figure_style import INK, Figure, look, styled
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
-from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
+from xfrustum.reports.error_report.words import where_it_lies
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene

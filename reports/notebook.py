@@ -105,7 +105,7 @@ class Display:
 
     def html(self, name: str) -> str:
         """Return HTML without scripts and without colors of its own."""
-        return fragment("notebook.html.j2", {"name": name, "shown": self})
+        return fragment("_notebook.html.j2", {"name": name, "shown": self})
 
     @property
     def first_png(self) -> bytes | None:

@@ -1,7 +1,11 @@
-"""The error report: every setting of a scene drawn and judged; page, JSON and Parquet.
+"""Error report: every setting of a scene drawn and judged; page, JSON and Parquet.
 
-best    What a report sweeps, one row of it, and which depth buffer and nears are best, in a
-sentence images  Pictures for people: encoded, small, with scales that stay the same over a whole
-report page    The page: one HTML file with its pictures, its figures and plotly.js inside report
-`xfrustum report`: draws and judges every setting at every aperture, and writes what it found
+request  Settings, apertures and options, and the grid of settings
+sweep    Measurement of every setting at every aperture
+light    Effects, the bent eye vector, and light that a raster misses
+best     Rows, and the choice of the best depth buffer and near planes
+words    Sentences of the recommendation and of dominant causes
+images   Pictures of truths, frames and errors, on scales that are the same in a whole report
+page     One HTML file with its pictures, its figures and plotly.js inside
+report   `xfrustum report`: page, numbers and inspection, written together
 """

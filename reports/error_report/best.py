@@ -1,185 +1,24 @@
-"""What a report sweeps, one row of it, and which depth buffer and near planes are best, in words."""
+"""Rows of a report, and the choice among them: the best depth buffer and the best near planes."""
 
-import itertools
-import math
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import groupby
 from typing import TypeVar
 
-import numpy as np
-
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers, ShearNumbers
-from xfrustum.compare.beyond import displacement_p99, is_beyond
+from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import PixelSet, Spread, is_worse
-from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
+from xfrustum.compare.prediction.chain import links_of
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.run import StageTimes
-from xfrustum.compare.scout import AutoApertures
-from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.records import named_columns
+from xfrustum.reports.error_report.request import geometry_of
 from xfrustum.reports.text import sentences
-from xfrustum.scenes import (
-    Aperture,
-    Cull,
-    DepthFormat,
-    DepthMapping,
-    DoubleFrustum,
-    Fit,
-    Offset,
-    Pivot,
-)
-from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.plate.plate import Frustum
-from xfrustum.scenes.representation import digits, percent, plain
-from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.scenes import Aperture, DoubleFrustum
 
-DepthBuffer = tuple[DepthFormat, DepthMapping]
-
-DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
-    (DepthFormat.D16, DepthMapping.STANDARD),
-    (DepthFormat.D24, DepthMapping.STANDARD),
-    (DepthFormat.D24, DepthMapping.REVERSED),
-    (DepthFormat.D32F, DepthMapping.STANDARD),
-    (DepthFormat.D32F, DepthMapping.REVERSED),
-)
-"""Depth buffers of a report, the cheapest first: where windows are equally good, the first is recommended."""
-
-DEFAULT_NEARS_PER_REACH = np.geomspace(1e-1, 1e-8, 25)
-
-GEOMETRY = ("pivot", "fit", "offset", "slabs")
-"""Fields of `DoubleFrustum` that say where the cameras stand and what their films span."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions:
-    """What a report measures, and how; None is the usual choice.
-
-    Every combination of the nears, depth buffers and camera geometries is measured.
-    """
-
-    #: In scene units, each between 0 and the reach; None for `default_nears`.
-    nears: Sequence[float] | None = None
-    #: None for the middle one and, if the frustum is recentered, two corners. With those that
-    #: `auto_apertures` chooses, the page has a map of the plate.
-    apertures: Sequence[Aperture] | AutoApertures | None = None
-    depths: Sequence[DepthBuffer] | None = None
-    #: None for both of a recentered frustum where they differ; else the aperture.
-    pivots: Sequence[Pivot] | None = None
-    fits: Sequence[Fit | float] | None = None
-    offsets: Sequence[Offset] | None = None
-    slabs: Sequence[tuple[float, ...]] | None = None
-    cull: Cull = Cull.NONE
-    tracer: str = "embree"
-    #: Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between
-    #: commas.
-    effects: str = "auto"
-    #: What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
-    decided_by: str = CERTIFIED
-    #: Whether wrong pixels are charged to causes, and errors predicted.
-    causes: bool = True
-    #: By which rounding is explained; None for the known model of the device at hand.
-    device: DeviceModel | None = None
-    #: Whether there is a progress bar on standard error.
-    progress: bool = False
-
-
-def default_nears(frustum: Frustum) -> tuple[float, ...]:
-    """Return 25 offsets in scene units, logarithmic, from 1e-1 down to 1e-8 of the longest reach."""
-    return tuple(float(share) * frustum.longest_reach for share in DEFAULT_NEARS_PER_REACH)
-
-
-def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
-    """Return all settings of a report, each once: geometry by geometry, and all nears of a buffer in turn.
-
-    InputError where settings make no sense for the frustum.
-    """
-    nears = tuple(dict.fromkeys(default_nears(frustum) if options.nears is None else options.nears))
-    buffers = tuple(dict.fromkeys(DEFAULT_DEPTHS if options.depths is None else options.depths))
-    found = [
-        replace(geometry, near=near, depth=depth, mapping=mapping, cull=options.cull)
-        for geometry in geometry_grid(frustum, options)
-        for depth, mapping in buffers
-        for near in nears
-        # Larger nears are left out where they are none that anybody asked for.
-        if options.nears is not None or admits(geometry, near, frustum)
-    ]
-    for setting in found:
-        setting.check_against(frustum)
-    return tuple(found)
-
-
-def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
-    """Return every combination of pivot, fit, offset and cuts, each once: the cuts change fastest."""
-    # A centered frustum has no shear. The own centers of cameras without an offset are the
-    # aperture.
-    both = frustum.recentered and options.pivots is None
-    usual = tuple(Pivot) if both else (Pivot.APERTURE,)
-    product = itertools.product(
-        usual if options.pivots is None else options.pivots,
-        (None,) if options.fits is None else options.fits,
-        (Offset.PLATE,) if options.offsets is None else options.offsets,
-        ((),) if options.slabs is None else options.slabs,
-    )
-    return geometries_of(
-        DoubleFrustum(near=1.0, pivot=pivot, fit=fit, offset=offset, slabs=tuple(cuts))
-        for pivot, fit, offset, cuts in product
-        if not (both and pivot is Pivot.CAMERA and offset == Offset.NONE)
-    )
-
-
-def admits(geometry: DoubleFrustum, near: float, frustum: Frustum) -> bool:
-    """Return whether a near lies before the first cut, as it must where cameras do not step back."""
-    return geometry.offset is Offset.PLATE or near < min((*geometry.slabs, *frustum.reach))
-
-
-def geometry_of(settings: DoubleFrustum) -> DoubleFrustum:
-    """Return the camera geometry of settings: the same cameras, of near 1 and the usual depth buffer."""
-    return DoubleFrustum(near=1.0, **{name: getattr(settings, name) for name in GEOMETRY})
-
-
-def geometries_of(settings: Iterable[DoubleFrustum]) -> tuple[DoubleFrustum, ...]:
-    """Return the camera geometries of some settings, each once, in the order in which they first occur."""
-    return tuple(dict.fromkeys(map(geometry_of, settings)))
-
-
-def geometry_names(geometries: Sequence[DoubleFrustum]) -> dict[DoubleFrustum, str]:
-    """Return a name of each geometry, which tells it from the others.
-
-    A single one is named by what is not usual about it, such as `pivot camera, no offset`, or not
-    at all.
-    """
-    varied = [name for name in GEOMETRY if len({getattr(one, name) for one in geometries}) > 1]
-    usual = DoubleFrustum(near=1.0)
-
-    def words(one: DoubleFrustum) -> Iterator[str]:
-        heights = " and ".join(map(digits, one.slabs))
-        told = {
-            "pivot": f"pivot {one.pivot}",
-            "fit": f"fit {digits(one.fit) if isinstance(one.fit, float) else one.fit}",
-            "offset": "no offset" if one.offset is Offset.NONE else "offset to the plate",
-            "slabs": f"cuts at {heights}" if heights else "no cuts",
-        }
-        for name in GEOMETRY:
-            if name in varied or (not varied and getattr(one, name) != getattr(usual, name)):
-                yield "usual fit" if name == "fit" and one.fit is None else told[name]
-
-    return {one: ", ".join(words(one)) for one in geometries}
-
-
-CAUSE_WORDS = {
-    "near offset": "the near offset",
-    "pivot": "the shear about the wrong point",
-    "fit": "the fit",
-    "slabs": "the cuts into slabs",
-    CULLING: "culling",
-    "rasterization": "rasterization",
-    "depth": "the depth buffer",
-}
-"""What each cause is called in a sentence."""
+Row = TypeVar("Row")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,12 +131,6 @@ class Measurement:
             "surface": self.surface_fraction / surface if surface else None,
         }
 
-    def cause_words(self, name: str) -> str:
-        """Return what a sentence calls a cause; without an offset the first link is the gap."""
-        if name == LINKS[0] and self.settings.offset is Offset.NONE:
-            return "the gap at the plate"
-        return CAUSE_WORDS[name]
-
     def numbers(self, reach: float) -> RowNumbers:
         """Return the numbers of the row, as they are written."""
         predicted, surface = self.predicted, None
@@ -330,8 +163,6 @@ class Measurement:
         )
 
 
-Row = TypeVar("Row")
-
 SURFACE_TIE_FRACTION = 1e-4
 """Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
 the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
@@ -342,13 +173,10 @@ DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
 pixels within 1e-3 px on meshes)."""
 
-MAX_NAMED_HOGELS = 5  #: largest number of hogels that the recommendation names
-
 UNSEEN_DISPLACEMENT_PX = 0.1
-"""Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel spans 54
-seconds of arc; people see an offset of 5 at best between two lines that continue each other
-(vernier acuity,
-Westheimer 1979): a tenth of a pixel."""
+"""Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel
+spans 54 seconds of arc; people see an offset of 5 at best between two lines that continue each
+other (vernier acuity, Westheimer 1979): a tenth of a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,7 +206,7 @@ class Recommendation:
     displaced_aperture: Aperture
 
 
-def _grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
+def grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
     """Return rows in groups of equal keys, in the order in which the keys come first."""
     found: dict[Hashable, list[Row]] = {}
     for row in rows:
@@ -418,7 +246,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
     (`compare.metrics.error_maps`). The worst aperture counts.
     """
-    candidates = _grouped(rows, lambda row: row.settings)
+    candidates = grouped(rows, lambda row: row.settings)
     comparisons = max(len(candidates) - 1, 1)
     for kind in ("surface", "radiance"):
         least = min(candidates, key=lambda one: _worst(one, kind).wrong_share(kind))
@@ -437,7 +265,7 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     from nears so small that they starve it of depth; of two middles the larger near is taken.
     """
     good, windows = equally_good(rows), []
-    for line in _grouped(
+    for line in grouped(
         dict.fromkeys(row.settings for row in rows), lambda one: replace(one, near=1.0)
     ):
         for is_good, run in groupby(sorted(line, key=lambda one: one.near), key=good.__contains__):
@@ -467,147 +295,15 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
 
 def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
     """Return the best setting of each depth format and mapping, in the order in which the rows name them."""
-    return [best_setting(group) for group in _grouped(rows, lambda row: row.settings.depth_label)]
+    return [best_setting(group) for group in grouped(rows, lambda row: row.settings.depth_label)]
 
 
 def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
     """Return the best setting of each camera geometry, in the order in which the rows name them."""
-    return [best_setting(group) for group in _grouped(rows, lambda row: geometry_of(row.settings))]
+    return [best_setting(group) for group in grouped(rows, lambda row: geometry_of(row.settings))]
 
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
     """Return whether there is a pixel that some setting could show wrongly."""
     shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
     return shown and any(row.comparison.judged for row in rows)
-
-
-def sentence(
-    rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True
-) -> str:
-    """Say which near planes and which depth buffer are best, and how good they are.
-
-    `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
-    frustum that is not recentered, hence not sheared, changes nothing and is not named.
-    """
-    indices = dict.fromkeys(row.aperture.index for row in rows)
-    named = "; ".join(f"{column},{row}" for column, row in list(indices)[:MAX_NAMED_HOGELS])
-    named += "; .." if len(indices) > MAX_NAMED_HOGELS else ""
-    where = f"At hogel {named}:" if len(indices) == 1 else f"At {len(indices)} hogels ({named}):"
-    if not any(row.comparison.judged for row in rows):
-        return f"{where} nothing can be judged: every pixel of the truth is a tie."
-    if not can_be_judged(rows):
-        return f"{where} there is nothing to judge: neither the truth nor any raster image shows a surface."
-    best = best_setting(rows)
-
-    # The cameras, where there are others or they are not the usual ones.
-    geometries = geometries_of(
-        row.settings if recentered else replace(row.settings, pivot=Pivot.APERTURE) for row in rows
-    )
-    own = best.settings if recentered else replace(best.settings, pivot=Pivot.APERTURE)
-    name = geometry_names(geometries)[geometry_of(own)]
-    cameras = f" and {name}" if name else ""
-
-    nears, near = best.window.nears, digits(best.settings.near)
-    equally = f"; the {nears} nears measured there are equally good. At {near} {units}, "
-    colors = ""
-    if best.radiance_fraction is not None:
-        colors = f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
-    elsewhere = gap = ""
-    if best.settings.offset is Offset.NONE:
-        gap = (
-            " The cameras stay in the aperture and clip all that is closer than near: a gap of "
-            f"{near} {units} on each side of the plate."
-        )
-    if best.displaced_aperture != best.aperture and best.displacement_p99_px > DISPLACEMENT_TIE_PX:
-        elsewhere = (
-            f" (the worst at {best.displaced_aperture.column},{best.displaced_aperture.row})"
-        )
-    return (
-        f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
-        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
-        f"{equally if nears > 1 else '. '}{_wrong(best, rows)}, {colors}"
-        f"and {where_it_lies(best.displacement_p99_px)}{elsewhere}.{gap}"
-    )
-
-
-def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Begin with the praise: no setting that misses the tolerances is called good, nor are others denied."""
-    limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
-    every = {row.settings for row in rows}
-    kept = every - {
-        row.settings
-        for row in rows
-        if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
-    }
-    if best.settings in kept:
-        return "the one setting measured:" if len(every) == 1 else f"best of {len(every)} settings:"
-    if len(every) == 1:
-        return f"the one setting measured does not keep to {limits}:"
-    if not kept:
-        return f"no setting measured keeps to {limits}. The least bad of {len(every)}:"
-    return f"best of {len(every)} settings by wrong surfaces, though only others keep to {limits}:"
-
-
-def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Say how many pixels show the wrong surface, at which aperture, and by what if one cause prevails."""
-    apertures = len({row.aperture for row in rows})
-    place = f"{best.aperture.column},{best.aperture.row}"
-    where = f" at the worst of {apertures} apertures ({place})" if apertures > 1 else ""
-    said = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
-    worst = next(
-        row for row in rows if row.settings == best.settings and row.aperture == best.aperture
-    )
-    most = max(worst.causes, key=lambda cause: cause.surface, default=None)
-    wrong = sum(cause.surface for cause in worst.causes)
-    if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:
-        return said
-    return f"{said}, most of them by {worst.cause_words(most.name)}"
-
-
-def near_range(window: Window, unit: float = 1.0) -> str:
-    """Write a window, in multiples of a length."""
-    if window.nears == 1:
-        return digits(window.low / unit)
-    return f"{digits(window.low / unit)} to {digits(window.high / unit)}"
-
-
-def where_it_lies(displacement_p99_px: float) -> str:
-    """Say how far from its place 99 % of the picture lies."""
-    if math.isinf(displacement_p99_px):
-        return "where the picture belongs is undefined, for much of it shows a surface in the plate itself"
-    return f"99 % of the picture lies within {pixels(displacement_p99_px)} of where it belongs"
-
-
-def pixels(value: float) -> str:
-    """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
-    rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
-    return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")
-
-
-def equally_good_sentence(rows: Sequence[Measurement]) -> str:
-    """Say how many settings of which depth buffers are equally good by error; empty where one is the best."""
-    good = equally_good(rows)
-    if len(good) < 2 or not can_be_judged(rows):
-        return ""
-    counts = Counter(row.settings.depth_label for row in rows if row.settings in good)
-    apertures = len({row.aperture for row in rows})
-    named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
-    return f"{len(good)} settings are equally good by error: {named}. xfrustum cost tells their times apart."
-
-
-def cause_sentences(rows: Sequence[Measurement], units: str) -> list[str]:
-    """Say for each depth buffer of one aperture which cause makes most surfaces wrong where."""
-
-    def dominant(row: Measurement) -> str:
-        if row.surface_fraction <= SURFACE_TIE_FRACTION:
-            return "hardly a surface is wrong"
-        return f"{row.cause_words(max(row.causes, key=lambda cause: cause.surface).name)} dominates"
-
-    def told(rows: Sequence[Measurement]) -> Iterator[str]:
-        for what, run in groupby(sorted(rows, key=lambda row: row.settings.near), key=dominant):
-            nears = [row.settings.near for row in run]
-            where = f"from n = {digits(nears[0])} to" if len(nears) > 1 else "at n ="
-            yield f"{where} {digits(nears[-1])} {units} {what}"
-
-    groups = _grouped(rows, lambda row: row.settings.depth_label)
-    return [f"{group[0].settings.depth_label}: {'; '.join(told(group))}." for group in groups]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.comparison import Share
@@ -19,9 +19,12 @@ from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
 from xfrustum.reports.common.templates_environment import address, html_page
-from xfrustum.reports.error_report import best, images
-from xfrustum.reports.error_report.best import Measurement, geometry_names, geometry_of
+from xfrustum.reports.error_report import best, images, words
+from xfrustum.reports.error_report.best import Measurement
 from xfrustum.reports.error_report.images import CAUSE_COLORS
+from xfrustum.reports.error_report.request import geometry_of
+from xfrustum.reports.error_report.sweep import Sweep
+from xfrustum.reports.error_report.words import geometry_names
 from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.reports.text import CERTAINTY_LABELS, SENTENCES, sentences
@@ -31,9 +34,6 @@ from xfrustum.scenes.representation import digits, percent
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
 """Rows of one aperture and one camera geometry, with their numbers in the sweep."""
-
-if TYPE_CHECKING:
-    from xfrustum.reports.error_report.report import Sweep
 
 PANEL_PIXELS = 170  #: height of the panel of causes of one depth buffer on the page
 
@@ -313,6 +313,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     values = {
         "sweep": sweep,
         "choosing": best,
+        "words": words,
         "fit": scene_fit(scene),
         "sentence": sentence,
         "command": command,
@@ -339,7 +340,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     return html_page(
         "report.html.j2",
         values,
-        {"pixels": best.pixels, "address": address, "sentence": SENTENCES.get},
+        {"pixels": words.pixels, "address": address, "sentence": SENTENCES.get},
     )
 
 
@@ -421,7 +422,7 @@ def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
             name = names[geometry] if len(sweep.geometries) > 1 else ""
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]
-            found.append((heading, best.cause_sentences(rows, sweep.scene.units)))
+            found.append((heading, words.cause_sentences(rows, sweep.scene.units)))
     return found
 
 

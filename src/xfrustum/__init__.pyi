@@ -13,9 +13,9 @@ from .reports.budget import BudgetReport as BudgetReport
 from .reports.budget import budget as budget
 from .reports.cost import CostReport as CostReport
 from .reports.cost import cost as cost
-from .reports.error_report.best import ReportOptions as ReportOptions
 from .reports.error_report.report import ReportFiles as ReportFiles
 from .reports.error_report.report import make_report as make_report
+from .reports.error_report.request import ReportOptions as ReportOptions
 from .reports.exchange.cameras import CameraFiles as CameraFiles
 from .reports.exchange.cameras import write_cameras as write_cameras
 from .reports.exchange.convert import Conversion as Conversion
@@ -60,3 +60,5 @@ from .scenes.model.eye import Eye as Eye
 
 __all__: list[str]
 __version__: str
+
+def load_ipython_extension(shell: object) -> None: ...

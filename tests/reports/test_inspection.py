@@ -59,8 +59,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "verify": (str(scene), str(folder / "image-{i}-{j}.exr")),
         "survey": (str(scene), *SETTING, "--all", "--workers", "1"),
     }
-    for name, words in commands.items():
-        status = main([name, *words, "--quiet", "--out", str(folder / name)])
+    for name, line in commands.items():
+        status = main([name, *line, "--quiet", "--out", str(folder / name)])
         assert status == (1 if name == "verify" else 0)
     return folder
 

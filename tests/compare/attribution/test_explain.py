@@ -25,8 +25,8 @@ from xfrustum.raster.cameras.cameras import clip_from_scene
 from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
-from xfrustum.reports.error_report.best import ReportOptions
 from xfrustum.reports.error_report.report import make_report
+from xfrustum.reports.error_report.request import ReportOptions
 from xfrustum.scenes import (
     NOTHING,
     Certainty,

@@ -16,10 +16,9 @@ from xfrustum.reports.error_report.best import (
     Measurement,
     best_per_depth,
     best_setting,
-    cause_sentences,
     equally_good,
-    sentence,
 )
+from xfrustum.reports.error_report.words import cause_sentences, recommendation
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset
 from xfrustum.scenes.arrays import Mask
 
@@ -99,7 +98,7 @@ def test_the_worst_aperture_counts() -> None:
     best = best_setting(rows)
     assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
     assert best.aperture == best.displaced_aperture == CORNER
-    assert "at the worst of 2 apertures (0,0)" in sentence(rows, "mm", 150.0)
+    assert "at the worst of 2 apertures (0,0)" in recommendation(rows, "mm", 150.0)
 
 
 def test_two_pixels_make_no_headline() -> None:
@@ -107,7 +106,7 @@ def test_two_pixels_make_no_headline() -> None:
     rows = [judged(0.002, some(5)), judged(0.001, some(3, first=100))]
     window = best_setting(rows).window
     assert (window.low, window.high, window.nears) == (0.001, 0.002, 2)
-    said = sentence(rows, "mm", 150.0)
+    said = recommendation(rows, "mm", 150.0)
     assert (
         "near 0.001 to 0.002 mm" in said and "the 2 nears measured there are equally good" in said
     )
@@ -169,12 +168,12 @@ def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displac
     rows = [judged(1e-3, right, p99=0.05, color=right), judged(1e-4, right, p99=0.004, color=off)]
     best = best_setting(rows)
     assert (best.settings.near, best.radiance_fraction) == (1e-3, 0.0)
-    assert "0 % are off in color by more than a level of 255" in sentence(rows, "mm", 150.0)
+    assert "0 % are off in color by more than a level of 255" in recommendation(rows, "mm", 150.0)
     worse = judged(1e-3, some(500), color=right)
     assert best_setting([worse, rows[1]]).settings.near == 1e-4
     unshaded = [judged(1e-3, right)]
     assert best_setting(unshaded).radiance_fraction is None
-    assert "color" not in sentence(unshaded, "mm", 150.0)
+    assert "color" not in recommendation(unshaded, "mm", 150.0)
 
 
 @given(st.integers(0, 60), st.integers(0, 60), st.sampled_from([1, 10, 100]))
@@ -193,7 +192,7 @@ def test_the_paired_test_is_the_exact_one_of_a_coin(
 
 
 def test_the_sentence_names_near_format_surface_and_displacement() -> None:
-    said = sentence([measured(0.015, 0.00012, 0.25)], "mm", 150.0)
+    said = recommendation([measured(0.015, 0.00012, 0.25)], "mm", 150.0)
     for words in ("near 0.015 mm", "0.0001 of the reach", "D24 standard", "0.012 %", "0.25 px"):
         assert words in said
 
@@ -202,7 +201,7 @@ def test_the_most_displaced_aperture_is_named_where_another_has_most_wrong_surfa
     rows = [measured(1.0, 0.005, 0.2), measured(1.0, 0.002, 0.4, aperture=CORNER)]
     best = best_setting(rows)
     assert (best.aperture, best.displaced_aperture) == (MIDDLE, CORNER)
-    said = sentence(rows, "mm", 150.0)
+    said = recommendation(rows, "mm", 150.0)
     assert "at the worst of 2 apertures (1,1)" in said and "(the worst at 0,0)." in said
 
 
@@ -232,7 +231,7 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
 def test_a_setting_is_praised_as_far_as_it_keeps_the_tolerances(
     rows: list[tuple[float, float, float]], said: str
 ) -> None:
-    assert sentence([measured(*row) for row in rows], "mm", 150.0).startswith(
+    assert recommendation([measured(*row) for row in rows], "mm", 150.0).startswith(
         f"At hogel 1,1: {said}"
     )
 
@@ -240,9 +239,9 @@ def test_a_setting_is_praised_as_far_as_it_keeps_the_tolerances(
 def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
     for most, said in ((600, True), (500, False)):
         rows = [caused(1.0, near_offset=most, depth=1000 - most)]
-        text = sentence(rows, "mm", 150.0)
+        text = recommendation(rows, "mm", 150.0)
         assert ("wrong surface, most of them by the near offset, and" in text) is said
-    assert "most of them" not in sentence(
+    assert "most of them" not in recommendation(
         [measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0
     )
 

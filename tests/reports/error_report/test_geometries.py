@@ -18,8 +18,8 @@ from plotly.colors import unlabel_rgb
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import main
 from xfrustum.reports.common.provenance import raster_command
-from xfrustum.reports.error_report.best import ReportOptions, geometry_grid
 from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.request import ReportOptions, geometry_grid
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,

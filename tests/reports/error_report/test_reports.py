@@ -20,8 +20,8 @@ from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report import images, report
-from xfrustum.reports.error_report.best import ReportOptions, default_nears
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
+from xfrustum.reports.error_report.request import ReportOptions, default_nears
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,

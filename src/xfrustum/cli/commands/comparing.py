@@ -82,8 +82,8 @@ def report(asked: _Report) -> None:
     """
     check_no_other_tracer(asked.tracer if options.is_given("tracer") else None, asked.decided_by)
     opened = asked.light.applied(options.open_scene(asked.scene))
-    from xfrustum.reports.error_report.best import ReportOptions
     from xfrustum.reports.error_report.report import make_report
+    from xfrustum.reports.error_report.request import ReportOptions
 
     chosen: AutoApertures | tuple[Aperture, ...]
     if isinstance(asked.apertures, str):

@@ -1,0 +1,249 @@
+"""Sweep of a report: every setting drawn and judged at every aperture, in numbers and pictures."""
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from xfrustum.compare.metrics.error_maps import PixelSet
+from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame, images_under_way, in_order
+from xfrustum.compare.scout import AutoApertures
+from xfrustum.reference import alone
+from xfrustum.reference.alone import AloneNumbers, TracersAlone
+from xfrustum.reference.llvm import worker_count
+from xfrustum.reports import inspection
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.best import Measurement, Recommendation, best_setting
+from xfrustum.reports.error_report.light import LightReport, measure_light
+from xfrustum.reports.error_report.request import ReportOptions, geometries_of, geometry_of
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage
+from xfrustum.scenes.model.effects import chosen
+from xfrustum.scenes.model.scene import Scene, is_shaded
+
+PAGE_PIXELS = 120_000_000
+"""Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
+All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page
+stays under
+30 MB."""
+
+LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
+"""Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
+what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is kept of the truth of an aperture: its picture, and what each ray tracer alone would get wrong.
+
+    `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels
+    by the tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
+    """
+
+    picture: bytes
+    alone: AloneNumbers | None
+    marks: Mapping[str, bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Measurements of a scene over settings and apertures."""
+
+    scene: Scene
+    options: ReportOptions
+    apertures: tuple[Aperture, ...]
+    #: One for each aperture and setting: all settings of the first aperture first.
+    rows: tuple[Measurement, ...]
+    truths: tuple[Truth, ...]
+    decided_by: str  #: what decided the truths; see `reference.alone.DECISIONS`
+    reduction: int  #: image pixels per picture pixel, along each side
+    versions: Mapping[str, str]
+    devices: Mapping[str, str]
+    device_model: str  #: name of the model by which rounding is explained
+    #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`,
+    #: `predict`, `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for
+    #: that page, and of a shaded scene `light`. Stages run at the same time: the sum exceeds
+    #: `wall_s`.
+    times_s: Mapping[str, float]
+    wall_s: float
+    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their
+    #: channels.
+    inspected: tuple[inspection.InspectedHogel, ...]
+    light: LightReport | None
+
+    @cached_property
+    def best(self) -> Recommendation:
+        """The recommended setting."""
+        return best_setting(self.rows)
+
+    @cached_property
+    def geometries(self) -> tuple[DoubleFrustum, ...]:
+        """Camera geometries of all settings, each once."""
+        return geometries_of(row.settings for row in self.rows)
+
+    @property
+    def auto(self) -> AutoApertures | None:
+        """The scout from which the apertures were chosen; None where they were given."""
+        given = self.options.apertures
+        return given if isinstance(given, AutoApertures) else None
+
+    def numbered(
+        self, aperture: Aperture, geometry: DoubleFrustum
+    ) -> list[tuple[int, Measurement]]:
+        """Return the rows of an aperture and a geometry, with their numbers."""
+        return [
+            (number, row)
+            for number, row in enumerate(self.rows)
+            if row.aperture == aperture and geometry_of(row.settings) == geometry
+        ]
+
+
+def sweep(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    options: ReportOptions | None = None,
+) -> Sweep:
+    """Measure every setting at every aperture, at least one each; options say how.
+
+    Only numbers and encoded pictures are kept, so memory does not grow with the float images.
+    Raises InputError where there is no usable OpenGL or no such tracer.
+    """
+    options, begun = options or ReportOptions(), time.perf_counter()
+    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond
+    # the reach.
+    effects = None if options.effects == "auto" else chosen(scene, options.effects)
+    decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
+    width, height = scene.frustum.resolution
+    pixels = width * height * len(apertures) * len(settings)
+    reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
+    reference = alone.open_reference(scene, decision, effects)
+    with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
+        seconds = defaultdict(float, prepare=time.perf_counter() - begun)
+        found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
+        rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
+        # The hogels where the best setting is worst are drawn anew with it, to be inspected.
+        since, taken = time.perf_counter(), best_setting(rows).settings
+        worst = sorted(
+            (one for one in rows if one.settings == taken), key=lambda one: -one.surface_fraction
+        )
+        shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
+        inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
+        seconds["inspection"] = time.perf_counter() - since
+        opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
+    since = time.perf_counter()
+    light = measure_light(
+        scene, apertures, settings, effects=options.effects, progress=options.progress
+    )
+    if light is not None:
+        seconds["light"] = time.perf_counter() - since
+    return Sweep(
+        scene=scene,
+        options=options,
+        apertures=tuple(apertures),
+        rows=rows,
+        truths=tuple(truths[aperture] for aperture in apertures),
+        decided_by=judge.reference.decided_by,
+        reduction=reduction,
+        versions={**provenance.versions(), **judge.reference.versions},
+        devices={**provenance.machine(), **opengl},
+        device_model=judge.model.name,
+        times_s=seconds,
+        wall_s=time.perf_counter() - begun,
+        inspected=inspected,
+        light=light,
+    )
+
+
+def _measure(
+    judge: Evaluator,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    options: ReportOptions,
+    reduction: int,
+    seconds: dict[str, float],
+) -> tuple[dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth]]:
+    """Draw and judge every setting at every aperture; add up the seconds of each stage."""
+    scene, rows, truths = judge.scene, {}, {}
+    tracers = TracersAlone(scene) if judge.reference.decided_by == alone.CERTIFIED else None
+    shaded = is_shaded(scene)
+    # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
+    wanted = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
+    total = len(apertures) * (1 + len(settings))
+    most = images_under_way(math.prod(scene.frustum.resolution))
+    with (
+        progress_bar(total, "report", "image", shown=options.progress) as bar,
+        ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
+        closing(judge.frames(apertures, settings, wanted)) as frames,
+    ):
+        tasks = (pool.submit(_measured, scene, reduction, frame) for frame in frames)
+        for row, truth, pictures_s in in_order(tasks, most):
+            aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
+            rows[aperture, row.settings] = row
+            stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
+            if aperture in truths:
+                stages["trace"] = 0.0  # all frames of an aperture have the time of its truth
+            else:
+                since = time.perf_counter()
+                picture = images.picture(truth, reduction)
+                drawn = time.perf_counter()
+                stages["pictures"] += drawn - since
+                found = tracers.find(truth) if tracers else None
+                marks = images.alone_pictures(truth, found.wrong, reduction) if found else {}
+                truths[aperture] = Truth(
+                    picture=picture, alone=found.numbers if found else None, marks=marks
+                )
+                stages["alone"] = time.perf_counter() - drawn
+                bar.set_postfix_str(f"{at}: truth", refresh=False)
+                bar.update()
+            for stage, taken in stages.items():
+                seconds[stage] += taken
+            bar.set_postfix_str(f"{at}: near {row.settings.near:.3g}", refresh=False)
+            bar.update()
+    return rows, truths
+
+
+def _measured(
+    scene: Scene, reduction: int, frame: JudgedFrame
+) -> tuple[Measurement, HogelImage, float]:
+    """Return the row of a frame, its truth, and the seconds that its pictures took to encode."""
+    begun, reach = time.perf_counter(), scene.frustum.longest_reach
+    comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
+    if budget is not None:
+        # The place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all.
+        places = np.array(
+            [list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8
+        )
+        is_wrong, charge = budget.surface_charge >= 0, budget.surface_charge.copy()
+        charge[is_wrong] = places[charge[is_wrong]]
+        charge[budget.explanation.unexplained & is_wrong] = len(images.CAUSE_COLORS)
+    scale = reach, images.height_range(scene, reach)
+    if comparison.errors.surface is not None:
+        wrong["surface"] = PixelSet.from_mask(comparison.errors.surface)
+    if comparison.colors is not None:
+        with np.errstate(invalid="ignore"):
+            wrong["radiance"] = PixelSet.from_mask(
+                np.abs(comparison.colors.error).max(axis=-1) > STEP
+            )
+    row = Measurement(
+        aperture=frame.aperture,
+        settings=frame.settings,
+        comparison=comparison.numbers,
+        causes=() if budget is None else budget.causes,
+        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
+        shear=None if budget is None else budget.start.shear,
+        predicted=frame.prediction,
+        times_s=frame.times,
+        gpu_s=frame.gpu_s,
+        wrong=wrong,
+        pictures=images.setting_pictures(comparison, charge, scale, reduction),
+    )
+    return row, frame.truth, time.perf_counter() - begun
