@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -15,8 +14,6 @@ import pytest
 import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.cli.app import cli
-from xfrustum.cli.commands.comparing import budget as budget_command
 from xfrustum.compare.attribution.budget import Budget, VectorBudget, make_budget
 from xfrustum.compare.attribution.radiance_budget import (
     AVERAGING,
@@ -32,7 +29,7 @@ from xfrustum.compare.metrics.error_maps import displacement, surface_errors
 from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget import CHAIN, command, table, write_budget
+from xfrustum.reports.budget import CHAIN, write_budget
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene
@@ -161,21 +158,6 @@ def test_a_pixel_is_charged_to_the_last_link_that_changed_it_and_a_surface_from_
     np.testing.assert_array_equal(budget.surface_charge, np.where(wrong, last_right, -1))
 
 
-def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
-    starved = DoubleFrustum(near=1e-8 * 150, depth=DepthFormat.D16)
-    for (_, _, budget), link in zip(
-        budgets("car", [reversed_d32f(1.5), starved]),
-        map(LINKS.index, ("near offset", "depth")),
-        strict=True,
-    ):
-        assert (budget.charge == link).sum() > 0.99 * budget.wrong > 100
-
-
-def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
-    [(_, _, budget)] = budgets("car-recentered", [replace(reversed_d32f(1.5), pivot=Pivot.CAMERA)])
-    assert (budget.charge == 1).sum() > 100
-
-
 @pytest.mark.parametrize(
     "name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1)
 )
@@ -241,30 +223,6 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
 
 
-def test_the_command_of_a_budget_makes_it_again() -> None:
-    """The page names its aperture and settings as the command line takes them."""
-    scene = view("asymmetric", (48, 36))
-    settings = replace(reversed_d32f(0.1 + 0.2), fit=3.5, pivot=Pivot.CAMERA)
-    report = xfrustum.budget(scene, settings, scene.plate.aperture(0, 0))
-    words = shlex.split(command(report))
-    assert words[:5] == ["xfrustum", "budget", scene.source or scene.name, "--aperture", "0,0"]
-    given = cli.make_context("xfrustum", words[1:])
-    taken = budget_command.make_context("budget", list(given.args))
-    fields = {name: value for name, value in taken.params.items() if value is not None}
-    for name in ("near", "depth", "mapping", "fit", "pivot"):
-        assert fields[name] == getattr(settings, name)
-
-
-def test_the_table_has_prediction_measurement_and_ratio() -> None:
-    [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
-    link = asdict(budget.numbers)["links"][0]
-    predicted = [line for line in table(budget).splitlines() if line.startswith("near offset")][-1]
-    ratio = link["surface"] / link["predicted_surface"]
-    shown = [f"{link['surface']}", f"{link['predicted_surface']:.0f}", f"{ratio:.3g}"]
-    numbers = predicted.removeprefix("near offset").replace(",", "").split()
-    assert numbers[0] == str(link["pixels"]) and numbers[1:4] == shown and len(numbers) == 7
-
-
 SHINY = Material(
     ambient=(0.05,) * 3, diffuse=(0.3, 0.2, 0.1), specular=(0.5, 0.6, 0.7), exponent=15.0
 )
@@ -303,14 +261,6 @@ def test_the_links_add_up_from_the_truth_to_the_8_bit_picture(name: str) -> None
     np.testing.assert_allclose(budget.change.total, output - truth, rtol=0, atol=2.0**-24)
 
 
-def test_a_large_near_costs_by_the_points_shown_and_by_the_bent_eye() -> None:
-    budget, _ = budget_of(painted("asymmetric", SHINY), reversed_d32f(2.0))
-    assert rms(budget, "near offset", same=False) > 10 * rms(budget, SHADING)
-    assert rms(budget, EYE_VECTOR) > 100 * rms(budget, SHADING)
-    for link in ("pivot", "fit", "slabs"):
-        assert not budget.change.steps[budget.links.index(link)].any()
-
-
 def test_matte_surfaces_do_not_know_the_eye() -> None:
     budget, _ = budget_of(painted("asymmetric", MATTE), reversed_d32f(2.0))
     assert not budget.change.steps[budget.links.index(EYE_VECTOR)][budget.same].any()
@@ -334,15 +284,6 @@ def test_the_bend_is_counted_once() -> None:
     found = budget.change.steps[local].sum(axis=0)
     same = budget.same & (np.abs(chain.images[-1].height) > 1.0)
     np.testing.assert_allclose(found[same], (model - truth)[same], rtol=0, atol=1e-5)
-
-
-def test_8_bit_output_costs_half_a_level_at_most() -> None:
-    budget, _ = budget_of(painted("asymmetric", SHINY), reversed_d32f(0.01))
-    steps = budget.change.steps
-    before, after = steps[:-1].sum(axis=0), steps.sum(axis=0)
-    # The decoding curve is steepest at one: 2.4 / 1.055.
-    assert np.abs(after - before).max() <= 0.5 / 255 * 2.4 / 1.055
-    assert (budget.numbers.links[-1].rms or 0.0) > 0
 
 
 def test_averages_are_taken_apart_like_single_samples() -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from itertools import product
 from math import radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from tests.compare.metrics.test_flips import pictured
@@ -25,8 +22,6 @@ from xfrustum.raster.cameras.cameras import clip_from_scene
 from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
-from xfrustum.reports.error_report.report import make_report
-from xfrustum.reports.error_report.request import ReportOptions
 from xfrustum.scenes import (
     NOTHING,
     Certainty,
@@ -243,14 +238,6 @@ def test_backs_of_open_meshes_are_charged_to_culling() -> None:
     assert numbers.unexplained == 0
 
 
-@pytest.mark.parametrize("name", ["large-triangles", "crossing"])
-def test_what_is_predicted_where_other_links_are_wrong_too(name: str) -> None:
-    """Taken as independent of what was wrong before: within a factor of two."""
-    scene = view(name, FILM)
-    culling = charged(scene, culled(scene, 0.05)).numbers.links[4]
-    assert culling.surface / 2 < culling.predicted_surface < 2 * culling.surface
-
-
 @pytest.mark.parametrize(
     "buffer", [(DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.GL)]
 )
@@ -282,20 +269,3 @@ def test_a_comparison_says_how_many_wrong_surfaces_were_culled() -> None:
     found, without = (compare_images(truth, image, reference) for image in (drawn, whole))
     assert found.surface.wrong - 2 <= found.surface.culled <= found.surface.wrong
     assert without.surface is not None and without.surface.culled is None
-
-
-def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:
-    scene = view("large-triangles", (48, 36))
-    files = make_report(
-        scene,
-        str(tmp_path / "report"),
-        ReportOptions(
-            nears=[0.01], depths=[(DepthFormat.D24, DepthMapping.STANDARD)], cull=Cull.BACK
-        ),
-    )
-    (row,) = json.loads(files.json.read_text())["rows"]
-    assert row["settings"]["cull"] == "back" and "--cull back" in files.command
-    assert [cause["name"] for cause in row["causes"]] == CULLED_LINKS
-    (flat,) = pq.read_table(files.parquet).to_pylist()
-    assert flat["cause_culling_surface"] == row["causes"][4]["surface"] > 100
-    assert "faces turned away from the viewer culled" in files.html.read_text()

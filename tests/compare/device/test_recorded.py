@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.light import dressed_scene, moved_by_snapping, radiance_by_definition
+from tests.support.light import radiance_by_definition
 from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import explain
 from xfrustum.compare.device.recorded import RecordedFrame, read_frames, recorded_image, replay
@@ -202,13 +202,3 @@ def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
             assert bound < H100.filter_rounding / 20
             assert np.abs(colors[name][same] - exact).max() <= bound, name
             assert np.abs(image.color[same] - exact).max() <= bound, name
-
-
-def test_snapping_explains_how_far_textured_pictures_of_the_card_were_off() -> None:
-    """They were off by up to 0.020 (0.0039 were allowed), though shaders filter without the card's filter."""
-    scene = dressed_scene("asymmetric", (160, 120))
-    with Rasterizer(scene) as raster:
-        image = raster.render(scene.default_apertures()[-1], reversed_d32f(2.0))
-    moved = moved_by_snapping(scene, image, H100)
-    assert 0.018 < moved.max() < 0.025
-    assert (moved_by_snapping(scene, image, LLVMPIPE) == 0).all()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.support.brute_force import exact_first
 from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
-from tests.support.views import SHARED_SCENES, at, soup, view
+from tests.support.views import at, soup
 from xfrustum.compare.selfcheck import selfcheck as module
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.compare.selfcheck.selfcheck import check_sphere, disagreements, selfcheck
@@ -213,19 +213,6 @@ def test_processes_make_no_difference() -> None:
     assert one.sphere is None
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name == "teapot-recentered" else pytest.mark.slow)
-        for name in SHARED_SCENES
-    ],
-)
-def test_scene_files_agree(name: str) -> None:
-    check = selfcheck([view(name, (1, 1)).source], quick=True)
-    assert check.agrees, selfcheck_table(check)
-    assert check.total("covered") > 0
-
-
 def test_a_giant_is_refused_and_says_why() -> None:
     with pytest.raises(InputError, match="giant"):
         selfcheck(["hard/giant-mesh"])
@@ -250,24 +237,3 @@ def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> 
     check = check_sphere(quick=True)
     assert not check.agrees
     assert check.wrong >= 3
-
-
-def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
-    """A square cut along the film's diagonal, and a copy of its lower half."""
-    sheet = np.array(
-        [[[-4, -4, -2], [4, -4, -2], [4, 4, -2]], [[-4, -4, -2], [4, 4, -2], [-4, 4, -2]]],
-        dtype=float,
-    )
-    found, _ = all_rows(np.concatenate((sheet, sheet[:1])), SQUARE, at(0, 0))
-    np.testing.assert_array_equal(found.s, 2.0)
-    rows, columns = np.indices((8, 8))
-    # Row 0 is at the top: on the diagonal of the film, which is the sheets' own, all three are met.
-    np.testing.assert_array_equal(found.triangle, np.where(columns >= 7 - rows, 0, 1))
-    ties: dict[tuple[int, int], set[int]] = {
-        (row, column): set() for row in range(8) for column in range(7 - row, 8)
-    }
-    for row, column, number in found.ties.tolist():
-        ties[row, column].add(number)
-    assert all(
-        ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties
-    )

@@ -5,19 +5,15 @@ import io
 import json
 from collections import Counter
 from dataclasses import replace
-from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import main
-from xfrustum.reports.common.provenance import raster_command
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.error_report.request import ReportOptions, geometry_grid
 from xfrustum.scenes import (
@@ -57,16 +53,6 @@ def rows(files: ReportFiles, pivot: str) -> list[dict[str, Any]]:
     return [row for row in content["rows"] if row["settings"]["pivot"] == pivot]
 
 
-@pytest.mark.slow
-def test_a_recentered_frustum_is_measured_with_both_pivots(files: ReportFiles) -> None:
-    content = json.loads(files.json.read_text())
-    asked = [(row["settings"]["pivot"], row["settings"]["near"]) for row in content["rows"]]
-    assert asked == list(product(("aperture", "camera"), NEARS))
-    flat = pq.read_table(files.parquet).to_pylist()
-    assert [(row["pivot"], row["near"]) for row in flat] == asked
-    assert all((row["offset"], row["fit"], row["slabs"]) == ("plate", None, []) for row in flat)
-
-
 def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> None:
     centered = open_scene("car").frustum
     assert geometry_grid(centered, ReportOptions()) == (USUAL,)
@@ -103,21 +89,6 @@ def test_the_pivots_are_compared(files: ReportFiles) -> None:
     assert charged["aperture"]["surface"] == 0 < charged["camera"]["surface"]
 
 
-def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
-    scene = open_scene("empty")
-    scene = replace(scene, frustum=replace(scene.frustum, resolution=(8, 8)))
-    lists = ReportOptions(fits=[Fit.ANGLE, 15.0], offsets=list(Offset), slabs=[(15.0, 40.0), ()])
-    made = make_report(scene, tmp_path / "out", replace(lists, nears=[1.0, 0.1], depths=D32F))
-    asked = [
-        tuple(row["settings"][key] for key in ("fit", "offset", "slabs", "near"))
-        for row in made.content["rows"]
-    ]
-    assert asked == list(
-        product(("angle", 15.0), ("plate", "none"), ([15.0, 40.0], []), (1.0, 0.1))
-    )
-    assert "fit 15, no offset, cuts at 15 and 40" in made.html.read_text()
-
-
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     def note(_scene: object, _out: object, options: ReportOptions) -> None:
         asked.append(options)
@@ -141,16 +112,6 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
         ((15.0, 40.0), (20.0,), ()),
     )
     assert usual.causes and not first.causes
-
-
-def test_the_command_to_copy_draws_the_same_cameras() -> None:
-    scene = open_scene("car-recentered")
-    settings = DoubleFrustum(
-        near=0.5, pivot=Pivot.CAMERA, fit=Fit.SCREEN, offset=Offset.NONE, slabs=(15.0,)
-    )
-    command = raster_command(scene, scene.plate.middle, settings)
-    for words in ("--pivot camera", "--fit screen", "--offset none", "--slabs 15"):
-        assert words in command
 
 
 def test_the_picture_of_causes_has_the_color_of_each_charged_pixel(files: ReportFiles) -> None:

@@ -4,7 +4,6 @@ import io
 import json
 import re
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -20,13 +19,12 @@ from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report import images, report
-from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
-from xfrustum.reports.error_report.request import ReportOptions, default_nears
+from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.request import ReportOptions
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
-    Frustum,
     InputError,
     Pivot,
     Scene,
@@ -90,13 +88,6 @@ def refuse(constant: str) -> NoReturn:
     raise AssertionError(f"{constant} is not JSON")
 
 
-def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger_reach() -> None:
-    nears = default_nears(Frustum(resolution=(8, 8), reach=(50.0, 700.0), fov=(1.0, 1.0)))
-    assert len(nears) == 25
-    np.testing.assert_allclose([nears[0], nears[-1]], [70.0, 7e-6], rtol=1e-12)
-    np.testing.assert_allclose([b / a for a, b in pairwise(nears)], 10 ** (-7 / 24), rtol=1e-12)
-
-
 @pytest.mark.slow
 def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(
     files: ReportFiles,
@@ -140,17 +131,6 @@ def test_the_parquet_has_one_row_per_aperture_and_setting_with_the_same_numbers(
             }
 
 
-def test_times_of_every_stage_are_in_every_row_and_add_up_and_the_price_is_said(
-    files: ReportFiles,
-) -> None:
-    rows, total, cost = files.content["rows"], files.content["times_s"], files.content["cost"]
-    assert {"trace", "raster", "compare", "predict", "causes"} == set(rows[0]["times_s"])
-    for stage in ("raster", "compare"):
-        assert sum(row["times_s"][stage] for row in rows) == pytest.approx(total[stage])
-    assert (cost["frames_s"], cost["truths_s"]) == (total["raster"], total["trace"])
-    assert f"in {cost['wall_s']:.2f} s" in files.cost
-
-
 def test_page_and_command_are_for_the_aperture_whose_numbers_are_told(files: ReportFiles) -> None:
     best, html, data = files.content["best"], files.html.read_text(), page_data(files.html)
     own = [
@@ -169,18 +149,6 @@ def test_page_and_command_are_for_the_aperture_whose_numbers_are_told(files: Rep
     assert f"at the worst of 3 apertures ({column},{row})" in files.sentence
     start = data["rows"][data["start"]]
     assert (start["aperture"], start["near"]) == (best["aperture"], best["near"])
-
-
-def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> None:
-    columns, rows = files.content["scene"]["plate"]["hogels"]
-    (note,) = (one for one in files.notes if "Measured at" in one)
-    assert note == (
-        f"Measured at 3 of {columns * rows:,} hogels, and others may need other settings: "
-        f"{files.content['best']['plan_command']} says what holds for the whole plate."
-    )
-    assert note in files.html.read_text()
-    named = "; ".join(f"{one['column']},{one['row']}" for one in files.content["apertures"])
-    assert files.sentence.startswith(f"At 3 hogels ({named}): ")
 
 
 def test_prediction_stands_beside_measurement_with_their_ratio(
@@ -277,25 +245,12 @@ def test_a_report_of_nothing_is_refused_before_any_work(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_by_default_reports_never_go_under_reports() -> None:
-    assert default_folder(open_scene("car")) == Path("report/car")
-    assert default_folder(replace(open_scene("car"), name="../ odd/name")).parts[0] == "report"
-    assert ".." not in default_folder(replace(open_scene("car"), name="../..")).parts
-
-
 # Pictures
 # ------------------------------------------------------------------------------------------------
 
 
 def decoded(encoded: bytes) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
     return np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA"))
-
-
-def test_undefined_pixels_are_transparent_and_scales_run_from_end_to_end() -> None:
-    shown = decoded(images.displacement_map(np.array([[np.nan, 0.0, 3e-4, 1e5]])))
-    assert list(shown[0, :, 3]) == [0, 255, 255, 255]
-    ends = [[int(c) for c in re.findall(r"\d+", images.DISPLACEMENT_SCALE[i])] for i in (0, 0, -1)]
-    np.testing.assert_allclose(shown[0, 1:, :3], ends, atol=1)
 
 
 def test_height_errors_that_rounding_makes_are_not_tinted() -> None:
@@ -468,16 +423,3 @@ def test_what_the_raster_misses_is_counted(lit: ReportFiles) -> None:
     assert 0 < missed["pixels"] <= 64 * 48 and missed["darker"] == missed["pixels"]
     assert missed["mean"] < 0 < missed["rms"] and missed["light_paths"] == 4
     assert any("light transport changes" in note for note in lit.notes)
-
-
-def test_the_page_has_light_and_colors_are_part_of_what_is_recommended(lit: ReportFiles) -> None:
-    own, data, best = page_alone(lit.html), page_data(lit.html), lit.content["best"]
-    assert all(
-        part in own
-        for part in ("<h2>Light</h2>", "What the raster misses", 'data-layer="radiance"')
-    )
-    assert {"radiance", "flip"} <= set(data["curves"][0][0]) and data["eye"]["data"]
-    assert all("radiance" in row["pictures"] for row in data["rows"])
-    row = next(row for row in lit.content["rows"] if row["settings"]["near"] == best["near"])
-    assert best["radiance_fraction"] == row["comparison"]["radiance"]["above_step"]
-    assert "off in color by more than a level of 255" in lit.sentence
