@@ -16,81 +16,76 @@ from xfrustum.scenes.representation import counted
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 84  # 80 of any content, and the number of triangles
-_FACET_LINES = np.array(
-    [b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet"]
-)
-_COSINE = (
-    0.5  # of stored normals and those of the winding: rounded ones differ by less than 60 degrees
-)
+_FACET_LINES = np.array(b"facet outer vertex vertex vertex endloop endfacet".split())
+#: Cosine between a stored normal and the opposite of the winding's normal. Exporters round normals
+#: to a few digits, which turns them by far less than 60 degrees.
+_COSINE = 0.5
 
 
 def read_stl(path: Path) -> MeshContent:
-    """Read an STL file; InputError where its length is not what it says, or its text is damaged."""
+    """Read an STL file; InputError where its length or its text is damaged."""
     data = read_input(path, "mesh file")
     count = int.from_bytes(data[80:_HEADER_BYTES], "little")
     whole = _HEADER_BYTES + count * _FACET.itemsize
+    # Binary files may begin with `solid`, too: only the length distinguishes them.
     if len(data) >= _HEADER_BYTES and len(data) == whole:
         facets = np.frombuffer(data, _FACET, offset=_HEADER_BYTES)
-        colored = bool(facets["attribute"].any())
-        return _content(
-            path, facets["corners"].astype(np.float64), facets["normal"].astype(np.float64), colored
-        )
+        corners = facets["corners"].astype(np.float64)
+        normals = facets["normal"].astype(np.float64)
+        return _content(path, corners, _unread(corners, normals, facets["attribute"].any()))
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
-        return _read_text(path, data)
-    told = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
+        return _content(path, _text_corners(path, data), ())
+    reason = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
     if len(data) < _HEADER_BYTES:
-        told = (
+        reason = (
             f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
         )
-    raise InputError(f"{path}: {told}; export the mesh again")
+    raise InputError(f"{path}: {reason}; export the mesh again")
 
 
-def _read_text(path: Path, data: bytes) -> MeshContent:
+def _text_corners(path: Path, data: bytes) -> Floats:
+    """Return the corners (F, 3, 3) of all solids of a text."""
     lines = TextLines(path, plain_text(data))
     words = lines.keywords(9)
-    inside = np.flatnonzero((words != b"solid") & (words != b"endsolid"))
-    pattern = np.resize(_FACET_LINES, len(inside))
+    inside = (words != b"solid") & (words != b"endsolid")
+    pattern = np.resize(_FACET_LINES, np.count_nonzero(inside))
     for place in np.flatnonzero(words[inside] != pattern)[:1].tolist():
-        line = int(inside[place])
-        wanted = pattern[place].decode()
-        raise lines.error(
-            line, f"'{lines.text(line)[:40]}' where '{wanted}' must be; export the mesh again"
-        )
-    ends, begins = np.flatnonzero(words == b"endsolid"), np.flatnonzero(words == b"solid")
-    if len(inside) % len(_FACET_LINES) or len(ends) != len(begins) or words[-1] != b"endsolid":
-        facet = len(inside) // len(_FACET_LINES)
-        raise lines.error(
-            len(lines) - 1, f"the file is cut off after {facet:,} facets; export the mesh again"
-        )
-    corners, per_line = lines.numbers(words == b"vertex", skip=len("vertex"))
-    for place in np.flatnonzero(per_line != 3)[:1].tolist():
-        raise lines.error(
-            int(np.flatnonzero(words == b"vertex")[place]), "a vertex needs three coordinates"
-        )
-    return _content(path, corners.reshape(-1, 3, 3), None, False)
+        line = int(np.flatnonzero(inside)[place])
+        reason = f"'{lines.text(line)[:40]}' where '{pattern[place].decode()}' must be"
+        raise lines.error(line, f"{reason}; export the mesh again")
+    facets, rest = divmod(len(pattern), len(_FACET_LINES))
+    solids = [np.count_nonzero(words == word) for word in (b"solid", b"endsolid")]
+    if rest or solids[0] != solids[1] or words[-1] != b"endsolid":
+        reason = f"the file is cut off after {facets:,} facets; export the mesh again"
+        raise lines.error(len(lines) - 1, reason)
+    vertices = words == b"vertex"
+    corners, per_line = lines.numbers(vertices, skip=len("vertex"))
+    lines.check(vertices, per_line == 3, "a vertex needs three coordinates")
+    return np.asarray(corners.reshape(-1, 3, 3))
 
 
-def _content(path: Path, corners: Floats, normals: Floats | None, colored: bool) -> MeshContent:
+def _content(path: Path, corners: Floats, unread: tuple[UnreadFeature, ...]) -> MeshContent:
     if not len(corners):
         raise InputError(
             f"{path}: the mesh has no triangles: it says so itself; export the mesh again"
         )
-    unread = []
-    if colored:
-        told = "are not shown: some programs store colors there"
-        unread.append(UnreadFeature(feature="attributes of facets", consequence=told))
-    if normals is not None and (turned := _turned(corners, normals)):
-        told = f"are not read: {turned:,} oppose the order of the corners, which decides"
-        unread.append(UnreadFeature(feature="normals of facets", consequence=told))
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     part = MeshPart(name="", vertices=corners.reshape(-1, 3), faces=faces)
-    return MeshContent(parts=(part,), unread=tuple(unread))
+    return MeshContent(parts=(part,), unread=unread)
 
 
-def _turned(corners: Floats, normals: Floats) -> int:
-    """Return how many normals point to the back of the winding."""
+def _unread(corners: Floats, normals: Floats, colored: bool) -> tuple[UnreadFeature, ...]:
+    """Return the attributes of facets, and stored normals on the back of the winding."""
+    unread = []
+    if colored:
+        consequence = "are not shown: some programs store colors there"
+        unread.append(UnreadFeature(feature="attributes of facets", consequence=consequence))
     with np.errstate(over="ignore", invalid="ignore"):
         winding = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         along = np.einsum("fx,fx->f", winding, normals)
         size = np.linalg.norm(winding, axis=1) * np.linalg.norm(normals, axis=1)
-        return int(np.count_nonzero(along < -_COSINE * size))
+        turned = np.count_nonzero(along < -_COSINE * size)
+    if turned:
+        consequence = f"are not read: {turned:,} oppose the order of the corners, which decides"
+        unread.append(UnreadFeature(feature="normals of facets", consequence=consequence))
+    return tuple(unread)

@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 
-_SPACE = ord(" ")  #: bytes up to this one are white space
-#: Tab, vertical tab and form feed are blanks; other control bytes become DEL, which no number has.
-_BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, ord("\n"): ord("\n")}
+_SPACE = ord(" ")  #: bytes up to this value are white space
+_LINE_FEED = ord("\n")
+#: Tab, vertical tab and form feed become blanks; other control bytes become DEL, which is part of
+#: no number, so that the word is refused.
+_BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, _LINE_FEED: _LINE_FEED}
 _CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
-_CONTINUED = (
-    b" \v"  #: written over a backslash and the line end that it continues, so that lines count
-)
+#: Replacement of a backslash and the line feed after it: as long, and counted by `number`.
+_CONTINUED = b" \v"
 
 
 def plain_text(data: bytes) -> bytes:
-    """Return a text in ASCII or UTF-8 with line feeds alone, whatever its encoding and line ends are."""
+    """Return a text in ASCII or UTF-8 whose lines end with line feeds, from any encoding."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.decode("utf-16", "replace").encode()
     data = data.removeprefix(codecs.BOM_UTF8).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -33,14 +34,19 @@ def plain_text(data: bytes) -> bytes:
 
 
 def join_continued(data: bytes) -> bytes:
-    """Join lines of a plain text that end with a backslash to the next line, comments excepted."""
+    """Join lines that end with a backslash to the next line, except in comments."""
     if b"\\\n" not in data:
         return data
-    return re.sub(rb"#[^\n]*|\\\n", _joined, data)
+    return re.sub(
+        rb"#[^\n]*|\\\n",
+        lambda match: _CONTINUED if match[0] == b"\\\n" else match[0],
+        data,
+    )
 
 
-def _joined(found: re.Match[bytes]) -> bytes:
-    return _CONTINUED if found[0] == b"\\\n" else found[0]
+def starts_of(counts: Indices) -> Indices:
+    """Return the place of the first element of each of consecutive groups of some sizes."""
+    return np.asarray(np.cumsum(counts) - counts)
 
 
 class TextLines:
@@ -54,7 +60,7 @@ class TextLines:
         self.path = path
         self._data = data if data.endswith(b"\n") else data + b"\n"
         self._bytes = np.frombuffer(self._data, np.uint8)
-        ends = start + np.flatnonzero(self._bytes[start:] == ord("\n"))
+        ends = start + np.flatnonzero(self._bytes[start:] == _LINE_FEED)
         starts = np.concatenate([[start], ends + 1])[:-1]
         if b"#" in data:
             ends = _first_from(np.flatnonzero(self._bytes == ord("#")), starts, ends)
@@ -66,14 +72,15 @@ class TextLines:
         return len(self._starts)
 
     def keywords(self, size: int) -> NDArray[np.bytes_]:
-        """Return the first word of each line in lower case, cut after some bytes."""
-        places = np.minimum(self._starts[:, None] + np.arange(size), len(self._bytes) - 1)
-        words = self._bytes[places]
-        for place in range(size):
-            ended = words[:, place] <= _SPACE
-            words[ended, place:] = 0
-        words[(words >= ord("A")) & (words <= ord("Z"))] += ord("a") - ord("A")
-        return np.ascontiguousarray(words).view(f"S{size}")[:, 0]
+        """Return the first word of each line in lower case, at most `size` bytes of it."""
+        words = np.zeros((size, len(self)), np.uint8)
+        inside = np.ones(len(self), np.bool_)
+        for place in range(size):  # column by column: whole rows of indices take much memory
+            letters = self._bytes[np.minimum(self._starts + place, len(self._bytes) - 1)]
+            inside &= letters > _SPACE
+            capital = (letters >= ord("A")) & (letters <= ord("Z"))
+            words[place] = np.where(inside, letters + capital * np.uint8(32), 0)
+        return np.ascontiguousarray(words.T).view(f"S{size}")[:, 0]
 
     def number(self, line: int) -> int:
         """Return the line number of a line in the file, from 1."""
@@ -81,7 +88,7 @@ class TextLines:
         return before.count(b"\n") + before.count(b"\v") + 1
 
     def text(self, line: int, *, comment: bool = False) -> str:
-        """Return a line from its keyword on; with what seems to be a comment, where names may hold `#`."""
+        """Return a line from its keyword on; `comment` keeps the part from `#` on, as in names."""
         start, end = int(self._starts[line]), int(self._ends[line])
         end = self._data.index(b"\n", start) if comment else end
         return self._data[start:end].decode("utf-8", "replace").strip(" ")
@@ -90,13 +97,24 @@ class TextLines:
         """Return the error of a line, to be raised."""
         return InputError(f"{self.path}, line {self.number(line)}: {reason}")
 
+    def check(
+        self, lines: Mask | slice, right: Mask, reason: str, values: NDArray[Any] | None = None
+    ) -> None:
+        """Raise the error of the first of some lines that is not right.
+
+        Braces in the reason stand for the line's entry in `values`.
+        """
+        for place in np.flatnonzero(~right)[:1].tolist():
+            line = int(np.arange(len(self))[lines][place])
+            raise self.error(line, reason if values is None else reason.format(values[place]))
+
     def numbers(
         self, lines: Mask | slice, kind: type[np.generic] = np.float64, *, skip: int = 0
     ) -> tuple[NDArray[Any], Indices]:
-        """Return the numbers of some lines in a row, and how many each has.
+        """Return the numbers of some lines, line after line, and their count in each line.
 
-        The first `skip` bytes of a line, its keyword, are left out. Raises InputError at what is no
-        number.
+        The first `skip` bytes of a line, its keyword, are left out. Raises InputError at a word
+        that is not a number.
         """
         text, line_ends = self.bytes_of(lines, skip=skip)
         starts = word_starts(text)
@@ -113,15 +131,13 @@ class TextLines:
     def bytes_of(self, lines: Mask | slice, *, skip: int = 0) -> tuple[NDArray[np.uint8], Indices]:
         """Return the bytes of some lines, and the places (L,) of the line feeds that end them."""
         starts, ends = self._starts[lines], self._ends[lines] + 1
-        breaks = np.flatnonzero(starts[1:] != ends[:-1])
-        blocks = (
-            zip(starts[[0, *(breaks + 1)]].tolist(), ends[[*breaks, -1]].tolist(), strict=True)
-            if len(starts)
-            else ()
-        )
-        text = np.concatenate([self._bytes[:0], *(self._bytes[start:end] for start, end in blocks)])
+        low, high = (starts[0], ends[-1]) if len(starts) else (0, 0)
+        bounds = np.zeros(high - low + 1, np.int8)
+        bounds[starts - low] = 1
+        bounds[ends - low] -= 1  # where a line ends and the next begins, the two cancel
+        text = self._bytes[low:high][np.cumsum(bounds[:-1], dtype=np.int8).view(np.bool_)]
         after = np.cumsum(ends - starts)
-        text[after - 1] = ord("\n")  # also where a comment begins
+        text[after - 1] = _LINE_FEED  # also where a comment begins
         for place in range(skip):
             text[after - (ends - starts) + place] = _SPACE
         return text, after - 1
@@ -133,14 +149,14 @@ def parse(
     count: int,
     refused: Callable[[int], InputError],
 ) -> NDArray[Any]:
-    """Return the numbers of a text of some words; raise the error of the first word that is no number."""
+    """Return the numbers of a text of `count` words; raise the error of the first other word."""
     data = text.tobytes()
     if count == 0:
         return np.zeros(0, kind)
     with suppress(ValueError):
-        found = np.fromstring(data, kind, sep=" ")
-        if len(found) == count:
-            return found
+        numbers = np.fromstring(data, kind, sep=" ")
+        if len(numbers) == count:
+            return numbers
     for word, token in enumerate(data.split()):
         try:
             whole = len(np.fromstring(token, kind, sep=" ")) == 1
@@ -153,12 +169,11 @@ def parse(
 
 def word_starts(text: NDArray[np.uint8]) -> Indices:
     """Return the places where words of a text begin."""
-    inked = text > _SPACE
-    first = [0] if len(text) and inked[0] else []
-    return np.concatenate([first, np.flatnonzero(inked[1:] > inked[:-1]) + 1]).astype(np.int64)
+    inked = np.concatenate([[False], text > _SPACE])
+    return np.flatnonzero(inked[1:] > inked[:-1])
 
 
 def _first_from(places: Indices, starts: Indices, ends: Indices) -> Indices:
-    """Return the first of ordered places from each start on, or the end where none comes before it."""
-    found = np.concatenate([places, [np.iinfo(np.int64).max]])[np.searchsorted(places, starts)]
-    return np.asarray(np.minimum(found, ends))
+    """Return the first of ordered places from each start on; the end where it comes earlier."""
+    following = np.append(places, np.iinfo(np.int64).max)[np.searchsorted(places, starts)]
+    return np.asarray(np.minimum(following, ends))
