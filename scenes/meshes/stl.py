@@ -32,7 +32,8 @@ def read_stl(path: Path) -> MeshContent:
         facets = np.frombuffer(data, _FACET, offset=_HEADER_BYTES)
         corners = facets["corners"].astype(np.float64)
         normals = facets["normal"].astype(np.float64)
-        return _content(path, corners, _unread(corners, normals, facets["attribute"].any()))
+        colored = bool(facets["attribute"].any())
+        return _content(path, corners, _unread(corners, normals, colored))
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         return _content(path, _text_corners(path, data), ())
     reason = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"

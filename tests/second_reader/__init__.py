@@ -1,11 +1,29 @@
 """Second reader of mesh files, written from the formats' specifications; not used by the product.
 
-Slow and plain on purpose: the standard library and NumPy, one loop per rule. It shares no code with
-`xfrustum.scenes`, so that an error of one reader does not hide in the other.
-`python -m tests.second_reader FILE..` prints both readings of each file.
+Slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that an error of one
+reader does not hide in the other. `python -m tests.second_reader FILE..` prints both readings.
 """
 
-from tests.second_reader.model import Reading, Refused
-from tests.second_reader.reading import read, read_polygons, read_triangles
+from collections.abc import Callable
+from pathlib import Path
 
-__all__ = ["Reading", "Refused", "read", "read_polygons", "read_triangles"]
+from tests.second_reader import gltf, packages, ply, texts
+from tests.second_reader.model import Reading, Refused
+
+READERS: dict[str, Callable[[Path], Reading]] = {
+    ".obj": texts.read_obj,
+    ".off": texts.read_off,
+    ".stl": texts.read_stl,
+    ".ply": ply.read_ply,
+    ".glb": gltf.read_gltf,
+    ".gltf": gltf.read_gltf,
+    ".3mf": packages.read_3mf,
+    ".3dxml": packages.read_3dxml,
+}
+
+
+def read(path: Path) -> Reading:
+    """Read a mesh file; raise Refused where it has no right reading."""
+    if path.suffix.lower() not in READERS:
+        raise Refused(f"format {path.suffix}")
+    return READERS[path.suffix.lower()](path).checked()

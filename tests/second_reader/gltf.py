@@ -1,279 +1,268 @@
-"""glTF 2.0: scene, nodes, skins and morph targets at rest, topologies (sections 3.5 and 3.7)."""
+"""glTF 2.0 at rest: container, accessors, nodes, skins, morph targets and topologies.
+
+Sections in comments are those of the specification.
+"""
 
 from __future__ import annotations
 
+import base64
+import json
 import struct
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, unquote_to_bytes
 
-from tests.second_reader.gltf_data import Document, Rows
-from tests.second_reader.model import UNIT, Reading, Refused
-from tests.second_reader.placement import Placement, composed, identity, stated
+import numpy as np
+
+from tests.second_reader.model import ROUNDING, Floats, Placement, Reading, Refused
 
 #: Extensions that may be required: read here, or without any effect on geometry.
 READ = ("KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility")
 LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
-Vertex = tuple[list[float], list[float]]  #: position and the bound on its rounding
-Placed = tuple[list[float], list[float], float]  #: position, sizes of its terms, relative error
+COMPONENTS = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5125: "I", 5126: "f"}
+LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}  #: of normalized integers (3.11)
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
-def read(path: Path, unit: bool = True) -> Reading:
-    """Read the triangles of a glTF file; `unit`: divide quaternions by their length."""
+def read_gltf(path: Path) -> Reading:
+    """Read the triangles of a glTF file."""
     try:
-        document = Document(path)
-        refuse(document.json)
-        return Walk(document, unit).reading
-    except (LookupError, TypeError, AttributeError, ValueError, struct.error) as error:
+        return _Walk(path).reading
+    except (LookupError, TypeError, AttributeError, ValueError, struct.error, OSError) as error:
         raise Refused(f"an entry that is missing or of another type: {error}") from error
 
 
-def refuse(json: dict[str, Any]) -> None:
-    """Refuse versions and extensions without a right reading here."""
-    if not str(json.get("asset", {}).get("version", "")).startswith("2."):
-        raise Refused("not glTF 2")
-    if json["asset"].get("minVersion", "2.0") != "2.0":
-        raise Refused(f"needs glTF {json['asset']['minVersion']}")
-    for name in json.get("extensionsRequired", []):
-        if name not in READ and not name.startswith(LOOKS):
-            raise Refused(f"required extension {name}")
-    if "CESIUM_RTC" in {
-        **json.get("extensions", {}),
-        **dict.fromkeys(json.get("extensionsUsed", [])),
-    }:
-        raise Refused("CESIUM_RTC moves the whole scene")
+class _Document:
+    """JSON of a file and the bytes of its buffers."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder, text, self.binary = path.parent, path.read_bytes(), b""
+        if text[:4] == b"glTF":  # 4.4
+            version, length = struct.unpack_from("<II", text, 4)
+            if version != 2 or length > len(text):
+                raise Refused(f"GLB version {version} of {length} bytes")
+            chunks, place = [], 12
+            while place + 8 <= length:
+                size, kind = struct.unpack_from("<I4s", text, place)
+                if place + 8 + size > length:
+                    raise Refused("a chunk is cut off")
+                chunks.append((kind, text[place + 8 : place + 8 + size]))
+                place += 8 + size
+            text, self.binary = chunks[0][1], dict(chunks[1:2]).get(b"BIN\0", b"")
+        self.json: dict[str, Any] = json.loads(text.removeprefix(b"\xef\xbb\xbf"))
+
+    def buffer(self, index: int) -> bytes:
+        entry = self.json["buffers"][index]
+        uri, data = entry.get("uri"), self.binary
+        if uri is not None and uri.startswith("data:"):
+            kind, _, text = uri.partition(",")
+            data = base64.b64decode(text) if kind.endswith("base64") else unquote_to_bytes(text)
+        elif uri is not None:
+            data = (self.folder / unquote(uri)).read_bytes()
+        if len(data) < entry["byteLength"]:
+            raise Refused(f"buffer {index} is {len(data)} bytes, not {entry['byteLength']}")
+        return bytes(data[: entry["byteLength"]])
+
+    def accessor(self, index: int) -> Floats:
+        """Return (count, width): sparse elements replaced, normalized integers divided (3.6.2)."""
+        entry = self.json["accessors"][index]
+        form = (entry["componentType"], WIDTHS[entry["type"]])
+        rows = [(0,) * form[1]] * entry["count"]
+        if "bufferView" in entry:
+            rows = self._rows(entry, form, entry["count"])
+        if (sparse := entry.get("sparse")) is not None:
+            kind = sparse["indices"]["componentType"]
+            places = self._rows(sparse["indices"], (kind, 1), sparse["count"])
+            replaced = self._rows(sparse["values"], form, sparse["count"])
+            for (place,), row in zip(places, replaced, strict=True):
+                rows[place] = row
+        values: Floats = np.array(rows, np.float64).reshape(-1, form[1])
+        if entry.get("normalized"):
+            return np.asarray(np.maximum(values / LARGEST[form[0]], -1.0))
+        return values
+
+    def _rows(self, source: dict[str, Any], form: tuple[int, int], count: int) -> list[Any]:
+        """Read elements of a component type and a width from a buffer view."""
+        view = self.json["bufferViews"][source["bufferView"]]
+        start = view.get("byteOffset", 0)
+        data = self.buffer(view["buffer"])[start : start + view["byteLength"]]
+        code = f"<{form[1]}{COMPONENTS[form[0]]}"
+        step, place = view.get("byteStride") or struct.calcsize(code), source.get("byteOffset", 0)
+        if len(data) < view["byteLength"]:
+            raise Refused("a buffer view ends beyond its buffer")
+        return [struct.unpack_from(code, data, place + step * k) for k in range(count)]
 
 
-class Walk:
+class _Walk:
     """Nodes of the scene, in depth, children in their order."""
 
-    def __init__(self, document: Document, unit: bool) -> None:
-        self.document, self.unit, self.reading = document, unit, Reading()
-        nodes = document.json.get("nodes", [])
-        self.parents: dict[int, int] = {}
-        for parent, node in enumerate(nodes):
-            for child in node.get("children", []):
-                document.item("nodes", child)
-                if child in self.parents:
-                    raise Refused(f"node {child} has two parents")
-                self.parents[child] = parent
-        for node in range(len(nodes)):
-            self.above(node)
-        for root in self.roots():
-            if root in self.parents:
+    def __init__(self, path: Path) -> None:
+        self.document, self.reading = _Document(path), Reading()
+        tree = self.document.json
+        asset = tree["asset"]
+        if asset["version"][:2] != "2." or asset.get("minVersion", "2.0") != "2.0":
+            raise Refused("not glTF 2.0")
+        used = [*tree.get("extensionsUsed", []), *tree.get("extensions", {})]
+        required = tree.get("extensionsRequired", [])
+        unknown = [name for name in required if name not in READ and not name.startswith(LOOKS)]
+        if unknown or "CESIUM_RTC" in used:
+            raise Refused(f"extensions {unknown}")
+        self.nodes: list[dict[str, Any]] = tree.get("nodes", [])
+        children = [child for node in self.nodes for child in node.get("children", [])]
+        if len(set(children)) < len(children) or max(children, default=0) >= len(self.nodes):
+            raise Refused("a node has two parents, or does not exist")
+        roots = [k for k in range(len(self.nodes)) if k not in children]
+        self.places: dict[int, Placement] = {}
+        for root in roots:
+            self._place(root, Placement())
+        if len(self.places) < len(self.nodes):
+            raise Refused("nodes in a circle")
+        scenes = tree.get("scenes", [])
+        for root in scenes[tree.get("scene", 0)].get("nodes", []) if scenes else roots:
+            if root in children:
                 raise Refused(f"node {root} of the scene is not a root")
-            self.enter(root)
+            self._enter(root)
 
-    def roots(self) -> list[int]:
-        """Return the roots of the scene; of all nodes where the file has no scene."""
-        scenes = self.document.json.get("scenes", [])
-        if not scenes:
-            return [
-                k for k in range(len(self.document.json.get("nodes", []))) if k not in self.parents
-            ]
-        nodes: list[int] = self.document.item("scenes", self.document.json.get("scene", 0)).get(
-            "nodes", []
-        )
-        return nodes
+    def _place(self, number: int, above: Placement) -> None:
+        """Store the global transforms of a node and of the nodes below it (3.5.2)."""
+        node = self.nodes[number]
+        if "matrix" in node:
+            own = Placement(np.reshape(node["matrix"], (4, 4)).T)
+        else:
+            own = _composed(*(node.get(name) for name in ("translation", "rotation", "scale")))
+        self.places[number] = above @ own
+        for child in node.get("children", []):
+            self._place(child, self.places[number])
 
-    def above(self, node: int) -> list[int]:
-        """Return a node and its ancestors, the root last."""
-        chain = [node]
-        while chain[-1] in self.parents:
-            chain.append(self.parents[chain[-1]])
-            if chain[-1] == node:
-                raise Refused(f"node {node} is below itself")
-            if len(chain) > len(self.parents) + 1:
-                raise Refused("nodes in a circle")
-        return chain
-
-    def placement(self, node: int) -> Placement:
-        """Return the global transform of a node."""
-        placed = stated(identity())
-        for one in self.above(node):
-            placed = local(self.document.item("nodes", one), self.unit) @ placed
-        return placed
-
-    def enter(self, index: int) -> None:
-        """Draw a node and those below it; an invisible node hides them (KHR_node_visibility)."""
-        node = self.document.item("nodes", index)
-        if not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
+    def _enter(self, number: int) -> None:
+        """Add the meshes of a node and of the nodes below it, if visible."""
+        node = self.nodes[number]
+        extensions = node.get("extensions", {})
+        if not extensions.get("KHR_node_visibility", {}).get("visible", True):
             return
         if "mesh" in node:
-            self.draw(node, self.placement(index))
+            mesh = self.document.json["meshes"][node["mesh"]]
+            weights = node.get("weights", mesh.get("weights", []))
+            copies = [Placement()]
+            if (instancing := extensions.get("EXT_mesh_gpu_instancing")) is not None:
+                copies = self._instances(instancing["attributes"])
+                if "skin" in node:
+                    raise Refused("instances of a skinned mesh")
+            for copy in copies:
+                for primitive in mesh["primitives"]:
+                    place = self.places[number] @ copy
+                    self._primitive(primitive, weights, node.get("skin"), place)
         for child in node.get("children", []):
-            self.enter(child)
+            self._enter(child)
 
-    def draw(self, node: dict[str, Any], placed: Placement) -> None:
-        """Draw the mesh of a node, once for each instance."""
-        mesh = self.document.item("meshes", node["mesh"])
-        instancing = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
-        if instancing and "skin" in node:
-            raise Refused("instances of a skinned mesh")
-        copies = [stated(identity())]
-        if instancing:
-            copies = instances(self.document, instancing["attributes"], self.unit)
-        weights = node.get("weights", mesh.get("weights", []))
-        for copy in copies:
-            for primitive in mesh["primitives"]:
-                self.primitive(primitive, weights, node.get("skin"), placed @ copy)
+    def _instances(self, attributes: dict[str, int]) -> list[Placement]:
+        rows = {name: self.document.accessor(index) for name, index in attributes.items()}
+        [count] = {len(values) for values in rows.values()}
+        names = ("TRANSLATION", "ROTATION", "SCALE")
+        parts = [rows[name].tolist() if name in rows else [None] * count for name in names]
+        return [_composed(*three) for three in zip(*parts, strict=True)]
 
-    def primitive(
-        self,
-        primitive: dict[str, Any],
-        weights: Sequence[float],
-        skin: int | None,
-        placed: Placement,
+    def _primitive(
+        self, primitive: dict[str, Any], weights: list[float], skin: int | None, place: Placement
     ) -> None:
-        """Add the triangles of one primitive; one without positions is skipped (3.7.2.1)."""
-        attributes, mode = primitive.get("attributes", {}), primitive.get("mode", 4)
-        if "POSITION" not in attributes or mode in (0, 1, 2, 3):
+        """Add the triangles of a primitive; one without positions is skipped (3.7.2.1)."""
+        attributes, mode = primitive["attributes"], primitive.get("mode", 4)
+        if "POSITION" not in attributes or mode < 4:
             return
-        points = morphed(self.document, primitive, weights)
+        points, sizes, exact = self._morphed(primitive, weights)
         if skin is None:
-            vertices = [placed.of(*point) for point in points]
+            points, sizes = place.of(points, sizes)
+            exact &= place.exact
         else:
-            vertices = self.skinned(points, attributes, skin)
-        indices = list(range(len(points)))
+            points, sizes = self._skinned(points, sizes, attributes, skin)
+        if not exact or skin is not None:
+            rounding = ROUNDING * float(sizes.max(initial=0.0))
+            self.reading.rounding = max(self.reading.rounding, rounding)
+        order = list(range(len(points)))
         if "indices" in primitive:
-            indices = [int(row[0]) for row in self.document.accessor(primitive["indices"])]
-        if any(index >= len(points) for index in indices):
-            raise Refused(f"index {max(indices)} of {len(points)} vertices")
-        texture = None
-        if "TEXCOORD_0" in attributes:
-            texture = [(u, 1 - v) for u, v in self.document.accessor(attributes["TEXCOORD_0"])]
-        for a, b, c in topology(mode, indices):
-            corners = (a, c, b) if placed.mirrors() and skin is None else (a, b, c)
-            self.reading.add(
-                [vertices[k][0] for k in corners],
-                max(bound for k in corners for bound in vertices[k][1]),
-                None if texture is None else [texture[k] for k in corners],
-            )
+            order = [int(row[0]) for row in self.document.accessor(primitive["indices"])]
+        for a, b, c in _triangles(mode, order):
+            mirrored = place.mirrors and skin is None  # 3.7.4
+            self.reading.add(points, [a, c, b] if mirrored else [a, b, c])
 
-    def skinned(self, points: list[Placed], attributes: dict[str, int], index: int) -> list[Vertex]:
+    def _morphed(
+        self, primitive: dict[str, Any], weights: list[float]
+    ) -> tuple[Floats, Floats, bool]:
+        """Return positions with targets added (3.7.2.2), sizes of their terms, and exactness."""
+        accessors = self.document.json["accessors"]
+        targets = primitive.get("targets", [])
+        if len(weights) > len(targets):
+            raise Refused(f"{len(weights)} weights of {len(targets)} morph targets")
+        index = primitive["attributes"]["POSITION"]
+        points, exact = self.document.accessor(index), not accessors[index].get("normalized")
+        sizes = np.abs(points)
+        for target, weight in zip(targets, weights, strict=False):
+            if weight and "POSITION" in target:
+                added = weight * self.document.accessor(target["POSITION"])
+                points, sizes, exact = points + added, sizes + np.abs(added), False
+        return points, sizes, exact
+
+    def _skinned(
+        self, points: Floats, sizes: Floats, attributes: dict[str, int], index: int
+    ) -> tuple[Floats, Floats]:
         """Apply the joints alone: the transform of the skinned node is ignored (3.7.3.3)."""
-        skin = self.document.item("skins", index)
-        inverse = [stated(identity())] * len(skin["joints"])
+        skin = self.document.json["skins"][index]
+        joints = [self.places[joint] for joint in skin["joints"]]
         if "inverseBindMatrices" in skin:
-            rows = self.document.accessor(skin["inverseBindMatrices"])
-            inverse = [stated([list(row[k::4]) for k in range(4)]) for row in rows]
-        joints = [
-            self.placement(joint) @ back
-            for joint, back in zip(skin["joints"], inverse, strict=False)
+            back = self.document.accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
+            joints = [joint @ Placement(m.T) for joint, m in zip(joints, back, strict=False)]
+        moved, terms = np.zeros_like(points), np.zeros_like(points)
+        for vertex, influences in enumerate(self._influences(attributes)):
+            matrix = np.zeros((4, 4))
+            for name, share in influences:
+                placed, size = joints[name].of(points[vertex, None], sizes[vertex, None])
+                moved[vertex] += share * placed[0]
+                terms[vertex] += share * size[0]
+                matrix += share * joints[name].matrix
+            if abs(sum(share for _, share in influences) - 1) > 0.02:
+                raise Refused("weights of a vertex do not add up to one")
+            self.reading.oriented &= not Placement(matrix).mirrors  # the winding is left open
+        return moved, terms
+
+    def _influences(self, attributes: dict[str, int]) -> list[list[tuple[int, float]]]:
+        """Return the joints of each vertex and their weights."""
+        sets = range(sum(name.startswith("JOINTS_") for name in attributes))
+        names, shares = (
+            np.hstack([self.document.accessor(attributes[f"{kind}_{k}"]) for k in sets])
+            for kind in ("JOINTS", "WEIGHTS")
+        )
+        return [
+            [(int(n), share) for n, share in zip(*pair, strict=True) if share]
+            for pair in zip(names.tolist(), shares.tolist(), strict=True)
         ]
-        influences: list[list[tuple[int, float]]] = [[] for _ in points]
-        number = 0
-        while f"JOINTS_{number}" in attributes:
-            names = self.document.accessor(attributes[f"JOINTS_{number}"])
-            shares = self.document.accessor(attributes[f"WEIGHTS_{number}"])
-            for one, name, share in zip(influences, names, shares, strict=True):
-                one += [
-                    (int(joint), weight)
-                    for joint, weight in zip(name, share, strict=True)
-                    if weight
-                ]
-            number += 1
-        if any(blended(joints, influence).mirrors() for influence in influences):
-            # The node's transform gives the winding (3.7.4), and is ignored for a skin (3.7.3.3).
-            self.reading.oriented = False
-        return [weighed(joints, *pair) for pair in zip(influences, points, strict=True)]
 
 
-def blended(joints: list[Placement], influence: list[tuple[int, float]]) -> Placement:
-    """Return the weighted mean of the joints of a vertex."""
-    if not all(joint < len(joints) for joint, _ in influence):
-        raise Refused(f"joint {max(joint for joint, _ in influence)} of {len(joints)}")
-    rows = [[0.0] * 4 for _ in range(4)]
-    for joint, weight in influence:
-        for i in range(4):
-            for j in range(4):
-                rows[i][j] += weight * joints[joint].matrix[i][j]
-    return stated(rows)
+def _composed(translation: Any, rotation: Any, scale: Any) -> Placement:
+    """Return the map T R S; the rotation is a quaternion x, y, z, w (3.5.3)."""
+    placement = Placement(np.diag([*(scale or (1.0, 1.0, 1.0)), 1.0]))
+    if rotation is not None:
+        x, y, z, w = np.array(rotation) / np.linalg.norm(rotation)
+        turn, sizes = np.eye(4), np.eye(4)
+        turn[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        sizes[:3, :3] = 3.0  # terms of an entry add up to at most 3, also where they cancel
+        placement = Placement(turn, sizes) @ placement
+    if translation is not None:
+        matrix = np.eye(4)
+        matrix[:3, 3] = translation
+        placement = Placement(matrix) @ placement
+    return placement
 
 
-def weighed(joints: list[Placement], influence: list[tuple[int, float]], point: Placed) -> Vertex:
-    """Return the weighted mean of a vertex as each joint places it.
-
-    Weights add up to one but for the rounding of their storage; whether that rest is divided out
-    is open, so that it is part of the bound.
-    """
-    total = sum(weight for _, weight in influence)
-    if not influence or abs(total - 1) > 0.02:
-        raise Refused(f"weights of a vertex add up to {total}")
-    position, bounds = [0.0] * 3, [0.0] * 3
-    for joint, weight in influence:
-        placed, errors = joints[joint].of(*point)
-        for k in range(3):
-            position[k] += weight * placed[k]
-            rest = (abs(total - 1) + (len(influence) + 1) * UNIT * (weight != 1)) * abs(placed[k])
-            bounds[k] += weight * (errors[k] + rest)
-    return position, bounds
-
-
-def local(node: dict[str, Any], unit: bool) -> Placement:
-    """Return the transform of a node: its matrix, stored by columns, or T R S (3.5.3)."""
-    if "matrix" in node:
-        values = [float(value) for value in node["matrix"]]
-        return stated([values[k::4] for k in range(4)])
-    return composed(
-        node.get("translation", (0.0, 0.0, 0.0)),
-        node.get("rotation", (0.0, 0.0, 0.0, 1.0)),
-        node.get("scale", (1.0, 1.0, 1.0)),
-        unit,
-    )
-
-
-def instances(document: Document, attributes: dict[str, int], unit: bool) -> list[Placement]:
-    """Return the transform of each instance within its node."""
-    rows = {name: document.accessor(index) for name, index in attributes.items()}
-    counts = {len(values) for values in rows.values()}
-    if len(counts) != 1:
-        raise Refused(f"attributes of instances of counts {sorted(counts)}")
-    count = counts.pop()
-    moved = rows.get("TRANSLATION", [(0.0, 0.0, 0.0)] * count)
-    turned = rows.get("ROTATION", [(0.0, 0.0, 0.0, 1.0)] * count)
-    scaled = rows.get("SCALE", [(1.0, 1.0, 1.0)] * count)
-    return [composed(*three, unit) for three in zip(moved, turned, scaled, strict=True)]
-
-
-def morphed(
-    document: Document, primitive: dict[str, Any], weights: Sequence[float]
-) -> list[Placed]:
-    """Return positions, targets added by their weights (3.7.2.2), with sizes and relative error."""
-
-    def values(index: int) -> tuple[Rows, float]:
-        normalized = document.item("accessors", index).get("normalized")
-        return document.accessor(index), 2 * UNIT if normalized else 0.0
-
-    base, relative = values(primitive["attributes"]["POSITION"])
-    points = [list(map(float, row)) for row in base]
-    sizes = [[abs(value) for value in row] for row in points]
-    targets = primitive.get("targets", [])
-    if len(weights) > len(targets):
-        raise Refused(f"{len(weights)} weights of {len(targets)} morph targets")
-    for target, weight in zip(targets, weights, strict=False):
-        if not weight or "POSITION" not in target:
-            continue
-        rows, own = values(target["POSITION"])
-        if len(rows) != len(points):
-            raise Refused(f"a morph target of {len(rows)} positions for {len(points)}")
-        relative = max(relative, own) + 2 * UNIT
-        for point, size, row in zip(points, sizes, rows, strict=True):
-            for k in range(3):
-                point[k] += weight * row[k]
-                size[k] += abs(weight * row[k])
-    return [(point, size, relative) for point, size in zip(points, sizes, strict=True)]
-
-
-def topology(mode: int, indices: list[int]) -> list[tuple[int, int, int]]:
+def _triangles(mode: int, p: list[int]) -> list[tuple[int, int, int]]:
     """Return triangles by the formulas of section 3.7.2.1."""
-    p = indices
     if mode == 4:
         if len(p) % 3:
             raise Refused(f"{len(p)} indices of triangles")
         return [(p[i], p[i + 1], p[i + 2]) for i in range(0, len(p), 3)]
     if mode == 5:
         return [(p[i], p[i + 1 + i % 2], p[i + 2 - i % 2]) for i in range(len(p) - 2)]
-    if mode == 6:
-        return [(p[i + 1], p[i + 2], p[0]) for i in range(len(p) - 2)]
-    raise Refused(f"primitive mode {mode}")
+    return [(p[i + 1], p[i + 2], p[0]) for i in range(len(p) - 2)]

@@ -1,7 +1,8 @@
-"""Result of the second reader: polygons with a bound on their rounding, or a refusal."""
+"""Result of the second reader, words of text formats, and matrices with a bound on rounding."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-UNIT = 2.0**-53  #: relative rounding error of one operation in double precision
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z")
+#: Relative rounding of a coordinate over the sum of its absolute terms: three matrices, morph
+#: targets and joints are some forty operations in double precision.
+ROUNDING = 64 * 2.0**-53
 
 
 class Refused(Exception):
@@ -22,25 +26,71 @@ class Reading:
     """Polygons of a file in its own order."""
 
     polygons: list[Floats] = field(default_factory=list)  #: (n, 3) each, n >= 3, double precision
-    #: Distance up to which two right readings of each polygon may differ per coordinate; 0 where
-    #: the file states the coordinates themselves.
-    rounding: list[float] = field(default_factory=list)
-    texture: list[Floats | None] = field(default_factory=list)  #: (n, 2) each; v = 0 at the bottom
-    #: False where the specification leaves open which way a triangle faces: joints that mirror.
+    #: Bound on the rounding of a coordinate; 0 where the file states the coordinates themselves.
+    rounding: float = 0.0
+    #: False where the specification leaves the winding open: joints that mirror.
     oriented: bool = True
 
-    def add(self, polygon: Any, rounding: float = 0.0, texture: Any = None) -> None:
-        """Append one polygon."""
-        self.polygons.append(np.asarray(polygon, dtype=np.float64).reshape(-1, 3))
-        self.rounding.append(rounding)
-        self.texture.append(
-            None if texture is None else np.asarray(texture, dtype=np.float64).reshape(-1, 2)
-        )
+    def add(self, vertices: Floats, corners: list[int], least: int = 3) -> None:
+        """Append the polygon of some vertices; refuse indices of none."""
+        if len(corners) < least or not all(0 <= corner < len(vertices) for corner in corners):
+            raise Refused(f"corners {corners} of {len(vertices)} vertices")
+        self.polygons.append(vertices[corners])
 
     def checked(self) -> Reading:
         """Return the reading; refuse one without polygons or with numbers that are not finite."""
-        if not self.polygons:
-            raise Refused("no triangles")
-        if not np.isfinite(np.concatenate(self.polygons)).all():
-            raise Refused("coordinates that are not finite")
+        if not self.polygons or not np.isfinite(np.concatenate(self.polygons)).all():
+            raise Refused("no triangles, or coordinates that are not finite")
         return self
+
+
+def number(word: bytes) -> float:
+    """Read a decimal number: no inf, nan or 1_000."""
+    if not _NUMBER.match(word):
+        raise Refused(f"{word!r} is no number")
+    return float(word)
+
+
+def integer(word: bytes) -> int:
+    """Read a whole number."""
+    if not re.match(rb"[+-]?\d+\Z", word):
+        raise Refused(f"{word!r} is no whole number")
+    return int(word)
+
+
+def plain_lines(data: bytes) -> list[bytes]:
+    """Split a text into lines, whatever their ends; a byte-order mark is left out."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        data = data.decode("utf-16").encode()
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+
+
+class Placement:
+    """Affine map (4, 4), with the sums of the absolute values of the terms of each entry."""
+
+    def __init__(self, matrix: Any = None, sizes: Any = None) -> None:
+        self.matrix: Floats = np.eye(4) if matrix is None else np.asarray(matrix, np.float64)
+        self.sizes: Floats = np.abs(self.matrix) if sizes is None else sizes
+
+    def __matmul__(self, inner: Placement) -> Placement:
+        """Return the map that applies `inner` first."""
+        return Placement(self.matrix @ inner.matrix, self.sizes @ inner.sizes)
+
+    def of(self, points: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+        """Place points (V, 3) of terms of some sizes; return them and the sizes of their terms."""
+        if np.array_equal(self.matrix, np.eye(4)):
+            return points, sizes
+        linear, moved = self.matrix[:3, :3], self.matrix[:3, 3]
+        return points @ linear.T + moved, sizes @ self.sizes[:3, :3].T + self.sizes[:3, 3]
+
+    @property
+    def exact(self) -> bool:
+        """Whether placed points are not rounded."""
+        return np.array_equal(self.matrix, np.eye(4))
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether the determinant is negative."""
+        (a, b, c), (d, e, f), (g, h, i) = self.matrix[:3, :3].tolist()
+        return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0)

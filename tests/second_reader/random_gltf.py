@@ -6,171 +6,144 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
-from tests.second_reader.making import BYTE, FLOAT, SHORT, UBYTE, UINT, USHORT, Gltf
 from tests.second_reader.model import Floats
+from tests.support.gltf_writer import Writer
 
 EXTENSIONS = ["KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility"]
-KINDS = {BYTE: 127, UBYTE: 255, SHORT: 32767, USHORT: 65535}
-NUMPY = {BYTE: "i1", UBYTE: "u1", SHORT: "<i2", USHORT: "<u2", UINT: "<u4", FLOAT: "<f4"}
+INTEGERS = ("<i1", "<u1", "<i2", "<u2")
 
 
-def random_gltf(seed: int) -> bytes:
-    """Return a file of up to three meshes in a random tree of up to seven nodes."""
-    random = np.random.default_rng(seed)
-    file = Gltf(extensionsUsed=EXTENSIONS, extensionsRequired=EXTENSIONS)
-    nodes = int(random.integers(1, 8))
-    for number in range(nodes):
-        file.node(**placement(random))
-        if number and random.random() < 0.7:
-            parent = file.json["nodes"][int(random.integers(number))]
+def random_gltf(seed: int) -> Writer:
+    """Return a document of up to three meshes in a random tree of up to seven nodes."""
+    random, writer = np.random.default_rng(seed), Writer()
+    writer.tree |= {"extensionsUsed": EXTENSIONS, "extensionsRequired": EXTENSIONS}
+    nodes: list[dict[str, Any]] = writer.tree["nodes"]
+    for number in range(int(random.integers(1, 8))):
+        parent = nodes[int(random.integers(number))] if number and random.random() < 0.7 else None
+        writer.node(root=parent is None, **_placement(random))
+        if parent is not None:
             parent.setdefault("children", []).append(number)
-    meshes = [mesh(file, random, skinned=False) for _ in range(int(random.integers(1, 4)))]
-    skinned = mesh(file, random, skinned=True)
-    for node in file.json["nodes"]:
-        chance = random.random()
+    meshes = [_mesh(writer, random, skinned=False) for _ in range(int(random.integers(1, 4)))]
+    skinned = _mesh(writer, random, skinned=True)
+    for number, node in enumerate(nodes):
+        chance, extensions = random.random(), dict[str, Any]()
         if chance < 0.15:
-            node |= {"mesh": skinned, "skin": skin(file, random, nodes)}
+            node |= {"mesh": skinned, "skin": _skin(writer, random, len(nodes))}
         elif chance < 0.8:
             node["mesh"] = int(random.choice(meshes))
             if random.random() < 0.3:
-                extensions = node.setdefault("extensions", {})
-                extensions["EXT_mesh_gpu_instancing"] = {"attributes": instances(file, random)}
+                extensions["EXT_mesh_gpu_instancing"] = {"attributes": _instances(writer, random)}
         if "mesh" in node and random.random() < 0.2:
-            targets = file.json["meshes"][node["mesh"]]["primitives"][0].get("targets", [])
-            if targets:
-                node["weights"] = random.normal(size=len(targets)).tolist()
+            targets = writer.tree["meshes"][node["mesh"]]["primitives"][0].get("targets", [])
+            node["weights"] = random.normal(size=len(targets)).tolist()
         if random.random() < 0.1:
-            hidden = {"visible": bool(random.random() < 0.3)}
-            node.setdefault("extensions", {})["KHR_node_visibility"] = hidden
-    return file.glb()
+            extensions["KHR_node_visibility"] = {"visible": bool(random.random() < 0.3)}
+        nodes[number]["extensions"] = extensions
+    return writer
 
 
-def placement(random: Generator) -> dict[str, Any]:
-    """Return a random transform of a node: none, a matrix, or parts of T R S, mirrored or not."""
+def _placement(random: Generator) -> dict[str, Any]:
+    """Return a random transform of a node: a matrix, or parts of T R S, mirrored or not."""
     if random.random() < 0.2:
         matrix = np.eye(4)
         matrix[:3] = random.normal(size=(3, 4))
         return {"matrix": matrix.T.ravel().tolist()}
-    parts: dict[str, Any] = {}
-    if random.random() < 0.6:
-        parts["translation"] = (random.normal(size=3) * 10.0 ** random.integers(0, 7)).tolist()
-    if random.random() < 0.6:
-        parts["rotation"] = unit(random, 1)[0].tolist()
-    if random.random() < 0.6:
-        parts["scale"] = (random.choice([-1, 1], 3) * random.uniform(0.2, 3, 3)).tolist()
-    return parts
+    parts = {
+        "translation": random.normal(size=3) * 10.0 ** random.integers(0, 7),
+        "rotation": _unit(random, 1)[0],
+        "scale": random.choice([-1, 1], 3) * random.uniform(0.2, 3, 3),
+    }
+    return {name: part.tolist() for name, part in parts.items() if random.random() < 0.6}
 
 
-def unit(random: Generator, count: int) -> Floats:
-    """Return random quaternions of length one."""
+def _unit(random: Generator, count: int) -> Floats:
     rows = random.normal(size=(count, 4))
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
-def instances(file: Gltf, random: Generator) -> dict[str, int]:
-    """Return attributes of instances, at least one."""
+def _instances(writer: Writer, random: Generator) -> dict[str, int]:
+    """Return attributes of instances, at least one attribute."""
     count = int(random.integers(1, 5))
-    found = {}
+    kind = str(random.choice(["<f4", "<i1", "<i2"]))
+    turns = _unit(random, count) * (1 if kind == "<f4" else np.iinfo(kind).max)
+    turns = turns if kind == "<f4" else np.rint(turns)
+    sizes = random.choice([-1, 1], (count, 3)) * random.uniform(0.2, 3, (count, 3))
+    attributes = {"SCALE": writer.array(sizes.astype("<f4"))}
     if random.random() < 0.7:
-        found["TRANSLATION"] = file.accessor(random.normal(size=(count, 3)))
+        attributes["TRANSLATION"] = writer.array(random.normal(size=(count, 3)).astype("<f4"))
     if random.random() < 0.7:
-        turns = unit(random, count)
-        kind = int(random.choice([FLOAT, BYTE, SHORT]))
-        whole = turns if kind == FLOAT else np.rint(turns * KINDS[kind])
-        more = {} if kind == FLOAT else {"normalized": True}
-        found["ROTATION"] = file.accessor(whole, (kind, "VEC4"), **more)
-    if random.random() < 0.7 or not found:
-        found["SCALE"] = file.accessor(
-            random.choice([-1, 1], (count, 3)) * random.uniform(0.2, 3, (count, 3))
-        )
-    return found
+        more = {} if kind == "<f4" else {"normalized": True}
+        attributes["ROTATION"] = writer.array(turns.astype(kind), **more)
+    return attributes
 
 
-def mesh(file: Gltf, random: Generator, skinned: bool) -> int:
-    """Add a mesh of one or two primitives with the same count of morph targets."""
+def _mesh(writer: Writer, random: Generator, skinned: bool) -> int:
+    """Add a mesh of one or two primitives with the same number of morph targets."""
     targets = int(random.integers(0, 3))
     primitives = [
-        primitive(file, random, targets, skinned) for _ in range(int(random.integers(1, 3)))
+        _primitive(writer, random, targets, skinned) for _ in range(int(random.integers(1, 3)))
     ]
-    entry: dict[str, Any] = {"primitives": primitives}
-    if targets and random.random() < 0.8:
-        entry["weights"] = random.normal(size=targets).tolist()
-    return file.add("meshes", **entry)
+    weights = {"weights": random.normal(size=targets).tolist()} if random.random() < 0.8 else {}
+    return writer.add("meshes", primitives=primitives, **weights)
 
 
-def primitive(file: Gltf, random: Generator, targets: int, skinned: bool) -> dict[str, Any]:
-    """Return a primitive of random positions, indices and mode."""
+def _primitive(writer: Writer, random: Generator, targets: int, skinned: bool) -> dict[str, Any]:
     count = int(random.integers(3, 12))
-    attributes = {"POSITION": vectors(file, random, count)}
+    attributes = {"POSITION": _vectors(writer, random, count)}
     if skinned:
-        weights = random.dirichlet(np.ones(4), count)
-        whole = np.rint(weights * 255)
-        whole[:, 3] = 255 - whole[:, :3].sum(axis=1)
-        negative = whole[:, 3] < 0
-        whole[negative] = [255, 0, 0, 0]
-        attributes["JOINTS_0"] = file.accessor(random.integers(0, 2, (count, 4)), (UBYTE, "VEC4"))
-        attributes["WEIGHTS_0"] = file.accessor(whole, (UBYTE, "VEC4"), normalized=True)
+        first = random.integers(0, 256, (count, 1))
+        weights = np.hstack([first, 255 - first, first * 0, first * 0]).astype("<u1")
+        joints = random.integers(0, 2, (count, 4)).astype("<u1")
+        attributes["JOINTS_0"] = writer.array(joints)
+        attributes["WEIGHTS_0"] = writer.array(weights, normalized=True)
     mode = int(random.choice([4, 4, 5, 6]))
-    found: dict[str, Any] = {"attributes": attributes, "mode": mode}
-    if random.random() < 0.7:
+    primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
+    if mode == 4 or random.random() < 0.7:
         length = 3 * int(random.integers(1, 6)) if mode == 4 else int(random.integers(3, 12))
-        values = random.integers(0, count, length).astype(np.float64).reshape(-1, 1)
-        form = (int(random.choice([UBYTE, USHORT, UINT])), "SCALAR")
-        start = values.copy()
-        more = sparse(file, random, (values, start), form)
-        found["indices"] = file.accessor(start, form, **more)
-    elif mode == 4:
-        found["mode"] = int(random.choice([5, 6]))
+        kind = str(random.choice(["<u1", "<u2", "<u4"]))
+        indices = random.integers(0, count, length).astype(kind)
+        primitive["indices"] = writer.array(indices, **_sparse(writer, random, indices[:, None]))
     if targets:
-        found["targets"] = [{"POSITION": vectors(file, random, count)} for _ in range(targets)]
-    return found
+        primitive["targets"] = [
+            {"POSITION": _vectors(writer, random, count)} for _ in range(targets)
+        ]
+    return primitive
 
 
-def vectors(file: Gltf, random: Generator, count: int) -> int:
+def _vectors(writer: Writer, random: Generator, count: int) -> int:
     """Add an accessor of vectors of a random component type, sparse or not."""
-    rows = random.uniform(-1, 1, (count, 3))
-    kind = int(random.choice([FLOAT, FLOAT, *KINDS]))
-    if kind != FLOAT:
-        low = 0 if kind in (UBYTE, USHORT) else -KINDS[kind]
-        rows = random.integers(low, KINDS[kind] + 1, (count, 3)).astype(np.float64)
-    start = rows.copy()
-    more = sparse(file, random, (rows, start), (kind, "VEC3"))
-    final = rows.astype(NUMPY[kind]).astype(np.float64)
-    more |= {"min": final.min(axis=0).tolist(), "max": final.max(axis=0).tolist()}
-    if kind != FLOAT and random.random() < 0.7:
-        more["normalized"] = True
-    return file.accessor(start, (kind, "VEC3"), **more)
+    kind = str(random.choice(["<f4", "<f4", *INTEGERS]))
+    rows = random.uniform(-1, 1, (count, 3)).astype("<f4")
+    more: dict[str, Any] = {}
+    if kind != "<f4":
+        bounds = np.iinfo(kind)
+        rows = random.integers(bounds.min, bounds.max + 1, (count, 3)).astype(kind)
+        more = {"normalized": bool(random.random() < 0.7)}
+    return writer.array(rows, **more, **_sparse(writer, random, rows))
 
 
-def sparse(
-    file: Gltf, random: Generator, rows: tuple[Floats, Floats], form: tuple[int, str]
-) -> dict[str, Any]:
-    """Return replacements of some rows by the first array; the second becomes the one replaced in."""
-    values, start = rows
+def _sparse(writer: Writer, random: Generator, rows: NDArray[Any]) -> dict[str, Any]:
+    """Return the parts of an accessor that stores some rows as zeros and then replaces them."""
     if random.random() < 0.7:
         return {}
-    chosen = np.sort(random.choice(len(start), int(random.integers(1, len(start))), replace=False))
-    start[chosen] = 0
-    kind = int(random.choice([UBYTE, USHORT, UINT]))
-    places = file.view(chosen.astype(NUMPY[kind]).tobytes())
-    replaced = file.view(values[chosen].astype(NUMPY[form[0]]).tobytes())
-    indices = {"bufferView": places, "componentType": kind}
-    return {
-        "sparse": {"count": len(chosen), "indices": indices, "values": {"bufferView": replaced}}
-    }
+    chosen = np.sort(random.choice(len(rows), int(random.integers(1, len(rows))), replace=False))
+    base = rows.copy()
+    base[chosen] = 0
+    places = {"bufferView": writer.view(chosen.astype("<u1").tobytes()), "componentType": 5121}
+    values = {"bufferView": writer.view(rows[chosen].tobytes())}
+    sparse = {"count": len(chosen), "indices": places, "values": values}
+    return {"sparse": sparse, "bufferView": writer.view(base.tobytes())}
 
 
-def skin(file: Gltf, random: Generator, nodes: int) -> int:
+def _skin(writer: Writer, random: Generator, nodes: int) -> int:
     """Add a skin of two joints, with or without inverse bind matrices."""
-    joints = random.integers(0, nodes, 2).tolist()
-    if joints[0] == joints[1]:
-        joints = joints[:1] * 1 + [(joints[0] + 1) % nodes]
-    entry: dict[str, Any] = {"joints": joints}
+    first = int(random.integers(nodes))
+    entry: dict[str, Any] = {"joints": [first, (first + 1) % nodes]}
     if random.random() < 0.7:
-        matrices = np.zeros((2, 4, 4))
+        matrices = np.zeros((2, 4, 4), "<f4")
         matrices[:, 3, 3] = 1
         matrices[:, :3] = random.normal(size=(2, 3, 4))
-        columns = matrices.transpose(0, 2, 1).reshape(2, 16)
-        entry["inverseBindMatrices"] = file.accessor(columns, (FLOAT, "MAT4"))
-    return file.add("skins", **entry)
+        entry["inverseBindMatrices"] = writer.array(matrices.transpose(0, 2, 1).reshape(2, 16))
+    return writer.add("skins", **entry)

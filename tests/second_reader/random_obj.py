@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-OTHERS = [
+from tests.second_reader.model import Floats
+
+_OTHERS = [
     "o part",
     "g a b",
     "usemtl red",
@@ -23,29 +25,28 @@ def random_obj(seed: int) -> bytes:
     random = np.random.default_rng(seed)
     statements: list[str] = []
     counts = {"v": 0, "vt": 0, "vn": 0}
+
+    def add(kind: str, values: list[float]) -> None:
+        statements.append(" ".join([kind, *(_number(random, value) for value in values)]))
+        counts[kind] += 1
+
     for _ in range(int(random.integers(1, 8))):
-        statements.append(str(random.choice(OTHERS)))
-        corners = outline(random)
-        color = random.random() < 0.2
+        statements.append(str(random.choice(_OTHERS)))
+        corners, first = _outline(random), counts["v"]
+        color = random.random(3 * int(random.random() < 0.2)).tolist()
         for corner in corners.tolist():
-            words = [number(random, value) for value in corner]
-            words += [number(random, value) for value in random.random(3).tolist()] if color else []
-            statements.append(" ".join(["v", *words]))
-        counts["v"] += len(corners)
+            add("v", corner + color)
         for kind, width in (("vt", 2), ("vn", 3)):
             for _ in range(int(random.integers(0, 4))):
-                values = random.normal(size=width).tolist()
-                statements.append(" ".join([kind, *(number(random, value) for value in values)]))
-                counts[kind] += 1
-        first = counts["v"] - len(corners)
-        statements.append(face(random, list(range(first, counts["v"])), counts))
+                add(kind, random.normal(size=width).tolist())
+        statements.append(_face(random, list(range(first, counts["v"])), counts))
         for _ in range(int(random.integers(0, 4))):
             chosen = random.choice(counts["v"], 3, replace=False).tolist()
-            statements.append(face(random, chosen, counts))
-    return written(random, statements)
+            statements.append(_face(random, chosen, counts))
+    return _written(random, statements)
 
 
-def outline(random: Generator) -> np.ndarray:
+def _outline(random: Generator) -> Floats:
     """Return a star-shaped polygon in a random plane, its corners exact."""
     count = int(random.integers(3, 10))
     angles = np.sort(random.random(count) + np.arange(count)) * (2 * np.pi / count)
@@ -58,47 +59,42 @@ def outline(random: Generator) -> np.ndarray:
     return np.asarray(place + flat[:, :1] * across + flat[:, 1:] * along)
 
 
-def face(random: Generator, places: list[int], counts: dict[str, int]) -> str:
+def _face(random: Generator, places: list[int], counts: dict[str, int]) -> str:
     """Return a face with or without texture and normals, its indices absolute or relative."""
-    kinds = ["v", *(kind for kind in ("vt", "vn") if counts[kind] and random.random() < 0.5)]
+    kinds = {kind: bool(n and random.random() < 0.5) for kind, n in counts.items()}
     words = []
     for place in places:
-        parts = {"v": place} | {kind: int(random.integers(counts[kind])) for kind in kinds[1:]}
-        texts = {
-            k: str(n + 1 if random.random() < 0.5 else n - counts[k]) for k, n in parts.items()
-        }
-        words.append("/".join([texts["v"], texts.get("vt", ""), texts.get("vn", "")]).rstrip("/"))
+        parts = []
+        for kind, count in counts.items():
+            index = place if kind == "v" else int(random.integers(max(count, 1)))
+            text = str(index + 1 if random.random() < 0.5 else index - count)
+            parts.append(text if kind == "v" or kinds[kind] else "")
+        words.append("/".join(parts).rstrip("/"))
     return " ".join(["f", *words])
 
 
-def number(random: Generator, value: float) -> str:
+def _number(random: Generator, value: float) -> str:
     """Return a number in one of its forms, all digits kept."""
     text = repr(value)
-    form = random.random()
-    if form < 0.2 and value >= 0:
-        return "+" + text
-    if form < 0.4:
-        return f"{value:.17e}" if form < 0.3 else f"{value:.17E}"
-    return text.removesuffix("0") if form < 0.6 and text.endswith(".0") else text
+    forms = [text, "+" + text if value >= 0 else text, f"{value:.17e}", f"{value:.17E}"]
+    forms.append(text.removesuffix("0") if text.endswith(".0") else text)
+    return str(random.choice(forms))
 
 
-def written(random: Generator, statements: list[str]) -> bytes:
+def _written(random: Generator, statements: list[str]) -> bytes:
     """Return statements as text: line ends, blanks, comments, continued lines, byte-order mark."""
     end = str(random.choice(["\n", "\r\n", "\r"]))
-    style = random.random(5) < 0.4
+    blanks, indents, continued, comments, mark = random.random(5) < 0.4
     lines = []
-    for statement in statements:
-        line = statement
-        if style[0]:
-            line = line.replace(" ", str(random.choice(["\t", "  ", " \t"])))
-        if style[1]:
-            line = str(random.choice(["", " ", "\t"])) + line + str(random.choice(["", " ", "\t "]))
-        if style[2] and random.random() < 0.3 and line.lstrip()[:1] == "f":
-            words = line.split()
+    for line in statements:
+        if blanks:
+            line = line.replace(" ", str(random.choice(["\t", "  ", " \t"])))  # noqa: PLW2901
+        words = line.split()
+        if continued and words[:1] == ["f"]:
             middle = int(random.integers(1, len(words)))
-            line = " ".join(words[:middle]) + " \\" + end + " ".join(words[middle:])
-        elif style[3] and random.random() < 0.3:
-            line += str(random.choice([" # note", "# f 1 2 3", " #"]))
-        lines.append(line)
+            line = f"{' '.join(words[:middle])} \\{end}{' '.join(words[middle:])}"  # noqa: PLW2901
+        elif comments:
+            line += str(random.choice(["", " # note", "# f 1 2 3", " #"]))  # noqa: PLW2901
+        lines.append(("\t " if indents else "") + line)
     text = end.join(lines) + ("" if random.random() < 0.2 else end)
-    return (b"\xef\xbb\xbf" if style[4] else b"") + text.encode()
+    return (b"\xef\xbb\xbf" if mark else b"") + text.encode()

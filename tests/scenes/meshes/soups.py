@@ -1,32 +1,30 @@
-"""Triangle soups of mesh files, by which twins are compared."""
+"""Mesh files of tests, and the comparison of both readers with shapes in closed form."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import pytest
+from numpy.typing import ArrayLike
 
+from tests.second_reader import read
+from tests.second_reader.compare import difference, product_triangles
+from tests.second_reader.model import Reading
+from tests.second_reader.polygons import cut
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 
-INPUTS = Path(__file__).resolve().parents[4] / "shared" / "data" / "inputs"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+INPUTS = DATA / "inputs"
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="no folder of test data beside the checkout"
+)
 
-
-def soup(path: Path) -> Floats:
-    """Return (F, 9) corners of a mesh's triangles, each from its least corner on, in ascending order."""
-    mesh = load_mesh(path)
-    found = []
-    for triangle in mesh.vertices[mesh.faces].tolist():
-        least = triangle.index(min(triangle))
-        found.append(
-            [number for corner in triangle[least:] + triangle[:least] for number in corner]
-        )
-    return np.array(sorted(found))
-
-
-def area(path: Path) -> float:
-    """Return the area of a mesh's triangles."""
-    mesh = load_mesh(path)
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+#: Corners without any symmetry, exact in float32, and the four triangles of their tetrahedron.
+CORNERS: Floats = np.array([[0, 0, 0], [4, 0, 0], [1, 3, 0], [1, 1, 5]], dtype=np.float64)
+FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
+SOUP: Floats = CORNERS[np.array(FACES)]
+#: Corners in coordinates of a survey, which float32 would round to half a meter.
+UTM: Floats = CORNERS + np.array([500_000.123456789, 5_412_345.987654321, 431.5])
 
 
 def written(folder: Path, name: str, content: str | bytes) -> Path:
@@ -34,3 +32,13 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
+
+
+def assert_reads(path: Path, polygons: Iterable[ArrayLike], rounding: float = 0.0) -> None:
+    """Assert that both readers read the triangles of some polygons (n, 3), in any order and cut."""
+    right = Reading([np.asarray(one, np.float64) for one in polygons], rounding)
+    assert difference(product_triangles(path), right) is None, "product"
+    second = read(path)
+    triangles = np.array([one for polygon in second.polygons for one in cut(polygon)])
+    right.rounding = max(rounding, second.rounding)
+    assert difference(triangles, right) is None, "second reader"

@@ -1,0 +1,151 @@
+"""Normals and colors of meshes, carried along by placing, refining and smoothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from tests.support.long_tail import examples
+from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
+
+ROUNDING = 1e-12
+"""A few dozen operations of doubles on values of size one round to 1e-14; matrices here may be so close to
+singular that they lose two digits more."""
+
+MATRICES = npst.arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).filter(
+    lambda matrix: abs(matrix[0] @ np.cross(matrix[1], matrix[2])) > 0.1
+)
+VECTORS = npst.arrays(np.float64, (3, 3), elements=st.floats(-1, 1))
+
+
+def alone(part: SceneObject) -> Scene:
+    frustum = Frustum(resolution=(4, 4), reach=(10.0, 10.0), fov=(1.0, 1.0))
+    return Scene(
+        name="one", plate=Plate(size=(1, 1), hogels=(1, 1)), frustum=frustum, objects=(part,)
+    )
+
+
+def normals_of(part: SceneObject) -> Floats:
+    assert part.vertex_normals is not None
+    return part.vertex_normals
+
+
+def colors_of(part: SceneObject) -> Floats:
+    assert part.vertex_colors is not None
+    return part.vertex_colors
+
+
+def winding_normals(part: SceneObject) -> Floats:
+    a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+    return np.cross(b - a, c - a)
+
+
+@settings(deadline=None, derandomize=True)
+@given(matrix=MATRICES, corners=VECTORS, shift=st.tuples(*[st.floats(-3, 3)] * 3))
+def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
+    matrix: Floats, corners: Floats, shift: tuple[float, float, float]
+) -> None:
+    """Whatever the matrix, mirrors included: the moved normal is that of the moved triangle."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    if np.linalg.norm(normal) < 0.05:
+        return
+    part = SceneObject(
+        name="t",
+        vertices=corners,
+        faces=np.array([[0, 1, 2]]),
+        vertex_normals=np.tile(normal, (3, 1)),
+    )
+    scene_from_mesh = np.eye(4)
+    scene_from_mesh[:3, :3], scene_from_mesh[:3, 3] = matrix, shift
+    moved = place(part, scene_from_mesh)
+    [upright] = winding_normals(moved)
+    for kept in normals_of(moved):
+        cosine = kept @ upright / np.linalg.norm(kept) / np.linalg.norm(upright)
+        assert cosine == pytest.approx(1, abs=1e-9)
+    lengths = [np.linalg.norm(matrix @ direction) for direction in np.eye(3)]
+    assert max(lengths) <= magnification(scene_from_mesh) * (1 + ROUNDING)
+
+
+@examples(30)
+@given(
+    normals=VECTORS,
+    colors=VECTORS,
+    weights=st.tuples(st.floats(0, 1), st.floats(0, 1)),
+    levels=st.integers(1, 3),
+)
+def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
+    normals: Floats, colors: Floats, weights: tuple[float, float], levels: int
+) -> None:
+    one, two = sorted(weights)
+    shares = np.array([one, two - one, 1 - two])
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    part = SceneObject(
+        name="t",
+        vertices=corners,
+        faces=np.array([[0, 1, 2]]),
+        vertex_normals=normals,
+        vertex_colors=colors,
+    )
+    fine = refine(alone(part), levels).objects[0]
+    point = shares @ corners
+    # The part of the triangle that the point lies in, and its place there.
+    local = [
+        np.linalg.solve(np.vstack([fine.vertices[face].T[:2], np.ones(3)]), [*point[:2], 1])
+        for face in fine.faces
+    ]
+    inside = int(np.argmax([min(place) for place in local]))
+    for coarse, values in ((normals, normals_of(fine)), (colors, colors_of(fine))):
+        np.testing.assert_allclose(
+            local[inside] @ values[fine.faces[inside]], shares @ coarse, atol=ROUNDING
+        )
+
+
+def test_a_corner_without_a_normal_leaves_all_of_its_triangle_flat_however_fine() -> None:
+    normals = np.array([[0.0, 0, 1], [0, 0, 1], [np.nan] * 3, [0, 0, 1]])
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, -1, 0]])
+    part = SceneObject(
+        name="t", vertices=corners, faces=np.array([[0, 1, 2], [1, 0, 3]]), vertex_normals=normals
+    )
+    fine = refine(alone(part), 2).objects[0]
+    smooth = np.isfinite(normals_of(fine)[fine.faces]).all(axis=(1, 2))
+    assert smooth.tolist() == [False] * 16 + [True] * 16
+
+
+def test_smoothing_does_not_depend_on_how_flat_faces_are_cut() -> None:
+    """Every face of a box in two triangles, or in eight: the corners have the same normals."""
+    box = build_shape("box")
+    fine = smoothed(refine(alone(box), 1).objects[0])
+    coarse = smoothed(box)
+    np.testing.assert_allclose(
+        normals_of(fine)[: len(box.vertices)], normals_of(coarse), atol=1e-15
+    )
+
+
+def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there() -> None:
+    box = build_shape("box")
+    loose = SceneObject(
+        name="soup",
+        vertices=box.vertices[box.faces].reshape(-1, 3),
+        faces=np.arange(36).reshape(-1, 3),
+    )
+    normals = normals_of(smoothed(loose))
+    np.testing.assert_allclose(normals, np.sign(loose.vertices) / np.sqrt(3), atol=1e-15)
+    own = np.full((8, 3), np.nan)
+    own[5] = (0, 1, 0)
+    kept = normals_of(smoothed(replace(box, vertex_normals=own)))
+    np.testing.assert_array_equal(kept[5], [0, 1, 0])
+    assert np.isfinite(kept).all()
+
+
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> None:
+    """24 bands of 7.5 degrees: a mean of the facets around a point is off by far less than one of them."""
+    ball = build_shape("sphere")
+    ball = smoothed(replace(ball, vertices=ball.vertices * size))
+    outward = ball.vertices / size / 0.5
+    assert np.einsum("vx,vx->v", outward, normals_of(ball)).min() > np.cos(np.radians(0.5))

@@ -1,0 +1,435 @@
+"""OBJ, OFF, PLY and STL as exporters write them: the right triangles, or one line with the reason."""
+
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.scenes.meshes.soups import (
+    CORNERS,
+    FACES,
+    INPUTS,
+    SOUP,
+    UTM,
+    assert_reads,
+    needs_data,
+    written,
+)
+from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.meshes.mesh_file import load_mesh
+
+Content = str | bytes
+
+OBJ_POINTS = "v 0 0 0\nv 4 0 0\nv 1 3 0\nv 1 1 5\n"
+OBJ = OBJ_POINTS + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+_CORNERS = (
+    "vt 0 0\nvt 1 0\nvn 0 0 1\nf 1/1/1 3/2/1 2/1/1\nf 1//1 2//1 4//1\nf 2/1 3/2 4/2\nf 3 1 4\n"
+)
+OBJ_ALIKE: dict[str, Content] = {
+    "UTF-8 mark and CR LF": b"\xef\xbb\xbf" + OBJ.replace("\n", "\r\n").encode(),
+    "UTF-16": OBJ.encode("utf-16"),
+    "CR": OBJ.replace("\n", "\r"),
+    "mixed line ends": OBJ.replace("\n", "\r\n", 2).replace("\nf", "\rf"),
+    "tabs": OBJ.replace(" ", "\t \t"),
+    "indents": OBJ.replace("v ", "  v  ").replace("f ", "\tf "),
+    "capitals": OBJ.upper(),
+    "no last line end": OBJ.rstrip(),
+    "comments": "# v 9 9 9\n" + OBJ.replace("0\n", "0 # 9\n").replace("f 1 3 2", "f 1 3 2#4"),
+    "comment that ends in a backslash": "# C:\\meshes\\\n" + OBJ.replace("f 1 3 2", "f 1 3 2 # \\"),
+    "continued": OBJ.replace("f 1 3 2", "f 1 \\\n 3 \\\r\n2").replace("v 4 0", "v 4\\\n0"),
+    "faces first": OBJ[len(OBJ_POINTS) :] + OBJ_POINTS,
+    "relative": OBJ_POINTS + "f -4 3 -3\nf 1 -3 4\nv 9 9 9\nf -4 -3 -2\nf 3 1 4\n",
+    "forms of numbers": "v +0 -0 0.\nv 4.e0 .0 0e5\nv 1E+0 3.000 -0.0\nv 10e-1 +1. 5\n" + OBJ[32:],
+    "weights of one": OBJ.replace("0\nv", "0 1.0\nv"),
+    "colors": OBJ.replace("0\nv", "0 0.5 0.25 1\nv").replace("5\nf", "5 1 1 1\nf"),
+    "names like statements": "g f 1 2 3\no v 1 2 3\nusemtl f\ns off\nmtllib v 1 2 3.mtl\n" + OBJ,
+    "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n" + OBJ,
+    "Latin-1": b"# caf\xe9\x85f 1 2 3\ng \xfc\n" + OBJ.encode(),
+    "blank lines": "\n\n \t\n" + OBJ.replace("\n", "\n\n \n"),
+    "points and lines": OBJ_POINTS + "p 1 2\nl 1 2 3\n" + OBJ[len(OBJ_POINTS) :],
+    "four forms of corners": OBJ_POINTS + _CORNERS,
+    "materials in turns": OBJ.replace("f 2", "usemtl b\nf 2").replace("f 1", "usemtl a\nf 1"),
+}  # fmt: skip
+
+OFF_POINTS = OBJ_POINTS.replace("v ", "")
+OFF_FACES = "3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+OFF = f"OFF\n4 4 6\n{OFF_POINTS}{OFF_FACES}"
+
+
+def off(kind: str, more: str, points: str = OFF_POINTS) -> str:
+    """Return a file of some kind, with more numbers at each vertex."""
+    return f"{kind}\n4 4 6\n{points.replace(chr(10), f' {more}{chr(10)}')}{OFF_FACES}"
+
+
+OFF_ALIKE: dict[str, Content] = {
+    "one number a line": OFF.replace(" ", "\n"),
+    "comments": "# made\n" + OFF.replace("OFF\n", "OFF # by\n").replace("0\n", "0 # 1 2\n\n"),
+    "CR LF": OFF.replace("\n", "\r\n"),
+    "UTF-8 mark": "\ufeff" + OFF,
+    "no header": OFF.removeprefix("OFF\n"),
+    "counts beside the header": OFF.replace("OFF\n", "OFF "),
+    "colors of faces": OFF.replace("2 1\n", "2 1 7\n").replace("2 3\n", "2 3 0.1 0.2 0.3 1\n"),
+    "COFF": off("COFF", "0.1 0.2 0.3 1"),
+    "NOFF": off("NOFF", "0 0 1"),
+    "STCNOFF": off("STCNOFF", "0 0 1 0.5 0.5 0.5 1 0 1"),
+    "C4OFF": off("C4OFF", "1 0 0 1", "0 0 0 1\n8 0 0 2\n-4 -12 0 -4\n.5 .5 2.5 .5\n"),
+}
+
+CODES = {"char": "b", "uchar": "B", "short": "h", "int": "i", "uint": "I", "float": "f", "double": "d"}  # fmt: skip
+ORDERS = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
+
+
+def ply(
+    order: str = "",
+    types: tuple[str, str, str] = ("float", "uchar", "int"),
+    corners: Floats = CORNERS,
+    faces: tuple[tuple[int, ...], ...] = FACES,
+) -> bytes:
+    """Return a PLY file with some types of coordinates, counts and indices, and an element edge."""
+    point, count, index = types
+    header = (
+        f"ply\nformat {ORDERS[order]} 1.0\nelement vertex {len(corners)}\nproperty uchar flag\n"
+    )
+    header += "".join(f"property {point} {axis}\n" for axis in "xyz")
+    header += "property list uchar short links\nelement edge 1\nproperty int vertex1\n"
+    header += f"element face {len(faces)}\nproperty list {count} {index} vertex_indices\n"
+    header += "property uchar red\nend_header\n"
+    rows: list[list[tuple[str, float]]] = [
+        [("B", 7), *((CODES[point], value) for value in row), ("B", 2), ("h", 1), ("h", -2)]
+        for row in corners.tolist()
+    ]
+    rows.append([("i", 0)])
+    rows += [
+        [(CODES[count], len(one)), *((CODES[index], k) for k in one), ("B", 9)] for one in faces
+    ]
+    rows = [[(code, value if code in "fd" else int(value)) for code, value in row] for row in rows]
+    if order == "":
+        lines = [" ".join(repr(value) for _, value in row) + "\n" for row in rows]
+        return (header + "".join(lines)).encode()
+    packed = [struct.pack(order + code, value) for row in rows for code, value in row]
+    return header.encode() + b"".join(packed)
+
+
+PLY, BINARY = ply(), ply("<")
+FACES_FIRST = (
+    "ply\nformat ascii 1.0\nobj_info 1 2\nelement face 4\nproperty list uchar int vertex_index\n"
+    "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+)
+HEADER_LINES = BINARY.partition(b"end_header")[0].count(b"\n") + 1
+PLY_TYPES = [
+    ("float", "uchar", "int"),
+    ("double", "int", "uint"),
+    ("short", "uint", "char"),
+    ("int", "char", "short"),
+]
+PLY_ALIKE: dict[str, Content] = {
+    **{f"{ORDERS[order]} of {t}": ply(order, t) for order in ORDERS for t in PLY_TYPES},
+    "indices of floats": ply("", ("float", "uchar", "float")),
+    "CR LF": PLY.replace(b"\n", b"\r\n"),
+    "UTF-8 mark": b"\xef\xbb\xbf" + PLY,
+    "vertex_index": PLY.replace(b"vertex_indices", b"vertex_index"),
+    "CR before bytes": BINARY.replace(b"\n", b"\r", HEADER_LINES),
+    "faces first": FACES_FIRST + OFF_FACES + OFF_POINTS,
+}
+
+
+def stl(corners: Floats = SOUP, header: bytes = b"") -> bytes:
+    """Return a binary STL file."""
+    facets = [struct.pack("<12fH", 0, 0, 0, *one.ravel(), 0) for one in corners]
+    return header.ljust(80, b" ") + struct.pack("<I", len(facets)) + b"".join(facets)
+
+
+def stl_text(corners: Floats = SOUP, name: str = "") -> str:
+    """Return one solid of a text STL file."""
+    facets = ""
+    for one in corners.tolist():
+        vertices = "\n".join("    vertex {!r} {!r} {!r}".format(*corner) for corner in one)
+        facets += f"facet normal 0 0 1\n  outer loop\n{vertices}\n  endloop\nendfacet\n"
+    return f"solid {name}\n{facets}endsolid {name}\n"
+
+
+STL = stl_text()
+STL_ALIKE: dict[str, Content] = {
+    "binary": stl(),
+    "binary that begins with solid": stl(header=b"solid x\nfacet normal 0 0 1"),
+    "text": STL,
+    "CR LF and tabs": STL.replace("\n", "\r\n").replace("  ", "\t"),
+    "capitals": STL.upper(),
+    "name like statements": stl_text(name="facet normal vertex 1 2 3"),
+    "two solids": stl_text(SOUP[:2], "a") + stl_text(SOUP[2:], "b").rstrip("\n"),
+}
+ALIKE = [
+    pytest.param(f"a.{kind}", content, id=f"{kind}: {name}")
+    for kind, files in {"obj": OBJ_ALIKE, "off": OFF_ALIKE, "ply": PLY_ALIKE, "stl": STL_ALIKE}.items()
+    for name, content in files.items()
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content"), ALIKE)
+def test_both_readers_read_the_same_tetrahedron(
+    name: str, content: Content, tmp_path: Path
+) -> None:
+    weighted = isinstance(content, str) and content.startswith("C4OFF")
+    assert_reads(written(tmp_path, name, content), SOUP, 2.0**-50 if weighted else 0.0)
+
+
+UTM_LINES = "".join("{!r} {!r} {!r}\n".format(*corner) for corner in UTM.tolist())
+UTM_FILES: dict[str, Content] = {
+    "a.obj": "".join(f"v {line}\n" for line in UTM_LINES.splitlines()) + OBJ[len(OBJ_POINTS) :],
+    "a.off": f"OFF\n4 4 6\n{UTM_LINES}{OFF_FACES}",
+    "text.ply": ply("", ("double", "uchar", "int"), UTM),
+    "big.ply": ply(">", ("double", "uchar", "int"), UTM),
+    "a.stl": stl_text(UTM[np.array(FACES)]),
+}
+
+
+@pytest.mark.parametrize("name", UTM_FILES)
+def test_coordinates_of_a_survey_keep_every_bit(name: str, tmp_path: Path) -> None:
+    assert_reads(written(tmp_path, name, UTM_FILES[name]), UTM[np.array(FACES)])
+
+
+#: Letter C with a corner on a straight side, in an oblique plane: no fan of it is right.
+LETTER: Floats = np.array(
+    [[0, 0], [3, 0], [6, 0], [6, 1], [1, 1], [1, 4], [6, 4], [6, 5], [0, 5]]
+) @ np.array([[2.0, 1, 2], [-2, 2, 1]]) + np.array([1000.0, -2000, 500])
+POLYGONS = (tuple(range(9)), (0, 1, 3), (3, 1, 0, 8))
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "text.ply", "little.ply"])
+def test_concave_polygons_are_cut_in_their_plane(kind: str, tmp_path: Path) -> None:
+    points = "".join("{!r} {!r} {!r}\n".format(*corner) for corner in LETTER.tolist())
+    faces = [" ".join(map(str, (len(one), *one))) for one in POLYGONS]
+    content: Content = f"OFF\n9 3 0\n{points}{faces[0]} 0.5 0.5 0.5\n{faces[1]}\n{faces[2]}\n"
+    if kind == "obj":
+        content = "".join(f"v {line}\n" for line in points.splitlines())
+        content += "".join(f"f {' '.join(str(k + 1) for k in one)}\n" for one in POLYGONS)
+    elif kind != "off":
+        content = ply(
+            "" if kind == "text.ply" else "<", ("float", "uchar", "int"), LETTER, POLYGONS
+        )
+    assert_reads(written(tmp_path, f"a.{kind}", content), [LETTER[list(one)] for one in POLYGONS])
+
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+OBJ_REFUSED = {
+    "f 0 1 2": "line 5: a corner has an index of 0",
+    "f 1 2 5": "line 5: faces point past the vertices, of which the file has 4: index 5; export",
+    "f 1 2 -5": "line 5: faces point past the vertices, of which the file has 4: index -5",
+    "f 1 2": "line 5: a face has 2 corners, and needs three",
+    "f 1/1 2/1 3/1": "line 5: faces point past the texture coordinates, of which the file has 0",
+    "vt 0 0\nf 1/1 2/1 3": "line 6: some corners of a face have texture coordinates, some have none",
+    "f 1/1/1/1 2 3": "line 5: a corner has more than three indices",
+    "f 1 2 3.5": "line 5: a corner is no number",
+    "f /1 /2 /3": "line 5: a corner has no vertex",
+    "f \\\n1 2 \\\n3\nf 1 2 9": "line 8: faces point past the vertices",
+    "v 1 2\nf 1 2 3": "line 5: a vertex needs three coordinates",
+    "v 1 2 3 2\nf 1 2 3": "line 5: the fourth coordinate is a weight of rational surfaces, and is 2",
+    "v 1 2 3.1+e2\nf 1 2 3": "line 5: 'v 1 2 3.1+e2' has a word that is no number",
+    "v 1 2 \x14.0\nf 1 2 3": "line 5: 'v 1 2 \x7f.0' has a word that is no number",
+    "v 1,5 2 3\nf 1 2 3": "line 5: 'v 1,5 2 3' has a word that is no number",
+    "vn 0 1\nf 1 2 3": "line 5: a normal (vn) has three numbers",
+    "surf 0 1 0 1 1 2 3 4\nf 1 2 3": "line 5: 'surf' is a free-form surface",
+    "call other.obj\nf 1 2 3": "line 5: 'call' is another file or a command",
+    "made by hand\nf 1 2 3": "line 5: 'made' is no statement of OBJ",
+    "f 1 3 2 4": "line 5: the face crosses or covers itself",
+}
+
+OFF_REFUSED = {
+    "cut off within a face": (OFF[:-4], "line 10: face 3 of 4 is cut off or damaged"),
+    "cut off within vertices": (OFF[:20], "ends within vertex 1 of 4"),
+    "a face too few": (OFF.replace("4 4 6", "4 5 6"), "line 10: face 4 of 5 is cut off"),
+    "a face too many": (OFF.replace("4 4 6", "4 3 6"), "line 10: the file goes on after 3 faces"),
+    "too many numbers": (off("OFF", "9 9"), "line 3: a vertex has 5 numbers"),
+    "flat points": (OFF.replace(OFF_POINTS, "0 0\n4 0\n1 3\n1 1\n"),
+                    "line 3: a vertex has 2 numbers, and the header says 3"),
+    "binary": ("OFF BINARY\n\x00\x00", "binary OFF is not read"),
+    "dimensions": ("4nOFF\n3\n" + OFF[4:], "nOFF, of any number of dimensions, is not read"),
+    "index": (OFF.replace("3 2 0 3", "3 2 0 4"), "faces point past the vertices"),
+    "negative index": (OFF.replace("3 2 0 3", "3 2 0 -1"), "faces point past the vertices"),
+    "broken index": (OFF.replace("3 2 0 3", "3 2 0 2.5"), "corners of faces are not whole numbers"),
+    "word": (OFF.replace("1 3 0", "1 one 0"), "line 5: '1 one 0' has a word that is no number"),
+    "no faces": ("OFF\n1 0 0\n0 0 0\n", "no triangles: 1 vertices, and no faces of three corners"),
+    "nothing": ("OFF\n", "has no counts"),
+}  # fmt: skip
+
+CLOUD = "ply\nformat ascii 1.0\nelement vertex 1\n{}end_header\n0 0 0{}\n"
+XYZ = "".join(f"property float {axis}\n" for axis in "xyz")
+SPLAT = "".join(f"property float {name}\n" for name in ("f_dc_0", "opacity", "scale_0", "rot_0"))
+LONG = OFF_FACES.replace("\n", " 9\n")
+PLY_REFUSED: dict[str, tuple[Content, str]] = {
+    "cut off": (PLY[:-10], "the header declares 9 lines of elements, and the file has 8"),
+    "too long": (PLY + b"3 0 1 2\n", "declares 9 lines of elements, and the file has 10"),
+    "cut off in binary": (ply("<", faces=FACES[:1] + POLYGONS[2:])[:-3], "ends within face 1 of 2"),
+    "vertices cut off in binary": (BINARY[:-80], "the file is cut off"),
+    "too long in binary": (BINARY + b"\0\0", "the header declares 132 bytes of elements, file has 134"),
+    "short line": (PLY.replace(b"7 1.0 1.0 5.0 2 1 -2", b"7 1.0 1.0"), "has another number of values"),
+    "long line": (PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"), "has another number of values"),
+    "list too long": (PLY.replace(b"3 2 0 3 9", b"5 2 0 3 9"), "has another number of values"),
+    "two corners": (ply(faces=((0, 1),)), "face 0 has 2 corners, and needs three"),
+    "index": (ply(faces=((0, 1, 4),)), "(index 4, 4 vertices)"),
+    "broken index": (ply("", ("float", "uchar", "float")).replace(b"3 2 0 3", b"3 2 0 2.5"), "no whole"),
+    "too large for its type": (PLY.replace(b"uchar int", b"uchar char").replace(b"2 0 3 9", b"2 0 300 9"),
+                               "does not fit its type"),
+    "unknown type": (PLY.replace(b"uchar int", b"uchar long"), "'property list uchar long"),
+    "property twice": (PLY.replace(b"float z", b"float y"), "property y is declared twice"),
+    "list of x": (CLOUD.format(XYZ.replace("float x", "list uchar float x"), ""),
+                  "x of vertices is a list, and must be one number"),
+    "no header": ("ply\nformat ascii 1.0\n", "begins with 'ply' and has an 'end_header'"),
+    "version": (PLY.replace(b"ascii 1.0", b"ascii 2.0"), "line 2: 'format ascii 2.0'"),
+    "point cloud": (CLOUD.format(XYZ, ""), "no triangles: a point cloud: 1 point, no faces"),
+    "splats": (CLOUD.format(XYZ + SPLAT, " 0 0 0 0"), "Gaussian splats: 1 point, no faces"),
+}  # fmt: skip
+
+STL_REFUSED: dict[str, tuple[Content, str]] = {
+    "cut off": (stl()[:-20], "header says 4 triangles = 284 bytes, file has 264"),
+    "too long": (stl() + b"\r\n", "header says 4 triangles = 284 bytes, file has 286"),
+    "cut off, named solid": (stl(header=b"solid")[:-20], "header says 4 triangles = 284 bytes"),
+    "header alone": (stl()[:50], "the file has 50 bytes, fewer than the header of a binary STL"),
+    "no triangles": (stl(SOUP[:0]), "no triangles"),
+    "no end": (STL.replace("endsolid", ""), "the file is cut off after 4 facets"),
+    "cut off in a facet": (STL[: STL.rindex("endloop")], "the file is cut off after 3 facets"),
+    "facet of four": (STL.replace("  endloop", "vertex 0 0 0\nendloop", 1),
+                      "line 7: 'vertex 0 0 0' where 'endloop'"),
+    "broken vertex": (STL.replace("vertex ", "vertex x", 1), "has a word that is no number"),
+    "flat vertex": (STL.replace("vertex 0.0 0.0 0.0", "vertex 1 2", 1),
+                    "line 4: a vertex needs three coordinates"),
+}  # fmt: skip
+REFUSED: list[tuple[str, Content, str]] = [
+    *[("a.obj", f"{SQUARE}{line}\nf 1 2 3\n", f"a.obj, {why}") for line, why in OBJ_REFUSED.items()],
+    ("a.obj", b"PK\3\4 ..", "a.obj: is an archive, and no OBJ"),
+    ("a.obj", b"\n<?xml?>", "a.obj: is XML or HTML, and no OBJ"),
+    *[("a.off", *case) for case in OFF_REFUSED.values()],
+    *[("a.ply", *case) for case in PLY_REFUSED.values()],
+    *[("a.stl", *case) for case in STL_REFUSED.values()],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content", "reason"), REFUSED, ids=lambda case: str(case)[:30])
+def test_a_damaged_file_is_refused_with_the_place(
+    name: str, content: Content, reason: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=re.escape(reason)):
+        load_mesh(written(tmp_path, name, content))
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("number_formats.obj", r"number_formats\.obj, line 11: 'v 1e\+2 2\.e\+1 3\.1\+e2'"),
+        ("hostile/ply-tristrips.ply", r"triangle strips \(element tristrips\) are not read"),
+        ("hostile/3mf-required-extension.3mf", "requires the extension http://x/y"),
+    ],
+)
+def test_shared_files_are_refused_by_name(name: str, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        load_mesh(INPUTS / name)
+
+
+FACETS = np.frombuffer(stl(), offset=84, dtype=np.dtype([("normal", "<f4", 3), ("rest", "<f4", 9), ("color", "<u2")]))  # fmt: skip
+
+
+def turned_facets() -> bytes:
+    """Return facets whose first normal opposes the winding, and whose second has a color."""
+    facets = FACETS.copy()
+    facets["normal"][0], facets["color"][1] = (0, 0, 1), 5
+    return stl()[:84] + facets.tobytes()
+
+
+UNREAD: list[tuple[str, Content, list[str]]] = [
+    ("a.obj", SQUARE + "l 1 2\nf 1 2 3\n", ["lines (l)"]),
+    ("a.obj", SQUARE + "p 1\nf 1 2 3\n", ["points (p)"]),
+    ("a.obj", SQUARE + "vp 0 1\ncurv 0 1 1 2\nf 1 2 3\n", ["free-form curves"]),
+    ("a.obj", SQUARE + "s 1\nf 1 2 3\n", ["smoothing groups (s)"]),
+    ("a.obj", SQUARE + "v 0 0 1 1 0 0\nf 1 2 3\n", ["colors at vertices"]),
+    ("a.obj", SQUARE + "mtllib ../a.mtl\nf 1 2 3\n", ["material library ../a.mtl"]),
+    ("a.obj", SQUARE + "mtllib empty.mtl\nf 1 2 3\n", ["material library empty.mtl"]),
+    ("a.off", off("STOFF", "0 1"), ["texture coordinates"]),
+    ("a.off", OFF_ALIKE["colors of faces"], ["colors of faces"]),
+    ("a.ply", PLY, ["colors of faces", "element edge"]),
+    ("a.stl", turned_facets(), ["attributes of facets", "normals of facets"]),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "features"), UNREAD, ids=lambda case: str(case)[-30:])
+def test_features_that_are_not_drawn_are_listed(
+    name: str, content: Content, features: list[str], tmp_path: Path
+) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    written(tmp_path, "a.mtl", "newmtl a\nmap_Kd w.png\n")  # outside of the mesh's folder
+    written(inner, "empty.mtl", "")
+    assert [one.feature for one in load_mesh(written(inner, name, content)).unread] == features
+
+
+def test_values_at_corners_are_those_of_the_file(tmp_path: Path) -> None:
+    """Texture coordinates, normals of any length and colors of one corner, by its place."""
+
+    def at(mesh: SceneObject, name: str, corner: tuple[float, ...]) -> list[float]:
+        [place] = np.flatnonzero((mesh.vertices == corner).all(axis=1))
+        values: list[float] = getattr(mesh, name)[place].tolist()
+        return values
+
+    statements = "vt 0.25 0.5\nvt 1\nvn 0 3 4\nvn 0 0 0\nf 1/1/1 2/2/2 3/1/1\n"
+    obj = load_mesh(written(tmp_path, "a.obj", SQUARE.replace("0 0 0", "0 0 0 1 0 0") + statements))
+    assert at(obj, "uv", (0, 0, 0)) == [0.25, 0.5] and at(obj, "uv", (1, 0, 0)) == [1.0, 0.0]
+    assert at(obj, "vertex_normals", (0, 0, 0)) == [0, 0.6, 0.8]
+    assert np.isnan(at(obj, "vertex_normals", (1, 0, 0))).all()
+    assert at(obj, "vertex_colors", (0, 0, 0)) == [1, 0, 0]
+    assert at(obj, "vertex_colors", (1, 0, 0)) == [1, 1, 1]  # listed as unread, and white
+    off_mesh = load_mesh(written(tmp_path, "a.off", off("CNOFF", "0 0 3 255 0 0 255")))
+    assert off_mesh.vertex_normals is not None and off_mesh.vertex_colors is not None
+    assert off_mesh.vertex_normals.tolist() == [[0, 0, 1]] * 4
+    assert off_mesh.vertex_colors.tolist() == [[1, 0, 0]] * 4
+    header = PLY.replace(
+        b"float x", b"float x\nproperty float nx\nproperty float ny\nproperty float nz"
+    )
+    rows = re.sub(rb"\n7 (\S+)", rb"\n7 \1 0 3 4", header)
+    ply_mesh = load_mesh(written(tmp_path, "a.ply", rows))
+    assert ply_mesh.vertex_normals is not None
+    assert ply_mesh.vertex_normals.tolist() == [[0, 0.6, 0.8]] * 4
+
+
+def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a b.png")
+    options = "map_Kd -s 2 2 1 -clamp on a b.png\n"
+    written(tmp_path, "one.mtl", f"newmtl wood\nKd 1 1 1\nmap_Ks a.png\n{options}newmtl a\nd 1.0\n")
+    written(tmp_path, "two.mtl", "newmtl b\nd 0.5\n")
+    statements = "#mtllib x.mtl\nmtllib one.mtl two.mtl # here\nvt 0 0\nvt 1 0\nvt 1 1\n"
+    for name, face in {
+        "wood # oak": "1/1 2/2 3/3",
+        "a": "1 3 4",
+        "b": "1 2 4",
+        "c": "2 3 4",
+    }.items():
+        statements += f"usemtl {name}\nf {face}\n"
+    mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements))
+    assert mesh.texture_of_triangle is not None  # the last material comes first
+    assert mesh.texture_of_triangle.tolist() == [-1, -1, -1, 0]
+    assert [one.feature for one in mesh.unread] == [
+        "material c", "statements d, map_Kd -clamp, map_Kd -s, map_Ks of materials",
+    ]  # fmt: skip
+
+
+def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path: Path) -> None:
+    faces = "usemtl b\nf 1 2 3\nusemtl a\nf 1 3 4\nusemtl b\nf 2 3 4\nusemtl c\nf 1 2 4\n"
+    mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + faces))
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    order = [[0, 1, 3], [0, 2, 3], [0, 1, 2], [1, 2, 3]]
+    np.testing.assert_array_equal(mesh.vertices[mesh.faces], corners[order])
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["beetle-alt.obj", "teapot.obj"])
+def test_triangles_and_vertices_are_those_of_trimesh(name: str) -> None:
+    mesh, other = (
+        load_mesh(INPUTS.parent / name),
+        trimesh.load_mesh(str(INPUTS.parent / name), process=False),
+    )
+    np.testing.assert_array_equal(mesh.faces, other.faces)
+    np.testing.assert_array_equal(mesh.vertices, other.vertices)
