@@ -416,7 +416,7 @@ def judge_frames(
                     predict=predict_s / len(settings),
                     causes=causes_s,
                 ),
-                gpu_s=frame.drawn.times["draw"].gpu_s,
+                gpu_s=frame.drawn.gpu_s,
             )
         )
     return judged

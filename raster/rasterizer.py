@@ -3,6 +3,7 @@
 Means of color over the pixel's box and over the aperture are drawn in tiles (band limiting).
 """
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,8 +15,7 @@ from xfrustum.raster.cameras.cameras import FilmWindow, Pass, drawing_order
 from xfrustum.raster.device.context import (
     POSITION_BYTES,
     ContextOwner,
-    GpuTimer,
-    StageTime,
+    GpuClock,
     check_room,
     describe,
     open_context,
@@ -114,10 +114,11 @@ SINGLE_SAMPLE = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """An image, and the time of `draw`, and of `read`: read-back, positions, and means of color."""
+    """A hogel image and the time that it took."""
 
     image: HogelImage
-    times: dict[str, StageTime]
+    gpu_s: float  #: time of drawing by the device's own clock, s
+    read_s: float  #: wall time of read-back, positions, and means of color, s
 
 
 class Rasterizer(ContextOwner):
@@ -230,20 +231,20 @@ class Rasterizer(ContextOwner):
             target = self._target(self.scene.frustum.resolution, settings.depth)
             effects = self.effects_for(settings)
             passes = drawing_order(self.scene, aperture, settings, effects)
-            timer = GpuTimer()
-            with timer.stage("draw"):
+            clock = GpuClock()
+            with clock:
                 # A software renderer reads the clock once for each tile, when it works on that
                 # tile. The flush keeps the query that begins the stage out of the batch with the
                 # one that ends it.
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
-            with timer.stage("read"):
-                identity = target.read_identity()
-                # The identity is zero where nothing was drawn.
-                triangle = np.asarray(identity[..., 0].view(np.int32) - 1)
-                position = self._position(target, passes, identity)
-                seen = self._color(target, aperture, settings, sampling) if color else None
-            times = timer.collect()
+            start = time.perf_counter()
+            identity = target.read_identity()
+            # The identity is zero where nothing was drawn.
+            triangle = np.asarray(identity[..., 0].view(np.int32) - 1)
+            position = self._position(target, passes, identity)
+            seen = self._color(target, aperture, settings, sampling) if color else None
+            read_s, gpu_s = time.perf_counter() - start, clock.seconds()
         image = HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
@@ -253,16 +254,7 @@ class Rasterizer(ContextOwner):
             color=seen,
             rendering=Rendering.from_effects(effects, sampling) if color else None,
         )
-        return Drawn(image=image, times=times)
-
-    def draw_only(self, aperture: Aperture, settings: DoubleFrustum) -> None:
-        """Draw the picture of `render` without color, and wait: this is to measure what reading costs."""
-        settings.check_against(self.scene.frustum)
-        with self._context:
-            target = self._target(self.scene.frustum.resolution, settings.depth)
-            passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
-            self._draw(target, passes, settings, color=False)
-            GL.glFinish()
+        return Drawn(image=image, gpu_s=gpu_s, read_s=read_s)
 
     def render_color(
         self, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling = SINGLE_SAMPLE

@@ -2,12 +2,10 @@
 
 import ctypes
 import os
-import time
 import warnings
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -241,61 +239,31 @@ def _extensions() -> Iterator[bytes]:
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
 
-NANOSECOND = 1e-9  #: seconds in a nanosecond, the unit of OpenGL's timestamps
+NANOSECOND = 1e-9  #: seconds in the unit of OpenGL's timestamps
 
 
-@dataclass(frozen=True, kw_only=True)
-class StageTime:
-    """The time of one stage."""
+class GpuClock:
+    """Time of a block in the current context by two timestamps in the device's own queue.
 
-    #: Seconds between two timestamps in the device's own queue: the time that the device needed,
-    #: whenever that was
-    gpu_s: float
-    #: Seconds that the processor spent on giving the orders. A software renderer transforms
-    #: vertices in this time; a GPU works in parallel.
-    wall_s: float
-
-
-class GpuTimer:
-    """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
-
-    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect`
-    waits for them.
+    The device may execute the block later; only `seconds` waits for it.
     """
 
-    def __init__(self) -> None:
-        self._queries: list[tuple[str, int, int]] = []
-        self._wall: dict[str, float] = {}
+    def __enter__(self) -> Self:
+        self._queries = [int(query) for query in GL.glGenQueries(2)]
+        GL.glQueryCounter(self._queries[0], GL.GL_TIMESTAMP)
+        return self
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Charge the orders that the block gives to the stage, also when the block raises."""
-        begin, end = (int(query) for query in GL.glGenQueries(2))
-        self._queries.append((name, begin, end))
-        start = time.perf_counter()
-        GL.glQueryCounter(begin, GL.GL_TIMESTAMP)
-        try:
-            yield
-        finally:
-            GL.glQueryCounter(end, GL.GL_TIMESTAMP)
-            self._wall[name] = self._wall.get(name, 0.0) + time.perf_counter() - start
+    def __exit__(self, *_: object) -> None:
+        GL.glQueryCounter(self._queries[1], GL.GL_TIMESTAMP)
 
-    def collect(self) -> dict[str, StageTime]:
-        """Return the time of each stage, in the order in which the stages were first entered; forget them."""
-        gpu: dict[str, float] = dict.fromkeys(self._wall, 0.0)
-        for name, *queries in self._queries:
-            begin, end = (_nanoseconds(query) for query in queries)
-            GL.glDeleteQueries(2, queries)
-            gpu[name] += max(end - begin, 0) * NANOSECOND
-        wall, self._queries, self._wall = self._wall, [], {}
-        return {name: StageTime(gpu_s=gpu[name], wall_s=seconds) for name, seconds in wall.items()}
-
-
-def _nanoseconds(query: int) -> int:
-    # PyOpenGL does not know how to allocate a 64-bit result by itself.
-    result = ctypes.c_uint64()
-    GL.glGetQueryObjectui64v(query, GL.GL_QUERY_RESULT, ctypes.byref(result))
-    return result.value
+    def seconds(self) -> float:
+        """Return the time between the timestamps."""
+        # PyOpenGL cannot allocate a 64-bit result by itself.
+        results = [ctypes.c_uint64(), ctypes.c_uint64()]
+        for query, result in zip(self._queries, results, strict=True):
+            GL.glGetQueryObjectui64v(query, GL.GL_QUERY_RESULT, ctypes.byref(result))
+        GL.glDeleteQueries(2, self._queries)
+        return max(results[1].value - results[0].value, 0) * NANOSECOND
 
 
 POSITION_BYTES = 24

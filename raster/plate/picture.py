@@ -142,8 +142,8 @@ def make_rounds(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CoarseView:
-    """The way in which a plate is drawn, with up to so many hogels in one submission."""
+class PictureStyle:
+    """Depth mapping and effects of a plate, and the largest number of hogels in a submission."""
 
     mapping: Mapping
     effects: frozenset[Effect]
@@ -195,29 +195,29 @@ class PlatePicture:
     """
 
     def __init__(
-        self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: CoarseView
+        self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], style: PictureStyle
     ) -> None:
-        self._context, self._mapping = context, look.mapping
-        mirrors = reflective_triangles(scene, look.effects)
-        self._shading = Shading(context, scene, look.effects)
+        self._context, self._mapping = context, style.mapping
+        mirrors = reflective_triangles(scene, style.effects)
+        self._shading = Shading(context, scene, style.effects)
         geometry = PlateGeometry(
-            context, scene, passes, look.mapping.clip_control, (self._shading.surfaces, mirrors)
+            context, scene, passes, style.mapping.clip_control, (self._shading.surfaces, mirrors)
         )
 
         def drawing(
             fragment: str, defines: Defines, cameras: Sequence[PassGeometry]
         ) -> PlateDrawing:
-            many = many_defines(context, look.hogels)
+            many = many_defines(context, style.hogels)
             made = program(context, fragment, {**many, **defines, **self._shading.defines})
-            return PlateDrawing(context, made, geometry, cameras, look.hogels)
+            return PlateDrawing(context, made, geometry, cameras, style.hogels)
 
         self.drawings = [
-            drawing("hogel.frag", picture_defines(look.mapping, look.effects), geometry.surfaces)
+            drawing("hogel.frag", picture_defines(style.mapping, style.effects), geometry.surfaces)
         ]
         self.environment: Environment | None = None
         if mirrors.any():
             self.environment = Environment(context, scene)
-            defines = reflection_defines(look.effects)
+            defines = reflection_defines(style.effects)
             self.drawings.append(drawing("reflection.frag", defines, geometry.reflections))
 
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:

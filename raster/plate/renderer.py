@@ -3,8 +3,7 @@
 docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Self, TypeVar
@@ -16,8 +15,6 @@ from OpenGL import GL
 from xfrustum.raster.cameras.cameras import MAPPINGS, Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.context import (
     ContextOwner,
-    GpuTimer,
-    StageTime,
     check_room,
     describe,
     open_context,
@@ -29,7 +26,7 @@ from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
     Batching,
-    CoarseView,
+    PictureStyle,
     PlatePicture,
     Slot,
     lets_vertices_choose_layers,
@@ -53,9 +50,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-ParquetParts = Mapping[
-    tuple[int, int], FilmPart
-]  #: part of the film that is wanted, by column and row of the hogel
+#: requested part of each film by column and row of the hogel
+FilmParts = Mapping[tuple[int, int], FilmPart]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +67,7 @@ class FrameRequest:
 
     @classmethod
     def from_apertures(
-        cls, apertures: Sequence[Aperture], parts: ParquetParts | None, size: tuple[int, int]
+        cls, apertures: Sequence[Aperture], parts: FilmParts | None, size: tuple[int, int]
     ) -> Self:
         """Return what is wanted of some hogels whose films have a size W, H; all where `parts` is None."""
         if parts is None:
@@ -107,14 +103,6 @@ def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
     rest = iter(items)
     while group := list(islice(rest, size)):
         yield group
-
-
-Stage = Callable[[str], AbstractContextManager[None]]
-"""Opens a block whose time belongs to the stage of that name."""
-
-
-def _untimed(_name: str) -> AbstractContextManager[None]:
-    return nullcontext()
 
 
 class PlateRenderer(ContextOwner):
@@ -166,13 +154,13 @@ class PlateRenderer(ContextOwner):
         )
         self._picture: PlatePicture | None = None
         if self._cameras:
-            look = CoarseView(
+            style = PictureStyle(
                 mapping=MAPPINGS[self.settings.mapping],
                 effects=self.effects,
                 hogels=self.batching.hogels,
             )
             passes = self._passes(self.scene.plate.middle)
-            self._picture = PlatePicture(self._context, self.scene, passes, look)
+            self._picture = PlatePicture(self._context, self.scene, passes, style)
         drawings = 0 if self._picture is None else len(self._picture.drawings)
         self._rounds = make_rounds(
             self._context,
@@ -189,7 +177,7 @@ class PlateRenderer(ContextOwner):
         self._context.release()
 
     def hogels(
-        self, apertures: Iterable[Aperture], parts: ParquetParts | None = None
+        self, apertures: Iterable[Aperture], parts: FilmParts | None = None
     ) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order, in bounded memory.
 
@@ -201,16 +189,16 @@ class PlateRenderer(ContextOwner):
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:
-            return self._stream(apertures, _untimed, parts)
+            return self._stream(apertures, parts)
         return averaged(
             apertures,
             lambda aperture: sub_apertures(plate, aperture, count),
-            lambda points: self._stream(points, _untimed),
+            self._stream,
             self.content,
         )
 
     def _stream(
-        self, apertures: Iterable[Aperture], stage: Stage, parts: ParquetParts | None = None
+        self, apertures: Iterable[Aperture], parts: FilmParts | None = None
     ) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
         size = self.scene.frustum.resolution
@@ -221,20 +209,17 @@ class PlateRenderer(ContextOwner):
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(
-                        slot, group, stage, wanted=FrameRequest.from_apertures(group, parts, size)
-                    )
+                    self._draw(slot, group, FrameRequest.from_apertures(group, parts, size))
                     # The device fills these pixels while the next submission's vertices are
                     # transformed.
                     GL.glFlush()
                 # A driver that draws in software finishes everything before it lets anything be
                 # read.
-                with stage("read-back"):
-                    for slot, _ in drawn:
-                        slot.target.start_reading()
-            yield from self._finish(waiting, stage)
+                for slot, _ in drawn:
+                    slot.target.start_reading()
+            yield from self._finish(waiting)
             waiting = drawn
-        yield from self._finish(waiting, stage)
+        yield from self._finish(waiting)
 
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
@@ -245,19 +230,10 @@ class PlateRenderer(ContextOwner):
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:
             for number, group in enumerate(groups(apertures, self.batching.hogels)):
-                self._draw(
-                    self._rounds[0][number % self.batching.submissions], group, _untimed, enabled
-                )
+                slot = self._rounds[0][number % self.batching.submissions]
+                self._draw(slot, group, enabled=enabled)
                 GL.glFlush()
             GL.glFinish()
-
-    def measure(self, apertures: Iterable[Aperture]) -> dict[str, StageTime]:
-        """Return the time of each stage for these apertures: upload, every camera, read-back."""
-        timer = GpuTimer()
-        for _ in self._stream(apertures, timer.stage):
-            pass
-        with self._context:
-            return timer.collect()
 
     def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
         """Count the triangles submitted for these apertures; the others lie outside their frusta."""
@@ -277,34 +253,28 @@ class PlateRenderer(ContextOwner):
         self,
         slot: Slot,
         apertures: Sequence[Aperture],
-        stage: Stage,
+        request: FrameRequest = WHOLE,
         enabled: int = moderngl.DEPTH_TEST,
-        wanted: FrameRequest = WHOLE,
     ) -> None:
         picture = self._picture
         if picture is None:
-            slot.target.begin(wanted.box)
+            slot.target.begin(request.box)
             return
-        picture.begin(slot, enabled, wanted.box)
+        picture.begin(slot, enabled, request.box)
         draws = []
         # One camera for all hogels, then the next camera: the state that they share is set once.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
-            with stage("upload"):
-                draws.append(picture.upload(slot, number, hogels, wanted.windows))
-            with stage("C" if self._cameras[number].orthoscopic else "C*"):
-                picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
+            draws.append(picture.upload(slot, number, hogels, request.windows))
+            picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
         if picture.environment is not None:
-            with stage("reflection"):
-                drawn = [counts[REFLECTION] for counts in draws]
-                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
+            drawn = [counts[REFLECTION] for counts in draws]
+            picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
 
-    def _finish(
-        self, waiting: Sequence[tuple[Slot, list[Aperture]]], stage: Stage
-    ) -> Iterator[PlateHogel]:
+    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
         normals = Channel.NORMAL in self.content.channels
         for slot, apertures in waiting:
-            with self._context, stage("read-back"):
+            with self._context:
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
                 heights = [
                     self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)
