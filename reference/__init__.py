@@ -2,17 +2,19 @@
 
 Read it in this order, beside docs/truth.md:
 
-lines/       The lines through an aperture: the definition of truth certify/     Where a pixel is
-proven, decided exactly, or named a tie; and the occlusion query shading/     The color of true hits
-pictures     The image of an aperture, made of decisions along its lines: points, normals, objects,
-light truth        True images: asks `certify` for each pixel, then adds points, normals and color
-alone        What ray tracers in single precision show alone, and what they would have got wrong
-averages     Color averaged over the boxes of pixels and over apertures, and to convergence (paper,
-section 6) eye/         What an eye before the plate sees, truly and replayed, certified tracers/
-Ray tracers as second opinions transport    Light transport: shadows and interreflection, by light
-paths llvm         The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads backend
-Where Dr.Jit's arrays lie, and the border between them and NumPy's memory       Bands of rows, which
-bound what an image takes, and arrays that kernels may read in place
+* lines: the lines through an aperture, the definition of truth
+* certify: the decision of each pixel, proven, exact or a tie, and the occlusion query
+* shading: the color of true hits
+* pictures: the image of an aperture from decisions along its lines: points, normals, objects, light
+* truth: true images of a scene, in bands of rows
+* alone: images and errors of ray tracers in single precision
+* averages: color averaged over pixels and apertures, and to convergence (paper, section 6)
+* eye: views of eyes before the plate, true and replayed
+* tracers: ray tracers as second opinions
+* transport: shadows and interreflection by light paths
+* llvm: the LLVM under Dr.Jit, Mitsuba's variant, and the number of threads
+* backend: the device of Dr.Jit's arrays, and their border to NumPy
+* memory: bands of rows, which bound memory, and arrays that kernels may read in place
 """
 
 from __future__ import annotations
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
     from xfrustum.reference.transport import RadianceEstimate as RadianceEstimate
     from xfrustum.reference.truth import Reference as Reference
 
-# They are imported when first used: `explain` answers from the scene alone, and must not load ray
-# tracers.
+# Imported on first use: `check` needs the scene alone and must not load ray tracers.
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={

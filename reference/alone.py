@@ -1,4 +1,4 @@
-"""What ray tracers in single precision show alone, unexamined, and what they would have got wrong."""
+"""Images of ray tracers in single precision alone, and their errors against the truth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,14 +22,13 @@ from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 CERTIFIED = "certified"  #: name of the decision that is proven for every pixel
-DECISIONS = (CERTIFIED, *TRACERS)  #: names of what can decide which surface a pixel shows
+DECISIONS = (CERTIFIED, *TRACERS)  #: names of the ways to decide the surface of a pixel
 
 
 class PlainReference(Reference):
-    """A ray tracer of a scene, whose own pictures stand for the true ones; parameters as of `Reference`.
+    """Ray tracer of a scene in place of the certified truth; parameters as of `Reference`.
 
-    Raises InputError where the scene asks for several samples a pixel, taken along certified lines
-    alone.
+    Raises InputError for a scene with several samples a pixel, which only certified lines have.
     """
 
     def __init__(
@@ -38,7 +37,7 @@ class PlainReference(Reference):
         super().__init__(scene, tracer, effects)
         if averages(scene.sampling):
             raise InputError(
-                f"{scene.name}: asks for several samples a pixel, and {tracer} alone shows one; say "
+                f"{scene.name}: has several samples a pixel, {tracer} alone draws one; give "
                 "--supersample 1 --multisample 1 --aperture-samples 1, or --decided-by certified"
             )
 
@@ -50,7 +49,7 @@ class PlainReference(Reference):
     def trace(
         self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
     ) -> HogelImage:
-        """Return what the tracer shows of an aperture; only one sample a pixel is taken."""
+        """Return the tracer's image of an aperture, with one sample a pixel."""
         image = self.propose(aperture, colored=colored)
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
         image = replace(image, camera=camera)
@@ -59,14 +58,15 @@ class PlainReference(Reference):
     def trace_model(
         self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True
     ) -> HogelImage:
-        """Return what the tracer shows along the lines of the cameras of these settings.
+        """Return the tracer's image along the lines of the cameras of some settings.
 
-        Raises InputError where the settings cull faces: the tracer has all of them.
+        Raises InputError for settings that cull faces: the tracer has all of them.
         """
         settings.check_against(self.scene.frustum)
         if settings.cull is not Cull.NONE:
             raise InputError(
-                f"{self.tracer_name} alone culls no faces: leave out --cull, or say --decided-by certified"
+                f"{self.tracer_name} alone culls no faces: leave out --cull, or give "
+                "--decided-by certified"
             )
         rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
         cameras = model_cameras(self.scene.frustum, aperture, settings)
@@ -80,7 +80,7 @@ class PlainReference(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What decides which surface a pixel shows, one of `DECISIONS`; `tracer` gives a second opinion."""
+    """Way to decide the surface of a pixel, one of `DECISIONS`, and tracer of second opinions."""
 
     by: str = CERTIFIED
     tracer: str = "embree"
@@ -93,9 +93,9 @@ class Decision:
 def open_reference(
     scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None
 ) -> Reference:
-    """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
+    """Return the reference of a scene, certified or by a tracer alone; `effects` as in `Reference`.
 
-    Raises InputError where there is no such tracer, or it cannot decide about this scene alone.
+    Raises InputError for an unknown tracer, and for a scene that it cannot decide alone.
     """
     if decision.by == CERTIFIED:
         return Reference(scene, tracer=decision.tracer, effects=effects)
@@ -104,7 +104,7 @@ def open_reference(
 
 @dataclass(frozen=True, kw_only=True)
 class AloneNumbers:
-    """How many of the `judged` pixels of one truth a tracer alone gets wrong: another triangle, or none."""
+    """Numbers of judged pixels of one truth, and of pixels that each tracer alone gets wrong."""
 
     judged: int
     embree: int
@@ -113,25 +113,25 @@ class AloneNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AloneFound:
-    """What single tracers would have got wrong of one truth: numbers, and (H, W) pixels by tracer's name."""
+    """Errors of single tracers against one truth: numbers, and (H, W) pixels by tracer."""
 
     numbers: AloneNumbers
     wrong: dict[str, Mask]
 
 
 class TracersAlone:
-    """Both ray tracers of a scene, each to be judged by the certified truth."""
+    """Both ray tracers of a scene, each judged by the certified truth."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
 
     @cached_property
     def _tracers(self) -> dict[str, Tracer]:
-        # Mitsuba loads when there is a truth to judge by: other threads of a report work meanwhile.
+        # Mitsuba is imported with the first truth: other threads of a report work meanwhile.
         return {"embree": EmbreeTracer(self._scene), "mitsuba": MitsubaTracer(self._scene)}
 
     def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:
-        """Return which pixels (rows, W) of a truth, or a band of it, each tracer alone gets wrong."""
+        """Return the wrong pixels (rows, W) of each tracer in a truth or a band of it."""
         bundle = crossed_frustum(self._scene.frustum, truth.camera.aperture)
         rows = range(first_row, first_row + len(truth.triangle))
         return {
@@ -140,7 +140,7 @@ class TracersAlone:
         }
 
     def find(self, truth: HogelImage) -> AloneFound:
-        """Return what each tracer alone would have got wrong of a whole truth."""
+        """Return the errors of each tracer alone in a whole truth."""
         wrong = self.wrong(truth)
         counts = {name: int(pixels.sum()) for name, pixels in wrong.items()}
         return AloneFound(
@@ -149,6 +149,6 @@ class TracersAlone:
 
 
 def judged(truth: HogelImage) -> Mask:
-    """Return the pixels (H, W) whose truth is no tie."""
+    """Return the pixels (H, W) whose truth is not a tie."""
     assert truth.certainty is not None, "the truth is certified"
     return np.not_equal(truth.certainty, Certainty.TIE)

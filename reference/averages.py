@@ -1,4 +1,4 @@
-"""Means of color, every line of which is certified: over boxes of pixels, over apertures, and to convergence.
+"""Means of color over certified lines: over boxes of pixels, over apertures, to convergence.
 
 The integral over a hogel's aperture (paper, section 6: band limiting) is taken at scrambled Sobol
 points (Owen, 1997). Each scrambling gives an unbiased estimate by itself, so that the scatter of
@@ -24,12 +24,11 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 BOX_SIDE = 8
-"""Points along each side of a pixel with which the box of multisampling is integrated. A straight edge along
-the rows or columns of points is off by at most half a row, 1/16 of the pixel; other edges are off by less."""
+"""Points along each side of a pixel that integrate the box of multisampling. A straight edge along
+the rows or columns of points is off by at most half a row, 1/16 of the pixel; others by less."""
 
-AVERAGED_PIXELS = (
-    1 << 22
-)  #: pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel.
+#: pixels whose sums are held at once, which bounds memory: 24 bytes a pixel
+AVERAGED_PIXELS = 1 << 22
 
 
 def averages(sampling: Sampling) -> bool:
@@ -38,7 +37,7 @@ def averages(sampling: Sampling) -> bool:
 
 
 def points_per_side(sampling: Sampling) -> int:
-    """Return the points along each side of a pixel over which color is averaged, also for multisampling."""
+    """Return the points along each side of a pixel that average color, also for multisampling."""
     return (
         sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
     )
@@ -52,7 +51,7 @@ def mean_color(
     side: int,
     rows: range,
 ) -> Floats:
-    """Return linear RGB (rows, W, 3): means over apertures and side x side points, pixels of a finer film."""
+    """Return mean linear RGB (rows, W, 3) over apertures and side x side points of each pixel."""
     width, height = scene.frustum.resolution
     total = np.zeros((len(rows), width, 3))
     for aperture in apertures:
@@ -77,19 +76,19 @@ def mean_color(
 
 
 SCRAMBLINGS = 8
-"""Number of independent estimates. From eight, the standard error of a pixel is known to about one part in
-sqrt(2 (8 - 1)), and that of a picture, the root mean square over its pixels, far better."""
+"""Number of independent estimates. Eight determine the standard error of a pixel to one part in
+sqrt(2 (8 - 1)), and of a picture, the root mean square over its pixels, far better."""
 
 FIRST_POINTS = 4
-"""Points of each scrambling to begin with: the estimates of fewer may all miss an edge, and so agree."""
+"""First number of points of each scrambling: estimates of fewer may all miss an edge, and agree."""
 
 TOLERANCE = 1e-3
-"""Standard error that is asked for by default, in radiance: a quarter of an 8-bit step of full scale."""
+"""Default standard error, radiance: a quarter of an 8-bit step of full scale."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Converged:
-    """An integral over an aperture, linear RGB (H, W, 3), from so many points, and its standard error."""
+    """Integral over an aperture, linear RGB (H, W, 3), its standard error and number of points."""
 
     color: Floats
     standard_error: Floats
@@ -124,13 +123,13 @@ def converged(
             sums[index] = sums[index] + more * mean(points)
         count += more
         estimates = np.stack(sums) / count
-        found = Converged(
+        estimate = Converged(
             color=estimates.mean(axis=0),
             standard_error=estimates.std(axis=0, ddof=1) / np.sqrt(SCRAMBLINGS),
             points=count * SCRAMBLINGS,
         )
-        if found.error <= tolerance or 2 * found.points > MAX_SAMPLES:
-            return found
+        if estimate.error <= tolerance or 2 * estimate.points > MAX_SAMPLES:
+            return estimate
         more = count
 
 

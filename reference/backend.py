@@ -1,9 +1,8 @@
-"""Where Dr.Jit's arrays lie, and the border between them and NumPy's: the one place that says so.
+"""Device of Dr.Jit's arrays, and the border between them and NumPy.
 
-The arrays are those of the processors, through LLVM, or those of a CUDA card: `ARRAYS` says which.
-Kernels are the same text, and decide the same bits: a driver's compiler may fuse a product and a
-sum into one rounding, and so products of doubles that a decision rests on are a `product` here
-(docs/truth.md).
+The arrays lie on the processors, through LLVM, or on a CUDA card, by `ARRAYS`. Kernels are the same
+text, and decide the same bits: a driver's compiler may fuse a product and a sum into one rounding,
+and so products of doubles that a decision rests on are a `product` here (docs/truth.md).
 
 Vectors are sequences of coordinates, each an array with one lane for each point, line or row.
 `drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as
@@ -59,7 +58,7 @@ __all__ = [
 ]
 
 Vector = Sequence[Any]
-"""Coordinates of vectors, each an array with one lane for each vector, or a number for all lanes."""
+"""Coordinates of vectors: arrays with a lane for each vector, or numbers for all lanes."""
 
 Table = Callable[[Any], list[Any]]  #: function from indices of rows to the columns of these rows
 
@@ -74,15 +73,15 @@ _KINDS = {
 _INT32 = np.iinfo(np.int32)
 
 _MINUS_ZERO = dr.opaque(Float64, -0.0) if ARRAYS == "cuda" else None
-"""What `product` adds on CUDA. It lies in memory, because a literal zero would be folded away."""
+"""Addend of `product` on CUDA. It lies in memory, because a literal zero would be folded away."""
 
 _RECORDER = threading.RLock()
-"""Lock for recording kernels, which Dr.Jit does once per process; a kernel itself uses all processors."""
+"""Lock for recording kernels, one at a time per process; a kernel uses all processors."""
 
 
 @contextmanager
 def recording() -> Iterator[None]:
-    """Record kernels in IEEE arithmetic: a proof must not depend on how a compiler rearranges it."""
+    """Record kernels in IEEE arithmetic, which no compiler rearranges: proofs depend on it."""
     with _RECORDER, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
         yield
 
@@ -90,8 +89,8 @@ def recording() -> Iterator[None]:
 def on_device(values: NDArray[Any]) -> Any:
     """Return a copy of values of any shape as one flat array of Dr.Jit.
 
-    Other floats become doubles, other integers those of 32 bits, clipped: as numbers of triangles,
-    the smallest and the largest stand for nothing either.
+    Other floats become doubles, other integers 32 bits, clipped: as triangle numbers, the smallest
+    and the largest stand for nothing.
     """
     if values.dtype not in _KINDS:
         is_float = values.dtype.kind == "f"
@@ -120,8 +119,8 @@ def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[A
     """Return vectors of three coordinates as NumPy's array of a shape, (..., 3)."""
     kind = {Float32: Array3f, Float64: Array3f64}[type(coordinates[0])]
     flat: Any = dr.ravel(kind(*coordinates))
-    found: NDArray[Any] = flat.numpy()
-    return found.reshape(shape)
+    rows: NDArray[Any] = flat.numpy()
+    return rows.reshape(shape)
 
 
 def product(a: Any, b: Any) -> Any:
@@ -148,4 +147,4 @@ def cross(a: Vector, b: Vector) -> list[Any]:
 
 def difference(a: Vector, b: Vector) -> list[Any]:
     """Return a - b."""
-    return [one - other for one, other in zip(a, b, strict=True)]
+    return [first - second for first, second in zip(a, b, strict=True)]

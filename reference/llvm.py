@@ -1,4 +1,4 @@
-"""LLVM or CUDA under Dr.Jit, Mitsuba's variant, the number of threads: chosen once, before Dr.Jit chooses.
+"""LLVM or CUDA under Dr.Jit, Mitsuba's variant, and the number of threads of a process.
 
 Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
 15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
@@ -27,8 +27,7 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder of compiled kernels
 
 OLDEST_LLVM = 17
-"""First version that is used: Dr.Jit refuses 14, and with 15 and 16 its minimum and maximum abort the
-process."""
+"""Oldest version in use: Dr.Jit refuses 14; its minimum and maximum abort with 15 and 16."""
 
 TESTED_LLVM = 19  #: version that is preferred; of the others, the nearest to it
 
@@ -36,19 +35,19 @@ FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 """Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could."""
 
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
-"""Environment variable that bounds the number of threads of a process: of several workers on one machine,
-each takes its share. Ray tracers' own pools ignore the CPUs that a process may run on, and must be told."""
+"""Environment variable with the largest number of threads of a process, a share of the machine for
+each of several workers. Pools of ray tracers ignore the CPUs that a process may run on."""
 
 DEVICE_VARIABLE, DEVICES = "XFRUSTUM_DEVICE", ("auto", "llvm", "cuda")
-"""Environment variable that says where Dr.Jit's arrays lie, and its values: `auto`, as where it is not set,
-takes CUDA where Dr.Jit finds a card."""
+"""Environment variable for the device of Dr.Jit's arrays, and its values; `auto`, the default,
+takes CUDA where Dr.Jit has a card."""
 
 Version = tuple[int, int, int]
 
 
 @cache
 def array_device() -> str:
-    """Return where Dr.Jit's arrays lie in this process, `cuda` or `llvm`; InputError where they cannot."""
+    """Return the device of Dr.Jit's arrays, `cuda` or `llvm`; InputError without any."""
     if _cuda_card():
         return "cuda"
     require_llvm()
@@ -57,30 +56,30 @@ def array_device() -> str:
 
 @cache
 def _cuda_card() -> bool:
-    """Return whether CUDA is to be used; InputError where the environment asks for what there is not."""
-    asked = os.environ.get(DEVICE_VARIABLE) or "auto"
-    if asked not in DEVICES:
-        raise InputError(f"{DEVICE_VARIABLE} is {asked!r}: set it to one of {', '.join(DEVICES)}")
-    if asked == "llvm":
+    """Return whether to use CUDA; InputError where the environment requests a missing device."""
+    device = os.environ.get(DEVICE_VARIABLE) or "auto"
+    if device not in DEVICES:
+        raise InputError(f"{DEVICE_VARIABLE} is {device!r}: set it to one of {', '.join(DEVICES)}")
+    if device == "llvm":
         return False
-    found = False
-    # Dr.Jit is not asked where no driver answers: it would write lines of its own about what is
-    # missing.
+    available = False
+    # Without a driver, a call of Dr.Jit would print lines of its own.
     with suppress(OSError, AttributeError):
         if ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or "libcuda.so.1").cuInit(0) == 0:
             prepare_llvm()
             drjit = importlib.import_module("drjit")
-            found = drjit.has_backend(drjit.JitBackend.CUDA)
-    if asked == "cuda" and not found:
+            available = drjit.has_backend(drjit.JitBackend.CUDA)
+    if device == "cuda" and not available:
         raise InputError(
-            f"{DEVICE_VARIABLE} or --arrays asks for cuda, and Dr.Jit finds no NVIDIA card on this machine: "
-            "install a driver from version 535 on (`nvidia-smi` lists its cards), or ask for llvm or auto"
+            f"{DEVICE_VARIABLE} or --arrays requests cuda, and Dr.Jit has no NVIDIA card on this "
+            "machine: install a driver from version 535 on (`nvidia-smi` lists its cards), or "
+            "choose llvm or auto"
         )
-    return found
+    return available
 
 
 def worker_count() -> int:
-    """Return the number of CPUs that this process may run on, or fewer where the environment says so."""
+    """Return the number of CPUs of this process, or fewer by `THREADS_VARIABLE`."""
     available = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -89,21 +88,21 @@ def worker_count() -> int:
 
 
 def thread_limit() -> int | None:
-    """Return the largest number of threads that the environment allows; None where it says nothing."""
+    """Return the largest number of threads by `THREADS_VARIABLE`; None where it is not set."""
     named = os.environ.get(THREADS_VARIABLE, "")
     return max(1, int(named)) if named.isdecimal() else None
 
 
 @cache
 def require_llvm() -> None:
-    """Have Dr.Jit compile for the processors, on as many threads as allowed; InputError without an LLVM."""
-    found = prepare_llvm()
-    # Dr.Jit is not asked where there is none: it would write lines of its own.
-    version = None if found.startswith("none: ") and found != FOUND_BY_DRJIT else loaded_llvm()
+    """Prepare Dr.Jit for the processors, on the allowed threads; InputError without an LLVM."""
+    library = prepare_llvm()
+    # Without an LLVM, a call of Dr.Jit would print lines of its own.
+    version = None if library.startswith("none: ") and library != FOUND_BY_DRJIT else loaded_llvm()
     if version is None or version[0] < OLDEST_LLVM:
         raise InputError(
-            f"the truth is compiled by LLVM {OLDEST_LLVM} or newer ({found}): install it, for example "
-            f"by `apt install libllvm{TESTED_LLVM}`, or name its library in {LLVM_VARIABLE}"
+            f"the truth is compiled by LLVM {OLDEST_LLVM} or newer ({library}): install it, for "
+            f"example by `apt install libllvm{TESTED_LLVM}`, or name its library in {LLVM_VARIABLE}"
         )
     _limit_threads()
 
@@ -117,7 +116,7 @@ def _limit_threads() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class MitsubaBackend:
-    """Mitsuba in this process, with a variant set; `llvm` is the version in use, or why there is none."""
+    """Mitsuba with a variant set; `llvm` is the version in use, or the reason for none."""
 
     mitsuba: Any
     drjit: Any
@@ -126,7 +125,7 @@ class MitsubaBackend:
 
     @property
     def scalar(self) -> bool:
-        """Whether Mitsuba traces one ray at a time."""
+        """True where Mitsuba traces one ray at a time."""
         return self.variant.startswith("scalar")
 
     @property
@@ -140,7 +139,7 @@ class MitsubaBackend:
 
 
 def mitsuba_backend() -> MitsubaBackend:
-    """Return Mitsuba with a variant set, at best this machine's; InputError where its LLVM would abort."""
+    """Return Mitsuba with the best variant of this machine; InputError for an aborting LLVM."""
     llvm = prepare_llvm()
     mitsuba = importlib.import_module("mitsuba")
     version = loaded_llvm()
@@ -156,7 +155,8 @@ def mitsuba_backend() -> MitsubaBackend:
     elif chosen.startswith("llvm") and not usable:
         raise InputError(
             f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which would abort the process: set "
-            f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
+            f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take "
+            "scalar_rgb"
         )
     _limit_threads()
     return MitsubaBackend(
@@ -166,18 +166,18 @@ def mitsuba_backend() -> MitsubaBackend:
 
 def vector_backend() -> MitsubaBackend:
     """Return Mitsuba; InputError where its variant traces one ray, and not many, at a time."""
-    found = mitsuba_backend()
-    if found.scalar:
+    backend = mitsuba_backend()
+    if backend.scalar:
         raise InputError(
-            f"Mitsuba's variant {found.variant} traces one ray at a time (LLVM {found.llvm}): its rays and "
-            "light transport need an LLVM or CUDA variant"
+            f"Mitsuba's variant {backend.variant} traces one ray at a time (LLVM {backend.llvm}): "
+            "its rays and light transport need an LLVM or CUDA variant"
         )
-    return found
+    return backend
 
 
 @cache
 def prepare_llvm() -> str:
-    """Name an accepted LLVM to Dr.Jit, unless that is imported; return its path, or why there is none."""
+    """Set the LLVM of Dr.Jit before its import; return its path, or the reason for none."""
     if "drjit" in sys.modules:
         return FOUND_BY_DRJIT
     if (
@@ -236,26 +236,26 @@ def asked_version(library: Path) -> Version | None:
 
 
 def installed_llvms() -> list[Path]:
-    """Return the LLVM libraries that the dynamic linker knows, and those in the usual folders."""
-    found: list[Path] = []
+    """Return the LLVM libraries of the dynamic linker and of the usual folders."""
+    libraries: list[Path] = []
     ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
     if ldconfig is not None:
         listed = subprocess.run(
             [ldconfig, "-p"], capture_output=True, text=True, check=False
         ).stdout
-        found.extend(Path(path) for path in re.findall(r"=> (\S*/libLLVM[-.]\S+)", listed))
+        libraries.extend(Path(path) for path in re.findall(r"=> (\S*/libLLVM[-.]\S+)", listed))
     folders = [
         Path(folder) for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder
     ]
     folders += [Path(sys.prefix, "lib"), Path("/usr/local/lib"), Path("/usr/lib64")]
     folders += [*Path("/usr/lib").glob("llvm*/lib"), *Path("/usr/lib").glob("*-linux-gnu")]
     for folder in folders:
-        found.extend(sorted(folder.glob("libLLVM[-.]*so*")))
-    return found
+        libraries.extend(sorted(folder.glob("libLLVM[-.]*so*")))
+    return libraries
 
 
 def loaded_llvm() -> Version | None:
-    """Return the version of the LLVM that Dr.Jit has loaded; None where it has found none to load."""
+    """Return the version of the LLVM that Dr.Jit has loaded; None without one."""
     drjit = importlib.import_module("drjit")
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         return None

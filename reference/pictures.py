@@ -1,7 +1,7 @@
-"""The image of an aperture, made of decisions along its lines: points, normals, objects, light.
+"""Image of an aperture from decisions along its lines: points, normals, objects, light.
 
-There is one lane of Dr.Jit for each pixel. Layers are what single cameras show, and overlay one
-another.
+There is one lane of Dr.Jit for each pixel. Layers are the images of single cameras; later ones
+overlay earlier ones.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer:
-    """What one camera shows in all rows of an image, or several cameras overlaid.
+    """Surfaces of one camera in all rows of an image, or of several cameras overlaid.
 
-    Triangle numbers (H, W), `NOTHING` for none, their `Certainty`, the companions of ties (N, 3) as
+    Triangle numbers (H, W), `NOTHING` for none, their `Certainty`, the tied triangles (N, 3) as
     in `FirstSurfaces`, and surface points (H, W, 3) in scene units, NaN for none.
     """
 
@@ -52,7 +52,7 @@ class Layer:
 
     @classmethod
     def from_surfaces(cls, bundle: RayBundle, decided: FirstSurfaces) -> Layer:
-        """Return what a pencil's camera shows."""
+        """Return the surfaces along a ray bundle."""
         return cls(
             triangle=decided.triangle,
             certainty=decided.certainty,
@@ -77,35 +77,33 @@ def overlaid(layers: Sequence[Layer]) -> Layer:
 
 
 def overlaid_certainty(decided: Sequence[FirstSurfaces], first_row: int) -> tuple[Bytes, Indices]:
-    """Return certainty and companions of decisions of the same rows, the last of them on top."""
+    """Return certainty and tied triangles of decisions of the same rows, the last on top."""
 
     def on_top(below: FirstSurfaces, upper: FirstSurfaces) -> FirstSurfaces:
         certainty, tied_triangles = _overlaid(below, upper, first_row)
         return replace(below, certainty=certainty, tied_triangles=tied_triangles)
 
-    found = reduce(on_top, decided)
-    return found.certainty, found.tied_triangles
+    top = reduce(on_top, decided)
+    return top.certainty, top.tied_triangles
 
 
 def _overlaid(
     below: Layer | FirstSurfaces, upper: Layer | FirstSurfaces, first_row: int
 ) -> tuple[Bytes, Indices]:
     covers = upper.triangle != NOTHING
-    # Ties of what is now covered are nobody's companions any more.
+    # Covered ties are dropped.
     row, column, _ = below.tied_triangles.T
     visible = below.tied_triangles[~covers[row - first_row, column]]
-    # Where a layer shows nothing, what is seen rests on both decisions.
+    # Where the upper layer is empty, the result rests on both decisions.
     certainty = np.where(covers, upper.certainty, np.maximum(below.certainty, upper.certainty))
     return certainty, np.concatenate((visible, upper.tied_triangles))
 
 
-Decided = tuple[
-    RayBundle, FirstSurfaces
-]  #: lines of a camera, and what is first along those of some rows
+Decided = tuple[RayBundle, FirstSurfaces]  #: lines of a camera, and first surfaces along some rows
 
 
 def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:
-    """Return the coordinates of d of every pixel in some rows, row by row; see `RayBundle.directions`."""
+    """Return the coordinates of d of every pixel in some rows; see `RayBundle.directions`."""
     lane = dr.arange(UInt32, len(rows) * bundle.resolution[0])
     width, start = dr.opaque(UInt32, bundle.resolution[0]), dr.opaque(UInt32, rows.start)
     # A quotient in doubles: it is off by less than the half that is added, and faster than of
@@ -134,7 +132,7 @@ class Pictures:
         return table(self._scene.object_of_triangle)
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
-        """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
+        """Return the true frustum of an aperture, with the settings of offset cameras if given."""
         bundle = crossed_frustum(self._scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,
@@ -205,8 +203,8 @@ class Pictures:
             )
             light: list[Any] = []
             if colored:
-                found = self._shader.model.radiance(known, position, direction)
-                light = [Float32(dr.select(covered, part, 0.0)) for part in found]
+                channels = self._shader.model.radiance(known, position, direction)
+                light = [Float32(dr.select(covered, part, 0.0)) for part in channels]
             # All in one kernel: they share the places of the points.
             dr.eval(number, objects, position, normal, light)
             return HogelImage(

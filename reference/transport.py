@@ -6,7 +6,7 @@ of each pixel, each path in one of them at random. So the mean over many paths i
 are in double precision; only rays are single. The formulas of `shading` are written a second time
 on purpose: each checks the other.
 
-The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on a
+CONVENTIONS.md, "Light", defines the surfaces. A light of color I has the irradiance pi I on a
 surface that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d
 a of the incident light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
@@ -43,7 +43,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 MIN_SQUARED_AREA = 2.0**-1000
-"""Smallest squared area that is divided by: it takes the place of that of a triangle without area."""
+"""Smallest squared area as a divisor, in place of zero for a triangle without area."""
 
 
 class Table:
@@ -85,7 +85,7 @@ class Textures:
         self._linear = Table(LINEAR)
 
     def color(self, triangle: Any, uv: Any) -> Any:
-        """Return linear RGB at texture coordinates, x and y of a vector; 1 where there is no texture."""
+        """Return linear RGB at texture coordinates, x and y of a vector; 1 without a texture."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         number = self._of_triangle.number(triangle)
         textured = number >= 0
@@ -101,8 +101,8 @@ class Textures:
             return mi.Vector3d(*(self._linear.number((code >> bits) & 255) for bits in (0, 8, 16)))
 
         u, v = dr.select(textured, uv.x, 0.0), dr.select(textured, uv.y, 0.0)
-        found = _between_texels(texel, (1.0 - v) * mi.Float64(height), u * mi.Float64(width))
-        return dr.select(textured, found, mi.Vector3d(1.0))
+        color = _between_texels(texel, (1.0 - v) * mi.Float64(height), u * mi.Float64(width))
+        return dr.select(textured, color, mi.Vector3d(1.0))
 
 
 class Surroundings:
@@ -131,10 +131,10 @@ class Surroundings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """A point of a surface as it is seen, in scaled scene units.
+    """Visible point of a surface, in scaled scene units.
 
     `side`, `normal` and `eye` are unit vectors: the triangle's own normal and the normal for
-    shading, both turned to the side that is seen, and the eye vector. `albedo` is vertex color
+    shading, both turned to the visible side, and the eye vector. `albedo` is vertex color
     times texture.
     """
 
@@ -204,8 +204,8 @@ class Surfaces:
             smooth = between(self._vertex_normals)
             # The flat normal where a corner has none, which makes the sum NaN, and where normals
             # cancel.
-            found = dr.squared_norm(smooth) > 0.0
-            normal = dr.normalize(dr.select(found, smooth, flat))
+            defined = dr.squared_norm(smooth) > 0.0
+            normal = dr.normalize(dr.select(defined, smooth, flat))
         if self._vertex_colors is not None:
             albedo = albedo * between(self._vertex_colors)
         if self._textures is not None:
@@ -230,35 +230,33 @@ def _repeated(index: Any, size: Any) -> Any:
 
 
 def _between_texels(texel: Callable[[Any, Any], Any], down: Any, right: Any) -> Any:
-    """Mix the four texels whose centers, at halves, enclose a place; `texel` takes whole rows and columns."""
+    """Mix the four texels about a place, whose centers lie at halves."""
     dr = mitsuba_backend().drjit
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
-    below, beside = down - 0.5 - row, right - 0.5 - column
-    upper = dr.lerp(texel(row, column), texel(row, column + 1.0), beside)
-    lower = dr.lerp(texel(row + 1.0, column), texel(row + 1.0, column + 1.0), beside)
+    below, right_share = down - 0.5 - row, right - 0.5 - column
+    upper = dr.lerp(texel(row, column), texel(row, column + 1.0), right_share)
+    lower = dr.lerp(texel(row + 1.0, column), texel(row + 1.0, column + 1.0), right_share)
     return dr.lerp(upper, lower, below)
 
 
 SINGLE = 2.0**-24  #: unit roundoff of float32
 
 CLEARANCE = 64
-"""Distance by which rays start off their surface, in roundings of the scene's largest coordinate, to the side
-that is seen, so that a surface does not hide itself. Rounding a triangle's corners and the start to
-float32 moves them against each other by up to 2 sqrt(3). From corners relative to the start, up to
-2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6 roundings. That
-makes 25 in all, and 64 leaves a factor of two. A shadow that begins nearer to its caster than this
-is lost: some 4e-6 of the scene's
-size."""
+"""Distance of rays' starts from their surface, in roundings of the scene's largest coordinate, on
+the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
+start to float32 moves them against each other by up to 2 sqrt(3). From corners relative to the
+start, up to 2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6
+roundings. The sum is 25, and 64 leaves a factor of two. A shadow that begins nearer to its caster
+than this is lost: some 4e-6 of the scene's size."""
 
 FREE_BOUNCES, MAX_CHANCE = 3, 0.95
-"""Bounces that every path may make, and the largest chance to go on after them (Russian roulette)."""
+"""Bounces of every path, and largest chance to go on after them (Russian roulette)."""
 
 MIN_LOGARITHM = -700.0
 """Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308."""
 
 MAX_BOUNCES = 128
-"""Largest number of bounces. Light that is scattered more often is left out; at albedo 0.9 that is 1e-6 of
-all light."""
+"""Largest number of bounces. Light scattered more often is left out: at albedo 0.9, 1e-6 of it."""
 
 
 class LightPaths:
@@ -281,22 +279,22 @@ class LightPaths:
         self._offset = CLEARANCE * SINGLE * float(np.abs(scene.vertices * self.scale).max())
 
     def first(self, ray: Any, active: Any) -> tuple[Any, Any]:
-        """Return the number of the first triangle that float32 rays meet, and whether they meet any."""
+        """Return the first triangle along float32 rays, and whether there is any."""
         dr, mi = mitsuba_backend().drjit, mitsuba_backend().mitsuba
         met = self._scene.ray_intersect_preliminary(ray, active=active)
-        found = met.is_valid() & active
-        return dr.select(found, mi.Int32(met.prim_index), 0), found
+        valid = met.is_valid() & active
+        return dr.select(valid, mi.Int32(met.prim_index), 0), valid
 
     def radiance(
-        self, found: tuple[Any, Any], line: tuple[Any, Any], transport: Transport, sampler: Any
+        self, first: tuple[Any, Any], line: tuple[Any, Any], transport: Transport, sampler: Any
     ) -> Any:
         """Return linear RGB that arrives along lines, one path each.
 
-        `found` is what `first` returns; `line` are origin and direction of the line along which
+        `first` is the result of `first`; `line` are origin and direction of the line along which
         that surface is seen, in double precision, scaled.
         """
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
-        triangle, active = found
+        triangle, active = first
         if not transport.interreflection:
             point = self._surfaces.point(triangle, *line)
             return dr.select(active, self._shown(point, transport, active), mi.Vector3d(0.0))
@@ -318,7 +316,7 @@ class LightPaths:
         return dr.while_loop(start, lambda *state: state[-1], bounce)[-2]
 
     def _shown(self, point: Point, transport: Transport, active: Any) -> Any:
-        """Return the radiance of a point along its eye vector, without the light of other surfaces."""
+        """Return the radiance of a point along its eye vector, without interreflection."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         material, index = self._material, point.object
         diffuse = material.diffuse.vector(index) * point.albedo
@@ -348,14 +346,14 @@ class LightPaths:
         return radiance
 
     def _sees(self, point: Point, direction: Any, active: Any) -> Any:
-        """Return whether nothing hides a direction from a point, not even the point's own triangle."""
+        """Return whether a direction is free from a point, above the point's own triangle."""
         dr = mitsuba_backend().drjit
         active = active & (dr.dot(point.side, direction) > 0.0)
         ray = self._ray(point.position + self._offset * point.side, direction)
         return active & ~self._scene.ray_test(ray, active)
 
     def _scattered(self, point: Point, sampler: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Return a random direction to look for light of other surfaces, its weight, and whether to look."""
+        """Return a random direction toward light of other surfaces, its weight, and activity."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
@@ -377,21 +375,19 @@ class LightPaths:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Return a power of a cosine, at most one; zero where Dr.Jit's own returns minus infinity or NaN."""
+    """Return a power of a cosine; zero where Dr.Jit's own is minus infinity or NaN."""
     dr = mitsuba_backend().drjit
     base = dr.minimum(base, 1.0)
     within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > MIN_LOGARITHM)
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)
 
 
-PATHS_AT_ONCE = (
-    1 << 20
-)  #: light paths of one launch. This bounds the memory, some 200 bytes a path.
+PATHS_AT_ONCE = 1 << 20  #: light paths of one launch, which bounds memory: 200 bytes a path
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadianceEstimate:
-    """A picture (H, W, 3) in linear RGB from so many random light paths a pixel, and its noise.
+    """A picture (H, W, 3) in linear RGB from `samples` random light paths a pixel, and its noise.
 
     The variance of the mean (H, W, 3) is estimated from its own samples: zero where all of them
     agree, as in pixels that are not supersampled and without interreflection.
@@ -403,7 +399,7 @@ class RadianceEstimate:
 
 
 class PathTracer:
-    """Renders a scene's apertures with light transport; paths start at the points of its sampling."""
+    """Light transport of a scene; paths start at the points of its sampling."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -418,7 +414,7 @@ class PathTracer:
         return LightPaths(self.scene)
 
     def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
-        """Return the radiance that the middle of an aperture sees; for more points, average their estimates.
+        """Return the radiance through the middle of an aperture.
 
         The same seed gives the same paths. Without shadows and interreflection the result is the
         direct light that `Reference.trace` shows.
@@ -429,8 +425,8 @@ class PathTracer:
             starts = _PathStarts(self.scene, aperture, self._paths.scale)
 
             def path(pixel: Any, sampler: Any) -> Any:
-                found, line = starts.seen(self._paths, pixel, sampler)
-                return self._paths.radiance(found, line, transport, sampler)
+                first_hit, line = starts.seen(self._paths, pixel, sampler)
+                return self._paths.radiance(first_hit, line, transport, sampler)
 
             for number, first in enumerate(range(0, height * width, PATHS_AT_ONCE)):
                 pixels = range(first, min(first + PATHS_AT_ONCE, height * width))
@@ -450,7 +446,7 @@ class PathTracer:
 
 
 class _PathStarts:
-    """The lines of one image; a path takes one of a pixel's `supersample` x `supersample` lines at random.
+    """Lines of one image; a path takes one of the lines of its pixel at random.
 
     The sensor aims rays in float32, which find the surface; its light is computed along the same
     line in double precision that the reference decides. Lengths are multiplied by a scale.

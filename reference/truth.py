@@ -1,4 +1,4 @@
-"""True images: asks `certify` for each pixel, then adds points, normals and color."""
+"""True images: decisions of `certify` for each pixel, with points, normals and color."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -41,9 +41,9 @@ from xfrustum.scenes.plate.plate import Aperture
 class Reference:
     """The ground truth of a scene: the true images of its crossed frusta.
 
-    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always that
-    of `certify`. `effects` are those of light that are evaluated; None for those that the scene
-    calls for. Raises InputError where there is no such tracer, or no such effect.
+    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always
+    by `certify`. `effects` are the evaluated effects of light; None for all that the scene calls
+    for. Raises InputError for an unknown tracer or effect.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Reference:
 
     @property
     def decided_by(self) -> str:
-        """Name of what decides which surface a pixel shows; see `plain.DECISIONS`."""
+        """Name of the way to decide the surface of a pixel; see `alone.DECISIONS`."""
         return "certified"
 
     @property
@@ -88,7 +88,7 @@ class Reference:
     ) -> HogelImage:
         """Return the true image of an aperture (paper, section 3: one frustum that crosses itself).
 
-        `sampling` says over which points color is averaged, None for the scene's own; without color
+        `sampling` are the points that average color, None for the scene's own; without color
         (`colored`) the image is made faster.
         """
         one_of(aperture, Aperture, "aperture")
@@ -125,7 +125,7 @@ class Reference:
     def _bands(
         self, aperture: Aperture, pixels: int, *, colored: bool = True
     ) -> Iterator[HogelImage]:
-        """Yield the true image in bands of some pixels, with color of one point a pixel or without."""
+        """Yield the true image in bands of some pixels, one sample a pixel or without color."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self._triangles, bundle)
         for rows in bands(bundle.resolution[0], range(bundle.resolution[1]), pixels):
@@ -146,8 +146,10 @@ class Reference:
     def propose(self, aperture: Aperture, *, colored: bool = True) -> HogelImage:
         """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
-        found = uncertified(self.tracer, self.scene, bundle, rows := range(bundle.resolution[1]))
-        return self._pictures.image(self.camera(aperture), rows, [(bundle, found)], colored=colored)
+        proposal = uncertified(self.tracer, self.scene, bundle, rows := range(bundle.resolution[1]))
+        return self._pictures.image(
+            self.camera(aperture), rows, [(bundle, proposal)], colored=colored
+        )
 
     def converged(
         self,
@@ -156,11 +158,11 @@ class Reference:
         sampling: Sampling | None = None,
         seed: int = 0,
     ) -> Converged:
-        """Return the color averaged over the whole aperture, not over some points of it (paper, section 6).
+        """Return the color averaged over the whole area of an aperture (paper, section 6).
 
         The tolerance is the largest root mean square of the standard error over pixels and
-        channels, in radiance; `Converged.error` is the one that was reached. `sampling` says over
-        which boxes of pixels, None for the scene's own; its number of sub-apertures is not used.
+        channels, in radiance; `Converged.error` is the error reached. `sampling` has the boxes of
+        pixels, None for the scene's own; its number of sub-apertures is not used.
         Another seed gives independent points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
@@ -172,7 +174,7 @@ class Reference:
         return converged(mean, self.scene.plate, aperture, tolerance, seed)
 
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
-        """Yield the first surfaces alone, without points or color, in bands of rows from the top."""
+        """Yield the first surfaces, without points or color, in bands of rows from the top."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self._triangles, bundle)
         for rows in bands(bundle.resolution[0], range(bundle.resolution[1])):
@@ -181,21 +183,21 @@ class Reference:
     def trace_model(
         self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True
     ) -> HogelImage:
-        """Return what these settings' cameras would draw without rounding; faster if not `shaded`."""
+        """Return the image of the cameras of some settings without rounding; faster unshaded."""
         settings.check_against(self.scene.frustum)
         width, height = self.scene.frustum.resolution
         cameras = model_cameras(self.scene.frustum, aperture, settings)
         camera = self._pictures.camera(aperture, settings)
         rows = list(bands(width, range(height), WHOLE_PIXELS))
-        decided = [self._decided(one.bundle, settings.cull, rows) for one in cameras]
+        decided = [self._decided(each.bundle, settings.cull, rows) for each in cameras]
         return stacked(
             [
                 self._pictures.image(
                     camera,
                     band,
                     [
-                        (one.bundle, next(found))
-                        for one, found in zip(cameras, decided, strict=True)
+                        (each.bundle, next(surfaces))
+                        for each, surfaces in zip(cameras, decided, strict=True)
                     ],
                     normals=shaded,
                     colored=shaded,
@@ -207,7 +209,7 @@ class Reference:
     def _decided(
         self, bundle: RayBundle, cull: Cull, rows: Sequence[range]
     ) -> Iterator[FirstSurfaces]:
-        """Yield what a camera that may leave out faces shows in bands of rows."""
+        """Yield the first surfaces of a camera, which may cull faces, in bands of rows."""
         if cull is Cull.NONE:
             yield from map(Certifier(self._triangles, bundle).decide, rows)
             return
@@ -217,7 +219,7 @@ class Reference:
             yield certifier.decide(band).renumbered(some)
 
     def gaps(self, aperture: Aperture, before: HogelImage | None = None) -> Floats:
-        """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).
+        """Return the gap behind each pixel's first surface to the next on the same side, (H, W).
 
         A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind
         the plate, to the second nearest; for C*, which keeps the farthest before the plate, to the
@@ -249,7 +251,7 @@ class Reference:
         return self.hidden_from(crossed_frustum(self.scene.frustum, aperture), points)
 
     def hidden_from(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from the center of a pencil's lines, (N,); see `Occlusion`."""
+        """Return the points (N,) hidden from the center of a ray bundle; see `Occlusion`."""
         return self._occlusion.hidden(bundle, points)
 
     def rendering(self, sampling: Sampling | None = None) -> Rendering:

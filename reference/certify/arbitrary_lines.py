@@ -1,8 +1,8 @@
-"""First surfaces along any lines through one point, not only those of a film; all decided exactly.
+"""First surfaces along arbitrary lines through one point, each decided exactly.
 
 The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle
 that reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex.
-Only lines in that cap, or in the opposite one, can meet the triangle. Those lines are decided in
+Only lines in that cap, or in the opposite one, can meet the triangle. They are decided in
 integers.
 """
 
@@ -19,19 +19,19 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 CHORD_MARGIN = 1e-9
-"""Added to every chord: a million times the rounding of unit vectors and of their distances, some 1e-15."""
+"""Margin of every chord: a million times the rounding of unit vectors and distances, 1e-15."""
 
 MAX_CHORD = 1.4
-"""Largest chord of a cap that surely is smaller than a half sphere, whose chord is the square root of 2."""
+"""Largest chord of a cap surely smaller than a half sphere, whose chord is sqrt(2)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstAlong:
     """The first surfaces along N lines.
 
-    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the
-    place on the line, to the nearest double, NaN for none. `ties` has the numbers of the triangles
-    that are first together, in ascending order, by the number of the line.
+    `triangle` is the number of the first triangle, the smallest of a tie, `NOTHING` for none; s is
+    the place on the line, to the nearest double, NaN for none. `ties` has the numbers of the
+    triangles that are first together, in ascending order, by the number of the line.
     """
 
     triangle: Numbers
@@ -42,7 +42,7 @@ class FirstAlong:
 def first_surfaces_along(
     triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
 ) -> FirstAlong:
-    """Decide what the lines center + s d meet first; meant for up to some 1e6 lines.
+    """Decide the first surface along lines center + s d; meant for up to some 1e6 lines.
 
     Triangles (F, 3, 3) have their corners in scene units, directions d (N, 3) any length but zero.
     Surfaces count with s in the closed range, and the smallest s comes first.
@@ -67,7 +67,7 @@ def first_surfaces_along(
 
 
 class ExactLines(ExactPencil):
-    """Any lines through a point against triangles in integers; numbers of lines take the place of pixels."""
+    """Arbitrary lines through a point against triangles in integers, by the number of the line."""
 
     def __init__(
         self, triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
@@ -110,9 +110,9 @@ def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
     # Lines run both ways from the center: each one is looked for by its two directions.
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     tree = KDTree(np.concatenate((unit, -unit)))
-    found = tree.query_ball_point(middle, np.where(everywhere, 0.0, chord))
+    near_middle = tree.query_ball_point(middle, np.where(everywhere, 0.0, chord))
     all_lines = list(range(len(directions)))
     return [
         all_lines if anywhere else sorted({line % len(directions) for line in lines})
-        for lines, anywhere in zip(found, everywhere.tolist(), strict=True)
+        for lines, anywhere in zip(near_middle, everywhere.tolist(), strict=True)
     ]

@@ -34,7 +34,7 @@ from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 
 MAX_ROWS = 1 << 31
-"""Largest number of rows that the boxes of one `Boxes` can have together: they are counted in 32 bits."""
+"""Largest number of rows of all boxes of one `Boxes`: they are counted in 32 bits."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,12 +47,12 @@ class Boxes:
     #: triangle's box in space contains the center: these triangles are not cut by their edges row
     #: by row
     turn: Any = None
-    #: Whether the center lies in the closed triangle, exactly; None for triangles of known turn,
+    #: True where the center lies in the closed triangle, exactly; None for triangles of known turn,
     #: which do not hold it
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
-        """Return the box and the row of each row of pixels of all boxes, within some rows; None without any.
+        """Return box and row of each row of pixels of all boxes in a range; None without any.
 
         Lanes of one box follow one another, from the top.
         """
@@ -66,9 +66,9 @@ class Boxes:
             return None
         # Boxes are counted at their first rows; those without rows begin where the next one does.
         begins = dr.zeros(UInt32, count)
-        one = dr.opaque(UInt32, 1)
+        unit = dr.opaque(UInt32, 1)
         inside = before < dr.opaque(UInt32, count)
-        dr.scatter_reduce(dr.ReduceOp.Add, begins, one, before, inside, mode=dr.ReduceMode.Direct)
+        dr.scatter_reduce(dr.ReduceOp.Add, begins, unit, before, inside, mode=dr.ReduceMode.Direct)
         box = dr.cumsum(begins) - 1
         below = Int32(dr.arange(UInt32, count) - dr.gather(UInt32, before, box))
         row = dr.gather(Int32, top, box) + below
@@ -83,14 +83,14 @@ def bounding_boxes(
     margin: float = 0.0,
     border: int = 0,
 ) -> list[Boxes]:
-    """Return the boxes of all triangles that a pencil's film may show; those without any are left out.
+    """Return the boxes of all triangles that the film of a ray bundle may show.
 
     This is called while `recording`; `exact` are the pencil's lines in integers. With a margin, in
-    pixels, boxes are wider than rounding asks for: places of other points are rounded as well, and
+    pixels, boxes are wider than rounding requires: places of other points are rounded as well, and
     its bound is doubled. A border are columns and rows about the film, from which boxes are
     counted, for all that lies beside it.
     """
-    found: list[Boxes] = []
+    all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)
     film = [FilmAxis(bundle, axis, margin, border) for axis in range(2)]
     sides = [side for side in (1, -1) if side * bundle.s_range[side > 0] > 0]
@@ -115,7 +115,7 @@ def bounding_boxes(
             boxed.append((box, turn, hit & ~in_doubt, hit & in_doubt))
         dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
         for box, turn, known, doubtful in boxed:
-            found += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
+            all_boxes += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
         reached: Any = dr.compress(touching)
         around = reached.numpy() + start
         # The others may contain the center, and may then be met by every line. A triangle whose
@@ -125,18 +125,18 @@ def bounding_boxes(
         whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
         if whole:
             ends = (0, bundle.resolution[0] - 1 + 2 * border, 0, height - 1)
-            found.append(
+            all_boxes.append(
                 Boxes(
                     number=on_device(np.array(whole, dtype=np.uint32)),
                     box=[on_device(np.full(len(whole), end, dtype=np.int32)) for end in ends],
                     holds=on_device(np.array([holds[n] for n in whole], dtype=np.bool_)),
                 )
             )
-    return found
+    return all_boxes
 
 
 def pixel_slack(bundle: RayBundle, axis: int) -> float:
-    """Return a bound in pixels on the rounding of a projection near the film, and of the slopes themselves.
+    """Return a bound in pixels on the rounding of a projection near the film and of the slopes.
 
     A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again.
     Near the film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is
@@ -147,7 +147,7 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
 
 
 class FilmAxis:
-    """The map from slopes to columns or rows, (slope - shear) scale + middle, known to within `slack`.
+    """Map from slopes to columns or rows, (slope - shear) scale + middle, within `slack`.
 
     With a margin, `slack` is wider, see `bounding_boxes`. Boxes reach `border` pixels beyond the
     film's ends; `steepest` is the largest slope.
@@ -164,7 +164,7 @@ class FilmAxis:
         self.count, self.border, self.last = constants([count, border, count - 1 + border])
 
     def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
-        """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
+        """Return the columns of two slopes, from -1 to W; the caller rounds them inward."""
         first = product(low - self.shear, self.scale) + self.middle - self.slack
         last = product(high - self.shear, self.scale) + self.middle + self.slack
         return tuple(dr.minimum(dr.maximum(end, -1.0), self.count) for end in (first, last))
@@ -200,8 +200,8 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     A triangle that crosses s = 0 reaches to infinity there, in the direction of the points where
     its edges cross.
     """
-    ahead = [one > 0 if side > 0 else one < 0 for one in s]
-    slopes = [one / depth for one, depth in zip(x, s, strict=True)]
+    ahead = [part > 0 if side > 0 else part < 0 for part in s]
+    slopes = [part / depth for part, depth in zip(x, s, strict=True)]
     low = _least(
         [dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
     )
@@ -221,7 +221,7 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
 
 
 def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
-    """Return the boxes of the chosen triangles, if there are any; the number of the first lane is `start`."""
+    """Return the boxes of the chosen triangles, if any; `start` is the number of the first lane."""
     kept: Any = dr.compress(chosen)
     if not dr.width(kept):
         return []

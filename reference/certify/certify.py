@@ -2,9 +2,9 @@
 
 The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every
 rounding error. So a triangle that surely is met before the nearest possible point of every other
-triangle is first, whatever any tracer says: the pixel is proven. What the filter leaves open, edge
-functions at the pixel's center may still prove; triangles that coincide are a tie; integers decide
-the rest.
+triangle is first, independent of any tracer: the pixel is proven. Where the filter leaves a pixel
+open, edge functions at its center may still prove it; coincident triangles are a tie; integers
+decide the rest.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class FirstSurfaces:
     device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
-        """Return the same decisions with other triangle numbers: number i of (F,) is that of triangle i."""
-        # The last entry is that of `NOTHING`, which is -1.
+        """Return the same decisions with `numbers` (F,) in place of triangles 0 to F - 1."""
+        # The last entry stands for `NOTHING`, which is -1.
         known = np.append(numbers, NOTHING)
         tied_triangles = self.tied_triangles.copy()
         tied_triangles[:, 2] = known[tied_triangles[:, 2]]
@@ -58,30 +58,36 @@ class Certifier:
         self._filter = Filter(triangles, bundle, self._exact)
 
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
-        """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps` and `Filter.gaps`."""
+        """Return the gaps of some rows, (rows, W); see `Reference.gaps` and `Filter.gaps`."""
         return self._filter.gaps(rows, numbers).reshape(len(rows), -1)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
-        sifted = self._filter.classify_pixels(rows)
+        classified = self._filter.classify_pixels(rows)
         shape = (len(rows), self.bundle.resolution[0])
-        found = FirstSurfaces(
-            triangle=sifted.triangle.reshape(shape),
-            s=sifted.s.reshape(shape),
-            # Proven unless contested: `_settle` overwrites the contested ones.
+        decided = FirstSurfaces(
+            triangle=classified.triangle.reshape(shape),
+            s=classified.s.reshape(shape),
+            # Proven unless ambiguous: `_settle` overwrites these.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
             tied_triangles=np.zeros((0, 3), dtype=np.int64),
-            device=sifted.device,
+            device=classified.device,
         )
-        if not len(sifted.ambiguous.pixel):
-            return found
-        found = replace(found, triangle=found.triangle.copy(), s=found.s.copy(), device=None)
-        tied_triangles = self._settle(found, sifted.ambiguous, rows.start * shape[1])
-        return replace(found, tied_triangles=tied_triangles)
+        if not len(classified.ambiguous.pixel):
+            return decided
+        decided = replace(
+            decided, triangle=decided.triangle.copy(), s=decided.s.copy(), device=None
+        )
+        tied_triangles = self._settle(decided, classified.ambiguous, rows.start * shape[1])
+        return replace(decided, tied_triangles=tied_triangles)
 
-    def _settle(self, found: FirstSurfaces, ambiguous: Pairs, base: int) -> Indices:
-        """Fill in the pixels of contested pairs, numbered from `base`; return the companions of ties."""
-        triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
+    def _settle(self, decided: FirstSurfaces, ambiguous: Pairs, base: int) -> Indices:
+        """Fill in pixels with ambiguous pairs, numbered from `base`; return the tied triangles."""
+        triangle, s, certainty = (
+            decided.triangle.ravel(),
+            decided.s.ravel(),
+            decided.certainty.ravel(),
+        )
         width = self.bundle.resolution[0]
         # Step 1: pixels that one sure contender is left for are proven.
         contenders = _not_behind(ambiguous, base, len(triangle))
@@ -92,8 +98,7 @@ class Certifier:
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
         s[contenders.pixel[proven] - base] = contenders.s[proven]
 
-        # Step 2: pixels whose contenders coincide on every line are ties, known without asking this
-        # line.
+        # Step 2: pixels whose contenders coincide on every line are ties on this line too.
         groups = _Groups.from_pairs(contenders[~proven])
         tied = groups.tied(self._exact)
         leaders = groups.starts[tied]
@@ -122,7 +127,7 @@ def first_surfaces(corners: Floats, bundle: RayBundle) -> FirstSurfaces:
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
-    """Return the pairs without those that surely lie behind another, now that coverage is settled."""
+    """Return the pairs that do not surely lie behind another, now that coverage is settled."""
     limit = np.full(pixels, np.inf)
     np.minimum.at(limit, pairs.pixel[pairs.sure] - base, pairs.farthest[pairs.sure])
     return pairs[pairs.nearest <= limit[pairs.pixel - base]]
@@ -130,7 +135,10 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Groups:
-    """Contested pairs by pixel and triangle, each triangle once; first pair and size (G,) of each pixel."""
+    """Ambiguous pairs by pixel and triangle, each triangle once.
+
+    `starts` and `sizes` (G,) are first pair and number of pairs of each pixel.
+    """
 
     pairs: Pairs
     starts: Indices
@@ -159,14 +167,14 @@ class _Groups:
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
         # Triangles in the plane of the first of the group: decided in integers, once for each two.
         sure = np.repeat(np.logical_and.reduceat(self.pairs.sure, self.starts), self.sizes)
-        asked = np.flatnonzero(sure & ~known)
-        planes = np.stack((self.pairs.triangle[leader[asked]], self.pairs.triangle[asked]), axis=-1)
-        different, which = np.unique(planes, axis=0, return_inverse=True)
-        coplanar = np.array(
-            [exact.coplanar(one, other) for one, other in different.tolist()], dtype=np.bool_
+        unsettled = np.flatnonzero(sure & ~known)
+        planes = np.stack(
+            (self.pairs.triangle[leader[unsettled]], self.pairs.triangle[unsettled]), axis=-1
         )
-        known[asked] = coplanar[which.ravel()]
-        # A tie takes at least two, all of them surely met.
+        different, which = np.unique(planes, axis=0, return_inverse=True)
+        coplanar = np.array([exact.coplanar(*pair) for pair in different.tolist()], dtype=np.bool_)
+        known[unsettled] = coplanar[which.ravel()]
+        # A tie needs at least two certain hits.
         alone = self.sizes == 1
         return np.asarray(np.logical_and.reduceat(sure & known, self.starts) & ~alone)
 

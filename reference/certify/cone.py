@@ -1,4 +1,4 @@
-"""Triangles as the cones that they span about the point all lines pass through, with bounds of rounding.
+"""Triangles as cones about the common point of all lines, with bounds of rounding.
 
 For q_i = p_i - center, a line center + s d meets the triangle's edge (i, j) where
 
@@ -41,18 +41,18 @@ from xfrustum.scenes.arrays import Floats
 UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounded operation in double precision, u
 
 ROUNDING = 12 * UNIT_ROUNDOFF
-"""Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4 u for the
-rounding of the bound itself."""
+"""Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and
+4 u for the rounding of the bound itself."""
 
 UNDERFLOW = 2.0**-1022
-"""Smallest double of full precision. Below it, the three quotients and products that make s and its bound are
-off by at most half a step each, 2^-1075, whatever their size; this number covers them."""
+"""Smallest double of full precision. Below it, the three quotients and products that make s and its
+bound are off by at most half a step each, 2^-1075, whatever their size; this number covers them."""
 
 EDGES = ((0, 1), (1, 2), (2, 0))  #: first and second corner of each edge of a triangle
 
 
 class Triangles:
-    """Corners (F, 3, 3) of triangles on the device, put there once for all pencils, in 96 bytes each."""
+    """Corners (F, 3, 3) of triangles on the device, shared by all ray bundles, 96 bytes each."""
 
     def __init__(self, corners: Floats) -> None:
         self.corners = corners
@@ -74,7 +74,7 @@ class Triangles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Viewpoint:
-    """The center of a pencil, and first and last s of its range.
+    """The center of a ray bundle, and first and last s of its range.
 
     `slack` is the relative error of s of a corner, -q_z: none where the center lies in the plate.
     """
@@ -85,7 +85,7 @@ class Viewpoint:
 
     @classmethod
     def from_bundle(cls, bundle: RayBundle) -> Viewpoint:
-        """Return the viewpoint of a pencil."""
+        """Return the viewpoint of a ray bundle."""
         (slack,) = constants([0.0 if bundle.center[2] == 0 else 2 * UNIT_ROUNDOFF])
         return cls(center=constants(bundle.center), ends=constants(bundle.s_range), slack=slack)
 
@@ -98,9 +98,9 @@ class Viewpoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Planes:
-    """The planes of triangles: n, not normalized, and q_0 . n, with what bounds their rounding errors.
+    """Planes of triangles: n, not normalized, and q_0 . n, with bounds of their rounding errors.
 
-    `magnitude` has the sums of absolute products in n, and `bound` is that of `offset`, q_0 . n.
+    `magnitude` has the sums of absolute products in n; `bound` bounds `offset`, q_0 . n.
     """
 
     normal: list[Any]
@@ -112,11 +112,11 @@ class Planes:
     def from_points(
         cls, points: Sequence[Sequence[Any]], center: Sequence[Any], holds: Any
     ) -> Planes:
-        """Return the planes of triangles; `holds` says which are known to contain the center."""
+        """Return the planes of triangles; `holds` marks those that contain the center."""
         # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
         first, second = difference(points[1], points[0]), difference(points[2], points[0])
         normal, magnitude = cross(first, second), _cross_magnitude(first, second)
-        # The bound is that of the sum of all absolute products in q_0 . n. Where the center lies in
+        # The bound covers the sum of all absolute products in q_0 . n. Where the center lies in
         # the triangle both are exactly zero.
         corner = difference(points[0], center)
         offset = _dot(corner, normal)
@@ -131,11 +131,11 @@ class Planes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cones:
-    """Triangles as seen from a pencil's center.
+    """Triangles seen from the center of a ray bundle.
 
     `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in
-    them. `within` says whether all of a triangle surely lies in the pencil's range, `holds` whether
-    the center lies in the closed triangle.
+    them. `within` is true where all of a triangle surely lies in the range of the lines, `holds`
+    where the center lies in the closed triangle.
     """
 
     edges: list[list[Any]]
@@ -161,7 +161,7 @@ class Cones:
         )
 
     def covering(self, dx: Any, dy: Any) -> tuple[Any, Any]:
-        """Return whether lines may pass through the triangles, by their edge functions, and surely do."""
+        """Return whether lines may pass through the triangles, and whether they surely do."""
         positive, negative = [], []
         for edge, magnitude in zip(self.edges, self.magnitudes, strict=True):
             value = product(edge[0], dx) + product(edge[1], dy) - edge[2]
@@ -235,7 +235,7 @@ class RowPlanes:
 
 
 def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
-    """Return whether s, known to within an error, may lie in a range, and whether a hit surely counts there.
+    """Return whether s +- error may lie in a range, and whether a hit surely counts there.
 
     A triangle that surely lies within the range needs no test against its ends, which would leave a
     hit close to them in doubt. Where not even the sign of s is certain, the triangle may well be

@@ -30,7 +30,7 @@ def _fraction_bits(values: Floats) -> int:
 
 
 REMEMBERED_SCENES = 8
-"""Number of scenes whose digits are remembered: every aperture of a plate asks for the same ones."""
+"""Number of scenes whose digits are cached: all apertures of a plate share them."""
 
 _REMEMBERED: deque[tuple[ref[Floats], int]] = deque(maxlen=REMEMBERED_SCENES)
 
@@ -61,36 +61,36 @@ def _dot(a: Integers, b: Integers) -> int:
 
 
 class ExactPencil:
-    """A pencil's lines against a scene's triangles in integer arithmetic.
+    """Lines of a ray bundle against the triangles of a scene, in integer arithmetic.
 
     Parameters
     ----------
     triangles
         (F, 3, 3) corners of the scene's triangles, in scene units.
-    pencil
+    bundle
         Lines through one point.
     """
 
     def __init__(self, triangles: Floats, bundle: RayBundle) -> None:
         self._triangles = triangles
-        self._pencil = bundle
+        self._bundle = bundle
         self._range = (Fraction(bundle.s_range[0]), Fraction(bundle.s_range[1]))
         self.cone = lru_cache(maxsize=1 << 16)(self._cone)
 
     @cached_property
     def _bits(self) -> int:
         """Binary digits after the point that hold every coordinate exactly."""
-        return max(_bits_of_scene(self._triangles), _fraction_bits(np.asarray(self._pencil.center)))
+        return max(_bits_of_scene(self._triangles), _fraction_bits(np.asarray(self._bundle.center)))
 
     @cached_property
     def _slope_bits(self) -> int:
         """Binary digits after the point that hold every slope exactly."""
-        return max(_fraction_bits(self._pencil.dx), _fraction_bits(self._pencil.dy))
+        return max(_fraction_bits(self._bundle.dx), _fraction_bits(self._bundle.dy))
 
     @cached_property
     def _center(self) -> Integers:
         """The center times 2**bits."""
-        x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._pencil.center)
+        x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._bundle.center)
         return x, y, z
 
     def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
@@ -110,15 +110,15 @@ class ExactPencil:
 
     def direction(self, pixel: int) -> Integers:
         """Return d of a pixel (row * W + column) times 2**slope_bits."""
-        row, column = divmod(pixel, self._pencil.resolution[0])
+        row, column = divmod(pixel, self._bundle.resolution[0])
         return (
-            _scaled(self._pencil.dx[column], self._slope_bits),
-            _scaled(self._pencil.dy[row], self._slope_bits),
+            _scaled(self._bundle.dx[column], self._slope_bits),
+            _scaled(self._bundle.dy[row], self._slope_bits),
             -(1 << self._slope_bits),
         )
 
     def meets(self, pixel: int, triangle: int) -> Fraction | None:
-        """Return s where a pixel's line meets a triangle, None where it does not or out of range."""
+        """Return s where a pixel's line meets a triangle; None for a miss or out of range."""
         d = self.direction(pixel)
         edges, normal, offset = self.cone(triangle)
         # A line in the triangle's plane, or parallel to it, does not meet it.
@@ -138,16 +138,16 @@ class ExactPencil:
         return self.cone(triangle)[2] != 0
 
     def contains_center(self, triangle: int) -> bool:
-        """Return whether the pencil's center lies in a closed triangle: every line meets it at s = 0."""
+        """Return whether the center lies in a closed triangle, which every line meets at s = 0."""
         edges, normal, offset = self.cone(triangle)
         return (
             offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
         )
 
-    def coplanar(self, one: int, other: int) -> bool:
+    def coplanar(self, first: int, second: int) -> bool:
         """Return whether every line meets two triangles' planes at the same s."""
-        _, a, a_offset = self.cone(one)
-        _, b, b_offset = self.cone(other)
+        _, a, a_offset = self.cone(first)
+        _, b, b_offset = self.cone(second)
         return _cross(a, b) == (0, 0, 0) and all(
             a[i] * b_offset == b[i] * a_offset for i in range(3)
         )

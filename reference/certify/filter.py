@@ -1,4 +1,4 @@
-"""The filter: in doubles, with every rounding bounded, which triangles may be first at each pixel.
+"""Filter in doubles, with every rounding bounded, of triangles that may be first at each pixel.
 
 Broad phase: `boxes` has the bounding boxes of triangles on the film. Narrow phase: there is one
 lane for each row of pixels of a box. It cuts the row by the triangle's edges, which leaves columns
@@ -9,10 +9,9 @@ center. Then it walks its columns:
    lie: the first surface lies no farther than this limit.
 2. Triangles that may be met no farther than the limit are counted. A pixel with one of them, surely
    met, is settled: nothing else can be first, because nothing is left out.
-3. Of all other pixels, the pairs of pixel and triangle are returned, for integers to decide
-   (`certify`).
+3. All pairs of triangles with the other pixels are returned, for integers to decide (`certify`).
 
-All formulas are those of `cone`; docs/truth.md derives the bounds.
+The formulas are in `cone`; docs/truth.md derives the bounds.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 class Pairs:
     """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
 
-    The true place where the line meets the triangle's plane lies in s +- error; `sure` says whether
-    the line surely meets the triangle, inside the pencil's range.
+    The true place where the line meets the triangle's plane lies in s +- error; `sure` is true
+    where the line surely meets the triangle, inside the range of s.
     """
 
     pixel: Indices
@@ -99,10 +98,10 @@ DOUBTFUL_WEIGHT = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sifted:
-    """The triangles that may be first in some rows of an image.
+class ClassifiedPixels:
+    """Triangles that may be first in some rows of an image.
 
-    Number and place (pixels,) are those of the triangle that surely is first; `NOTHING` and NaN
+    `triangle` and `s` (pixels,) belong to the triangle that surely is first; `NOTHING` and NaN
     where the line meets none, and where `ambiguous` has pairs: all of the pixels for which several
     triangles may be first, or one that is not surely met. `device` is `triangle` and `s` as arrays
     of Dr.Jit.
@@ -116,11 +115,10 @@ class Sifted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lanes:
-    """Rows of triangles' boxes, cut by their edges, one lane each: columns from `first` to `last`, if any.
+    """Rows of boxes, cut by the edges of their triangles, one lane each: columns `first` to `last`.
 
     Coverage is certain between the slopes dx of `surely`; of triangles that are not cut by their
-    edges it is asked of `cones`. `within` says whether a triangle surely lies within the pencil's
-    range.
+    edges it follows from `cones`. `within` is true where a triangle surely lies within the range.
     """
 
     number: Any
@@ -147,7 +145,7 @@ class Filter:
     """The filter of the lines of one image; `exact` are the same lines in integers."""
 
     def __init__(self, triangles: Triangles, bundle: RayBundle, exact: ExactPencil) -> None:
-        self._triangles, self._pencil = triangles, bundle
+        self._triangles, self._bundle = triangles, bundle
         with recording():
             self._boxes = bounding_boxes(triangles, bundle, exact)
             self._film = FilmAxis(bundle, 0)
@@ -155,9 +153,9 @@ class Filter:
             self._dx, self._dy = on_device(bundle.dx), on_device(bundle.dy)
             self._width = dr.opaque(UInt32, bundle.resolution[0])
 
-    def classify_pixels(self, rows: range) -> Sifted:
+    def classify_pixels(self, rows: range) -> ClassifiedPixels:
         """Return the triangles that may be first in some rows of the image."""
-        pixels = len(rows) * self._pencil.resolution[0]
+        pixels = len(rows) * self._bundle.resolution[0]
         with recording():
             lanes = self._cut(rows)
             limit = self._limit(lanes, rows)
@@ -180,13 +178,13 @@ class Filter:
             unsettled = count > 1
             size = int(dr.sum(dr.select(unsettled, count, UInt32(0)))[0])
             if size:
-                # What is written there is one triangle of several, and is taken back.
+                # Several triangles wrote there, in any order: their number is taken back.
                 number = dr.select(unsettled, NOTHING, number)
                 place = dr.select(unsettled, np.nan, place)
                 parts = [self._pairs(some, rows, limit, unsettled, size) for some in lanes]
                 ambiguous = Pairs.joined(parts)
             dr.eval(number, place)
-            return Sifted(
+            return ClassifiedPixels(
                 triangle=number.numpy(),
                 s=place.numpy(),
                 ambiguous=ambiguous,
@@ -196,9 +194,9 @@ class Filter:
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return how far the next surface lies behind the first one on the same side, (pixels,).
 
-        It is the smallest s of what surely lies behind, minus the largest s of the first surface;
-        infinite without either. With `numbers` (pixels,) only triangles of smaller numbers count as
-        next ones.
+        It is the smallest s of all surfaces surely behind, minus the largest s of the first
+        surface; infinite without either. With `numbers` (pixels,) only triangles of smaller numbers
+        count as next ones.
         """
         with recording():
             lanes = self._cut(rows)
@@ -219,13 +217,13 @@ class Filter:
 
                 some.walk(lower)
                 dr.eval(second)
-            found: Floats = dr.select(dr.isfinite(second), second - first, np.inf).numpy()
-            return found
+            gaps: Floats = dr.select(dr.isfinite(second), second - first, np.inf).numpy()
+            return gaps
 
     def _cut(self, rows: range) -> list[_Lanes]:
         """Return the rows of all boxes, cut by the edges of their triangles."""
         reaching = [(boxes, boxes.rows(rows)) for boxes in self._boxes]
-        return [self._lanes(boxes, *found) for boxes, found in reaching if found]
+        return [self._lanes(boxes, *place) for boxes, place in reaching if place]
 
     def _lanes(self, boxes: Boxes, box: Any, row: Any) -> _Lanes:
         number = dr.gather(UInt32, boxes.number, box)
@@ -253,8 +251,7 @@ class Filter:
             cones=None if surely is not None else cones,
             holds=holds,
         )
-        # Kernels wait for memory: what is computed at once from other arrays is not kept for the
-        # next ones.
+        # Kernels are bound by memory: a value computed from others in few operations is not stored.
         kept = [getattr(lanes.planes, field.name) for field in fields(RowPlanes)]
         whole = () if lanes.cones is None else (*lanes.cones.edges, *lanes.cones.magnitudes)
         dr.eval(number, lanes.row, lanes.within, lanes.first, lanes.last, surely, *kept, *whole)
@@ -275,8 +272,8 @@ class Filter:
         return (lanes.row - dr.opaque(UInt32, rows.start)) * self._width + column
 
     def _limit(self, lanes: list[_Lanes], rows: range) -> Any:
-        """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
-        limit = dr.full(Float64, np.inf, len(rows) * self._pencil.resolution[0])
+        """Return the largest possible s of each pixel's first surface; infinite without one."""
+        limit = dr.full(Float64, np.inf, len(rows) * self._bundle.resolution[0])
         dr.make_opaque(limit)
         for some in lanes:
 
@@ -304,12 +301,12 @@ class Filter:
 
         def write(column: Any) -> None:
             s, error, sure, possible = self._may_be_first(lanes, column, rows, limit)
-            wanted = possible & dr.gather(Bool, unsettled, self._pixel(lanes, column, rows))
-            slot = dr.scatter_inc(written, UInt32(0), wanted)
+            chosen = possible & dr.gather(Bool, unsettled, self._pixel(lanes, column, rows))
+            slot = dr.scatter_inc(written, UInt32(0), chosen)
             for target, value in zip(
                 out, (lanes.number, lanes.row, column, s, error, sure), strict=True
             ):
-                dr.scatter(target, value, slot, wanted)
+                dr.scatter(target, value, slot, chosen)
 
         lanes.walk(write)
         dr.eval(written, *out)
@@ -317,11 +314,11 @@ class Filter:
         if not count:
             return NO_PAIRS
         number, row, column, s, error, sure = (
-            dr.gather(type(one), one, dr.arange(UInt32, count)) for one in out
+            dr.gather(type(values), values, dr.arange(UInt32, count)) for values in out
         )
         if lanes.surely is not None:
             # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center
-            # say more.
+            # may decide it.
             cones = Cones.from_points(self._triangles.points(number), self._seen_from, False)
             dx, dy = dr.gather(Float64, self._dx, column), dr.gather(Float64, self._dy, row)
             may_cover, covers = cones.covering(dx, dy)
@@ -347,7 +344,7 @@ def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) ->
 
 
 def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[Any, Any, Any, Any]:
-    """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
+    """Return the slopes dx of lines of a row that may meet a triangle, and of lines that surely do.
 
     Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so
     each edge bounds dx on one side, at its zero -rest / slope. No line with a slope outside [low,

@@ -1,11 +1,11 @@
-"""The occlusion query: which drawn points another surface hides on their own lines (docs/truth.md).
+"""Occlusion query: points of an image hidden by other surfaces on their own lines (docs/truth.md).
 
 The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A
-point's own line is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if
-this line meets it before the point by more than half of the tolerance within which the point is
+point's own line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the point
+if this line meets it before the point by more than half of the tolerance within which the point is
 known, and if the point lies farther from the triangle's plane than this tolerance: a point nearer
-to the plane may as well lie on its other side, where the triangle does not hide it. What doubles
-leave open is decided in rational numbers.
+to the plane may as well lie on its other side, where the triangle does not hide it. Pairs left open
+by doubles are decided in rational numbers.
 
 Points are sorted by the cells of the film that their lines pass: one cell about each pixel's
 center, with a border for all that lies beside it. A triangle's box of cells holds every cell in
@@ -57,18 +57,18 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 HALF_CELL = 0.5  #: distance, in pixels, of a cell's sides from its center
 
 PAIRS_PER_POINT = 1 / 8
-"""Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
-more pairs, the walk is repeated with room for all of them."""
+"""Room for pairs of each point at first. Most points are hidden by nothing; for more pairs, the
+walk is repeated with room for all of them."""
 
-MIN_PAIRS = 1 << 12  #: number of pairs that there is always room for
+MIN_PAIRS = 1 << 12  #: least room for pairs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfacePoints:
-    """Surface points that an image shows."""
+    """Surface points of an image."""
 
     position: Floats  #: (N, 3) scene units, off the height of the center from which they are seen
-    #: (N,) number of the triangle that each point lies on, `NOTHING` where that is not known
+    #: (N,) number of the triangle with the point, `NOTHING` where unknown
     triangle: Numbers
     #: (N,) distance within which each point is known, scene units: a triangle whose plane passes
     #: within this distance of a point does not hide it. Thus a mesh's tessellation makes no
@@ -78,7 +78,7 @@ class SurfacePoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lines:
-    """The lines through points, sorted by the cells of the film; `start` is the first line of each cell.
+    """Lines through points, sorted by cells of the film; `start` is the first line of each cell.
 
     `line` has slopes dx and dy, end, and the number of the point's own triangle, (4 N,) line by
     line; `point` the numbers of the points, and `positions` the coordinates x, y and z of all
@@ -93,24 +93,23 @@ class _Lines:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rows:
-    """Rows of cells that triangles reach into, one lane each; `behind` is the cell after the last."""
+    """Rows of cells of triangles' boxes, one lane each; `behind` is the cell after the last."""
 
     first: Any
     behind: Any
     number: Any
-    holds: (
-        Any  # whether the triangle holds the center, where all lines meet it; None where none does
-    )
+    #: true where the triangle holds the center, where all lines meet it; None where none does
+    holds: Any
 
 
 def _rows_of_cells(triangles: Triangles, bundle: RayBundle) -> list[_Rows]:
     """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
-    # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and
-    # hide.
+    # Surfaces beyond the range are not imaged. A picture that shows them nevertheless may also hide
+    # other surfaces by them.
     endless = replace(bundle, s_range=(bundle.s_range[0], math.inf))
     exact = ExactPencil(triangles.corners, bundle)
     width, height = (side + 2 for side in bundle.resolution)
-    found = []
+    all_rows = []
     for boxes in bounding_boxes(triangles, endless, exact, HALF_CELL, 1):
         reaching = boxes.rows(range(height))
         if reaching is None:
@@ -126,8 +125,8 @@ def _rows_of_cells(triangles: Triangles, bundle: RayBundle) -> list[_Rows]:
             holds=None if boxes.holds is None else dr.gather(Bool, boxes.holds, box),
         )
         dr.eval(rows.first, rows.behind, rows.number, rows.holds)
-        found.append(rows)
-    return found
+        all_rows.append(rows)
+    return all_rows
 
 
 class Occlusion:
@@ -141,57 +140,63 @@ class Occlusion:
         )
 
     def hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
-        """Return which points (N,) lie behind another surface on their own line from a pencil's center."""
+        """Return which points (N,) lie behind another surface on their own line from the center."""
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
         with recording():
             hidden = dr.zeros(Bool, len(behind))
             lines = _sorted_lines(bundle, points)
-            open_pairs = [self._sifted(bundle, rows, lines, hidden) for rows in self._rows(bundle)]
+            open_pairs = [
+                self._classify_pairs(bundle, rows, lines, hidden) for rows in self._rows(bundle)
+            ]
             behind |= hidden.numpy()
         for point, triangle in open_pairs:
             # Only points that nothing surely hides are decided in rational numbers.
-            asked = np.flatnonzero(~behind[point])
-            met = self._hides(bundle, points, point[asked], triangle[asked])
-            behind[point[asked][met]] = True
+            undecided = np.flatnonzero(~behind[point])
+            met = self._hides(bundle, points, point[undecided], triangle[undecided])
+            behind[point[undecided][met]] = True
         return behind
 
-    def _sifted(
+    def _classify_pairs(
         self, bundle: RayBundle, rows: _Rows, lines: _Lines, hidden: Any
     ) -> tuple[Indices, Indices]:
-        """Mark points that triangles surely hide, and return the pairs of point and triangle left open."""
+        """Mark points that are surely hidden; return the pairs of point and triangle left open."""
         none = np.zeros(0, dtype=np.int64)
         first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
         # Rows without lines would idle beside those that walk.
         lane: Any = dr.compress(first < last)
         if not dr.width(lane):
             return none, none
-        first, last, number = (dr.gather(UInt32, one, lane) for one in (first, last, rows.number))
+        first, last, number = (
+            dr.gather(UInt32, values, lane) for values in (first, last, rows.number)
+        )
         holds = False if rows.holds is None else dr.gather(Bool, rows.holds, lane)
         cones = Cones.from_points(
             self._triangles.points(number), Viewpoint.from_bundle(bundle), holds
         )
         room = max(MIN_PAIRS, int(PAIRS_PER_POINT * dr.width(lines.point)))
         (nearest,) = constants(bundle.s_range[:1])
-        found, pairs = _walk(cones, (first, last, number), lines, nearest, room)
-        if found > room:
-            found, pairs = _walk(cones, (first, last, number), lines, nearest, found)
-        if not found:
+        count, pairs = _walk(cones, (first, last, number), lines, nearest, room)
+        if count > room:
+            count, pairs = _walk(cones, (first, last, number), lines, nearest, count)
+        if not count:
             return none, none
-        at = dr.arange(UInt32, found)
-        point, triangle, sure = (dr.gather(type(one), one, at) for one in pairs)
-        x, y, z, tolerance = (dr.gather(Float64, one, point) for one in lines.positions)
+        at = dr.arange(UInt32, count)
+        point, triangle, sure = (dr.gather(type(values), values, at) for values in pairs)
+        x, y, z, tolerance = (dr.gather(Float64, values, point) for values in lines.positions)
         # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The
         # length of n has the bounds of its coordinates.
         planes = Planes.from_points(self._triangles.points(triangle), (x, y, z), False)
-        length, magnitude = (dr.sqrt(dot(one, one)) for one in (planes.normal, planes.magnitude))
+        length, magnitude = (
+            dr.sqrt(dot(values, values)) for values in (planes.normal, planes.magnitude)
+        )
         beyond = abs(planes.offset) - product(tolerance, length)
         bound = planes.bound + product(product(ROUNDING, tolerance), magnitude) + UNDERFLOW
         surely = sure & (beyond > bound)
         dr.scatter(hidden, Bool(True), point, surely)
         left: Any = dr.compress(~surely & (beyond >= -bound))
-        point, triangle = (dr.gather(UInt32, one, left) for one in (point, triangle))
+        point, triangle = (dr.gather(UInt32, values, left) for values in (point, triangle))
         dr.eval(hidden, point, triangle)
         return point.numpy().astype(np.int64), triangle.numpy().astype(np.int64)
 
@@ -208,7 +213,7 @@ class Occlusion:
         ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
-        # Nothing is met before its end by a line that ends before the range.
+        # A line that ends before the range meets nothing before its end.
         ends = np.maximum(ends, bundle.s_range[0]).tolist()
         corners = self._triangles.corners
         exact = ExactLines(
@@ -225,7 +230,7 @@ class Occlusion:
 
 
 def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
-    """Return the lines to points, up to half a tolerance before them: nearer is their own surface."""
+    """Return the lines to points, up to half a tolerance before their own surface."""
     positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
     own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
     center = constants(bundle.center)
@@ -298,7 +303,10 @@ def _walk(
 
 
 def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
-    """Return, in rationals, whether a point is farther than a tolerance from a plane (without area: no)."""
+    """Return whether a point lies farther than a tolerance from a plane, in rationals.
+
+    False for a triangle without area.
+    """
     p, *triangle = (
         [Fraction(value) for value in row] for row in (point.tolist(), *corners.tolist())
     )

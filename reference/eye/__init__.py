@@ -1,5 +1,5 @@
-"""What an eye before the plate sees, truly and replayed, certified.
+"""Views of eyes before the plate, true and replayed, every ray certified.
 
-first  The first surface along lines that have no common point: proven, or decided in integers
-view   The rays of an eye; true views and replayed views, with points and color
+* view: the rays of an eye, the pixels of hogels that it sees, and both views
+* first: first surfaces along lines without a common point
 """

@@ -1,15 +1,15 @@
-"""The first surface along lines that have no common point: proven, or decided in integers.
+"""First surface along lines without a common point: proven, or decided in integers.
 
-A hogel replays to an eye's pixel what it shows along a line of its own. The argument is that of
-`certify`, for each pair of a line and a triangle by itself, with the same arithmetic on the same
-numbers: what is decided of a pixel is what its whole hogel says, bit for bit.
+A hogel shows an eye's pixel its own line. The argument of `certify` holds for each pair of a line
+and a triangle by itself, with the same arithmetic on the same numbers: the decision of a pixel is
+that in the image of its whole hogel, bit for bit.
 
-Which triangles a line may cross is found from where the eye sees these. The line runs beside the
-ray of its pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0 half a
-hogel and D1 half a pixel of its film. A triangle is therefore made wider by this much; wherever a
-line crosses the triangle, the pixel's ray meets the wider one. D0 + |s| D1 is convex over s, so
-that the wider triangle lies within the hull of its wider corners, and what an eye sees of that hull
-lies between what it sees of these.
+The candidates of a line follow from the places of triangles on the eye's film. The line runs beside
+the ray of its pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0
+half a hogel and D1 half a pixel of its film. A triangle is therefore made wider by this much;
+wherever a line crosses the triangle, the pixel's ray meets the wider one. D0 + |s| D1 is convex
+over s, so that the wider triangle lies within the hull of its wider corners, whose image on the
+film lies between the images of these corners.
 """
 
 from collections.abc import Iterator
@@ -27,17 +27,17 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 PAIRS_AT_ONCE = 1 << 19
-"""Pairs of a line and a triangle that are found at once; each takes about 1 kB where it is decided."""
+"""Pairs of a line and a triangle that are decided at once, about 1 kB each."""
 
-TRIANGLES_AT_ONCE = 1 << 13  #: triangles whose columns and rows are found at once
+TRIANGLES_AT_ONCE = 1 << 13  #: triangles whose columns and rows are searched at once
 
 MARGIN = 1e-11
-"""Margin of every comparison, relative to the sum of absolute values in it: more than ten thousand roundings
-of 1e-16, for a few dozen operations."""
+"""Margin of every comparison, relative to the sum of its absolute values: more than ten thousand
+roundings of 1e-16, for a few dozen operations."""
 
 BESIDE_THE_EYE = 1e-6
-"""Smallest distance of a triangle's corner below the eye at which the triangle is projected, as a part of the
-eye's height. Others, which reach beside the eye or behind it, may cross any line."""
+"""Smallest distance below the eye, as a part of its height, at which corners are projected.
+Triangles that reach beside the eye or behind it may cross any line."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +78,7 @@ def _spread(across: Floats, down: Floats, height: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
-    """The lines of a grid along one axis, beside the rays of the eye.
+    """The lines of a grid along one axis, and the nearby rays of the eye.
 
     There are (N,) places where lines meet the plate, their slopes, and the slopes of the eye's rays
     (`seen`), ascending or descending; `eye` is the eye's coordinate on this axis, and `height` its
@@ -92,7 +92,7 @@ class Axis:
     height: float
 
     def candidates(self, x: Floats, s: Floats) -> tuple[Indices, Indices]:
-        """Return first and end (T,) of the lines that may cross triangles: corners x, depths s (3, T)."""
+        """Return first and end (T,) of lines that may cross triangles with corners x, s (3, T)."""
         if not len(self.seen):
             none = np.zeros(x.shape[1], dtype=np.int64)
             return none, none
@@ -101,10 +101,10 @@ class Axis:
         size = np.abs(x) + abs(self.eye) + (self.height + np.abs(s)) * (1 + np.abs(self.seen).max())
         wider = apart + np.abs(s) * spread + MARGIN * size
         below = self.height + s
-        beside = (below <= BESIDE_THE_EYE * self.height).any(axis=0)
+        near_eye = (below <= BESIDE_THE_EYE * self.height).any(axis=0)
         below = np.where(below > 0, below, 1.0)
-        low = np.where(beside, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
-        high = np.where(beside, np.inf, ((x + wider - self.eye) / below).max(axis=0))
+        low = np.where(near_eye, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
+        high = np.where(near_eye, np.inf, ((x + wider - self.eye) / below).max(axis=0))
         if self.seen[0] <= self.seen[-1]:
             return np.searchsorted(self.seen, low, "left"), np.searchsorted(
                 self.seen, high, "right"
@@ -113,7 +113,7 @@ class Axis:
         return np.searchsorted(down, -high, "left"), np.searchsorted(down, -low, "right")
 
     def crossed(self, x: Floats, s: Floats) -> tuple[Indices, Indices]:
-        """Return triangle and line of all that may cross, seen along the other axis: sorted by triangle."""
+        """Return triangle and line of all pairs that may cross on this axis, sorted by triangle."""
         first, end = self.candidates(x, s)
         counts = np.maximum(end - first, 0)
         triangle = np.repeat(np.arange(len(counts)), counts)
@@ -132,7 +132,7 @@ class Axis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crossings:
-    """Pairs of a line and a triangle that it may cross: (N,) column, row and number of the triangle."""
+    """Pairs of a line and a triangle that may cross: (N,) column, row, number of the triangle."""
 
     column: Indices
     row: Indices
@@ -140,7 +140,7 @@ class Crossings:
 
 
 def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> Iterator[Crossings]:
-    """Yield all pairs of a line and a triangle (F, 3, 3) that may cross within the range, in parts."""
+    """Yield all pairs of a line and a triangle (F, 3, 3) that may cross in the range, in parts."""
     z = triangles[..., 2]
     reached = (-z.min(axis=1) >= grid.s_range[0]) & (-z.max(axis=1) <= grid.s_range[1])
     numbers = np.flatnonzero(reached)
@@ -170,7 +170,7 @@ def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> I
 def first_along_grid(
     triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis
 ) -> FirstSurfaces:
-    """Decide what each line of a grid meets first; both axes are its lines beside the eye's rays."""
+    """Decide the first surface of each line of a grid; `columns` and `rows` are its two axes."""
     width, height = grid.resolution
     limit = np.full(width * height, np.inf)
     kept = NO_PAIRS
@@ -182,15 +182,15 @@ def first_along_grid(
     rivals = np.bincount(kept.pixel, minlength=len(limit))
     proven = (rivals[kept.pixel] == 1) & kept.sure
     shape = (height, width)
-    found = FirstSurfaces(
+    decided = FirstSurfaces(
         triangle=np.full(shape, NOTHING, dtype=np.int32),
         s=np.full(shape, np.nan),
         certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
         tied_triangles=np.zeros((0, 3), dtype=np.int64),
     )
-    found.triangle.flat[kept.pixel[proven]] = kept.triangle[proven]
-    found.s.flat[kept.pixel[proven]] = kept.s[proven]
-    return replace(found, tied_triangles=_settle(triangles.corners, grid, kept[~proven], found))
+    decided.triangle.flat[kept.pixel[proven]] = kept.triangle[proven]
+    decided.s.flat[kept.pixel[proven]] = kept.s[proven]
+    return replace(decided, tied_triangles=_settle(triangles.corners, grid, kept[~proven], decided))
 
 
 def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
@@ -201,8 +201,8 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         # Each line passes through a point of the plate of its own, from which s of a corner is
         # exact.
         x, dx, y, dy = (
-            on_device(one)
-            for one in (
+            on_device(values)
+            for values in (
                 grid.x[part.column],
                 grid.dx[part.column],
                 grid.y[part.row],
@@ -211,8 +211,7 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         )
         zero, *ends = constants((0.0, *grid.s_range))
         seen_from = Viewpoint(center=[x, y, zero], ends=ends, slack=zero)
-        # Whether a point of the plate lies in a triangle is left to the integers: no s near zero is
-        # sure.
+        # No s near zero is sure: points of the plate in a triangle are left to the integers.
         cones = Cones.from_points(triangles.points(on_device(part.triangle)), seen_from, False)
         s, error = cones.along_rows(dy).met(dx)
         possible, sure = in_range(s, error, cones.within, ends)
@@ -229,9 +228,11 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         return pairs[np.flatnonzero(possible.numpy())]
 
 
-def _settle(triangles: Floats, grid: LineGrid, ambiguous: Pairs, found: FirstSurfaces) -> Indices:
-    """Decide the lines of contested pairs in integers, fill them in, and return the companions of ties."""
-    triangle, s, certainty = (one.reshape(-1) for one in (found.triangle, found.s, found.certainty))
+def _settle(triangles: Floats, grid: LineGrid, ambiguous: Pairs, decided: FirstSurfaces) -> Indices:
+    """Decide the lines of ambiguous pairs in integers, fill them in; return the tied triangles."""
+    triangle, s, certainty = (
+        values.reshape(-1) for values in (decided.triangle, decided.s, decided.certainty)
+    )
     order = np.argsort(ambiguous.pixel, kind="stable")
     lines, starts = np.unique(ambiguous.pixel[order], return_index=True)
     rivals = np.split(ambiguous.triangle[order], starts)[1:]

@@ -1,8 +1,8 @@
 """True views and replayed views, with points and color, and the rays of an eye.
 
-An eye at e, at the height L before the plate, looks at the point p of the plate along the slope
-m = (p - e) / L per unit of depth. The hogel whose cell holds p replays there what its film has at
-u = (m - k) / t, for a hogel looks the same all over its cell.
+The ray of an eye e, at the height L before the plate, to the point p of the plate has the slope
+m = (p - e) / L per unit of depth. The hogel whose cell holds p shows its film at u = (m - k) / t
+there: a hogel is uniform over its cell.
 """
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ from xfrustum.scenes.model.eye import Beam, Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
-NONE = -1  #: column or row of a ray that meets no hogel, or none of its film
+NONE = -1  #: column or row of a ray that meets no hogel or no film
 
 
-def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle:
-    """Return the rays of an eye's film through a point (2,) of its pupil, from its center, or through that.
+def eye_bundle(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle:
+    """Return the rays of an eye's film through its pupil's center, or a point (2,) relative to it.
 
     Rays of one pixel through different points meet in the plane of focus. Surfaces count within the
     reach of the plate, and before the eye.
@@ -49,10 +49,10 @@ def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle
     )
 
 
-def _taken(
+def _pixels_on_axis(
     scene: Scene, bundle: RayBundle, axis: int, step: int | None
 ) -> tuple[Indices, Indices, Floats]:
-    """Return the hogel and the pixel that each ray takes along an axis (0: columns, 1: rows), and its weight.
+    """Return hogel, pixel and weight of each ray along an axis (0: columns, 1: rows).
 
     `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted
     by a tent.
@@ -89,14 +89,14 @@ def _taken(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return column and row of some hogel in a column or row: its film along that axis is that of all."""
+    """Return a hogel in a column (axis 0) or row: all of these share their film on the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 
 def _hogel_pixels(
     scene: Scene, bundle: RayBundle, steps: tuple[int | None, int | None] = (None, None)
 ) -> HogelPixels:
-    columns, rows = (_taken(scene, bundle, axis, steps[axis]) for axis in range(2))
+    columns, rows = (_pixels_on_axis(scene, bundle, axis, steps[axis]) for axis in range(2))
     return HogelPixels(
         hogel_column=columns[0],
         film_column=columns[1],
@@ -108,22 +108,22 @@ def _hogel_pixels(
 
 
 def replay(scene: Scene, eye: Eye) -> Replay:
-    """Return the pixels of hogels that an eye is shown, and those whose weighted sum is what it sees."""
+    """Return the pixels of hogels in an eye's view, for its surfaces and for its color."""
     points = eye.pupil_points
     both: tuple[tuple[int | None, int | None], ...] = ((None, None),)
     if eye.beam is Beam.TENT:
         both = ((0, 0), (0, 1), (1, 0), (1, 1))
     colors = []
     for point in points:
-        bundle = eye_pencil(scene, eye, point)
+        bundle = eye_bundle(scene, eye, point)
         for steps in both:
             taken = _hogel_pixels(scene, bundle, steps)
             colors.append(replace(taken, row_weight=taken.row_weight / len(points)))
-    return Replay(shown=_hogel_pixels(scene, eye_pencil(scene, eye)), colors=tuple(colors))
+    return Replay(shown=_hogel_pixels(scene, eye_bundle(scene, eye)), colors=tuple(colors))
 
 
 def hogel_lines(scene: Scene, pixels: HogelPixels) -> LineGrid:
-    """Return the lines of the pixels in `pixels.columns` and `pixels.rows`, as their hogels have them."""
+    """Return the lines of `pixels.columns` and `pixels.rows` through their hogels."""
     columns, rows = pixels.columns, pixels.rows
     x, dx = _lines_on_axis(scene, pixels.hogel_column[columns], pixels.film_column[columns], 0)
     y, dy = _lines_on_axis(scene, pixels.hogel_row[rows], pixels.film_row[rows], 1)
@@ -143,10 +143,9 @@ def _lines_on_axis(
 
 
 class EyeReference:
-    """What eyes before the plate of a scene see, every ray certified; `effects` as for `Reference`.
+    """Views of eyes before the plate of a scene, every ray certified; `effects` as for `Reference`.
 
-    Color is that of one line for each pixel, or point of the pupil: the scene's own sampling is not
-    used.
+    Color has one line for each pixel, or point of the pupil: the scene's own sampling is not used.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -156,54 +155,54 @@ class EyeReference:
 
     def bundle(self, eye: Eye) -> RayBundle:
         """Return the rays through the center of an eye's pupil."""
-        return eye_pencil(self.scene, eye)
+        return eye_bundle(self.scene, eye)
 
     def replay(self, eye: Eye) -> Replay:
-        """Return the pixels of hogels that an eye is shown."""
+        """Return the pixels of hogels in an eye's view."""
         return replay(self.scene, eye)
 
     def true_view(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
-        """Return what an eye sees of the scene: first surfaces within the reach; faster if not `shaded`."""
+        """Return the true view of an eye: first surfaces within the reach; faster unshaded."""
         bundle = self.bundle(eye)
-        found = self._decided(bundle)
-        position = np.asarray(bundle.center) + found.s[..., None] * bundle.directions()
+        decided = self._decided(bundle)
+        position = np.asarray(bundle.center) + decided.s[..., None] * bundle.directions()
         color = None
         if shaded:
-            color = np.zeros((*found.triangle.shape, 3))
+            color = np.zeros((*decided.triangle.shape, 3))
             points = eye.pupil_points
             for point in points:
-                rays = eye_pencil(self.scene, eye, point)
-                seen = found if len(points) == 1 else self._decided(rays)
+                rays = eye_bundle(self.scene, eye, point)
+                seen = decided if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
                 color += self._shader.picture(seen.triangle, places, rays.directions()) / len(
                     points
                 )
-        return self._image(eye, (found.triangle, position, found.certainty), color)
+        return self._image(eye, (decided.triangle, position, decided.certainty), color)
 
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
-        """Return what an eye sees of a plate whose hogels are all true: no renderer is worse than this.
+        """Return the view of a plate of true hogels, the best that any renderer can show.
 
-        The eye is shown some pixels of each hogel: these show, bit for bit, what they show in
-        `Reference.trace` of that hogel. Without color (`shaded`) the picture is made faster.
+        Its pixels equal the pixels of `Reference.trace` of their hogels, bit for bit. Without color
+        (`shaded`) the picture is made faster.
         """
         taken = self.replay(eye)
         width, height = eye.resolution
         shown = taken.shown
-        grid, found = self._traced(eye, shown, None)
+        grid, decided = self._traced(eye, shown, None)
         triangle = np.full((height, width), NOTHING, dtype=np.int32)
         position = np.full((height, width, 3), np.nan)
         certainty = np.full((height, width), Certainty.PROVEN, dtype=np.uint8)
         here = np.ix_(shown.rows, shown.columns)
-        triangle[here], certainty[here] = found.triangle, found.certainty
-        position[here] = grid.points() + found.s[..., None] * grid.directions()
+        triangle[here], certainty[here] = decided.triangle, decided.certainty
+        position[here] = grid.points() + decided.s[..., None] * grid.directions()
         color = None
         if shaded:
             color = np.zeros((height, width, 3))
             per_point = len(taken.colors) // len(eye.pupil_points)
             for number, pixels in enumerate(taken.colors):
                 point = eye.pupil_points[number // per_point]
-                # With a box and a pinhole, what is seen is what is shown.
-                known = (grid, found) if len(taken.colors) == 1 else None
+                # A box and a pinhole have the color of the surfaces that are shown.
+                known = (grid, decided) if len(taken.colors) == 1 else None
                 part = self._part_color(eye, pixels, point, known)
                 weight = (
                     pixels.row_weight[pixels.rows][:, None] * pixels.column_weight[pixels.columns]
@@ -230,16 +229,16 @@ class EyeReference:
         point: Floats,
         known: tuple[LineGrid, FirstSurfaces] | None,
     ) -> Floats:
-        """Return the color of some hogels' pixels; `known` are their lines and surfaces, if at hand."""
-        grid, found = known or self._traced(eye, pixels, point)
-        places = grid.points() + found.s[..., None] * grid.directions()
-        return self._shader.picture(found.triangle, places, grid.directions())
+        """Return the color of hogels' pixels; `known` are their lines and surfaces, if at hand."""
+        grid, decided = known or self._traced(eye, pixels, point)
+        places = grid.points() + decided.s[..., None] * grid.directions()
+        return self._shader.picture(decided.triangle, places, grid.directions())
 
     def _traced(
         self, eye: Eye, pixels: HogelPixels, point: Floats | None
     ) -> tuple[LineGrid, FirstSurfaces]:
-        """Return the lines of some hogels' pixels, and the surfaces that are first along them."""
-        rays = eye_pencil(self.scene, eye, point)
+        """Return the lines of some hogels' pixels and their first surfaces."""
+        rays = eye_bundle(self.scene, eye, point)
         grid = hogel_lines(self.scene, pixels)
         x, y, height = rays.center
         columns = Axis(

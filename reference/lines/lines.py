@@ -54,30 +54,30 @@ class RayBundle:
 
 
 def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:
-    """Return where a pencil's film shows surface points (..., 3), those beyond its range too.
+    """Return where the film of a ray bundle shows surface points (..., 3), also beyond its range.
 
     Column and row (..., 2) are whole numbers at a pixel's center, rows count down; NaN for points
-    as high as the pencil's center, which the film does not show anywhere in particular.
+    as high as the center, which no place of the film shows.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
-    # A point as high as the center is asked for at a height that is not a number.
+    # Points as high as the center get the height NaN.
     places = places_off_center(x, y, np.where(z == bundle.center[2], np.nan, z), bundle)
     return np.stack(places, axis=-1).reshape(*points.shape[:-1], 2)
 
 
 def places_off_center(x: Floats, y: Floats, z: Floats, bundle: RayBundle) -> tuple[Floats, Floats]:
-    """Return column and row, as `pixel_places`, of points (N,) none of which is as high as the center."""
+    """Return column and row, as `pixel_places`, of points (N,) off the height of the center."""
     # Each step is written over the last one: most of the time of whole images is memory.
     depth = z - bundle.center[2]
     np.negative(depth, out=depth)
-    found = []
+    places = []
     for axis, values in enumerate((x, y)):
         place = values - bundle.center[axis]
         place /= depth
         place -= bundle.shear[axis]
         place /= bundle.half_extent[axis]
-        found.append(place)
-    columns, rows = found
+        places.append(place)
+    columns, rows = places
     width, height = bundle.resolution
     columns += 1
     np.subtract(1, rows, out=rows)
@@ -136,11 +136,11 @@ class ExactCamera:
 def model_cameras(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> tuple[ExactCamera, ...]:
-    """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
+    """Return the cameras of some settings as exact lines in drawing order (paper, section 4).
 
-    The order is from the back: the slabs of C from the outermost inward, then those of C* from the
-    innermost outward; each is nearer to the viewer than those before it and overlays them. Together
-    they show the picture that a rasterizer without any rounding would draw.
+    The order is from the back: the slabs of C from the outermost inward, then the slabs of C* from
+    the innermost outward; each is nearer to the viewer than the slabs before it and overlays them.
+    Together they show the picture that a rasterizer without any rounding would draw.
     """
     viewer, back = frustum.reach
     c = [
@@ -186,7 +186,7 @@ def _slab_camera(
 def offset_camera(
     crossed: RayBundle, height: float, *, pivot: Pivot, fitted: float | None
 ) -> RayBundle:
-    """Return the lines of an offset camera: the one place that says where it stands and what its film spans.
+    """Return the lines of an offset camera: its position and its film.
 
     It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a
     C*: on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight before the

@@ -1,4 +1,4 @@
-"""Triangles in NumPy: planes and distances in doubles, and which side the viewer sees, decided exactly.
+"""Triangles in NumPy: planes and distances in doubles, and the side of the viewer, exactly.
 
 Planes and distances have no bounds of their rounding. The side decides what culling leaves out
 (paper, section 3).
@@ -14,7 +14,7 @@ from xfrustum.scenes.plate.double_frustum import Cull
 
 
 def cross_products(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of vectors (N, 3): the same numbers as `np.cross`, in a third of the time."""
+    """Return the cross products of vectors (N, 3), as `np.cross` in a third of its time."""
     (ax, ay, az), (bx, by, bz) = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
 
@@ -25,10 +25,10 @@ def triangle_normals(corners: Floats) -> Floats:
 
 
 def plane_places(corners: Floats, normals: Floats, center: Floats, directions: Floats) -> Floats:
-    """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3), one for each line.
+    """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3).
 
-    `normals` are their `triangle_normals`; s is not finite where a line is parallel to the plane,
-    or where the triangle has no area.
+    There is one triangle for each line. `normals` are their `triangle_normals`; s is not finite
+    where a line is parallel to the plane, or where the triangle has no area.
     """
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -56,18 +56,17 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
 
 
 DETERMINANT_ROUNDINGS = 8
-"""Roundings of 2^-53, relative to the sum of all products' magnitudes, that a determinant of differences may
-have: one of each difference, in three factors, one of each of two products and four sums. Shewchuk
-(1997),
+"""Roundings of a determinant of differences, in 2^-53 of the sum of all products' magnitudes: one
+of each difference, in three factors, one of each of two products and four sums. Shewchuk (1997),
 section 4.3, proves 7 and a term of second order."""
 
 SMALLEST_SURE = 2.0**-900
-"""Magnitude above which a determinant of three factors cannot have lost what matters to underflow, whose
+"""Magnitude above which underflow cannot change the sign of a determinant of three factors: its
 errors are some 2^-1074 times coordinates, which are smaller than 2^128 as floats of 32 bits."""
 
 
 def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
-    """Return which way triangles (F, 3, 3) are turned, (F,): 1 to the viewer, -1 away, 0 exactly edge-on.
+    """Return the facing of triangles (F, 3, 3): 1 to the viewer, -1 away, 0 exactly edge-on.
 
     A triangle is turned toward the viewer where its corners run counterclockwise as the viewer sees
     them along the pencil's lines, which all have their surfaces on one side of the center: they
@@ -76,20 +75,19 @@ def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
     center = np.asarray(bundle.center)
     a, b, c = (triangles[:, corner] - center for corner in range(3))
     products = cross_products(b, c)
-    found = np.einsum("ij,ij->i", a, products)
+    determinant = np.einsum("ij,ij->i", a, products)
     magnitude = np.einsum("ij,ij->i", np.abs(a), _sums_of_magnitudes(b, c))
-    sign = np.sign(found).astype(np.int32)
+    sign = np.sign(determinant).astype(np.int32)
     bound = DETERMINANT_ROUNDINGS * 2.0**-53 * magnitude + SMALLEST_SURE
-    doubtful = np.flatnonzero(np.abs(found) <= bound)
+    doubtful = np.flatnonzero(np.abs(determinant) <= bound)
     sign[doubtful] = _exact_signs(triangles, center, doubtful)
-    # The normal by the winding points to the center where the determinant is negative. What lies
-    # before the plate is seen by lines that leave the center backward: what the center sees, the
-    # viewer does not.
+    # The normal by the winding points to the center where the determinant is negative. Lines to
+    # surfaces before the plate leave the center backward: it sees the other side than the viewer.
     return np.asarray(sign if bundle.s_range[0] < 0 else -sign)
 
 
 def drawn_triangles(triangles: Floats, bundle: RayBundle, cull: Cull) -> Indices:
-    """Return the numbers of the triangles that a camera draws, ascending; parameters as of `facing`."""
+    """Return the numbers of the triangles that a camera draws, ascending; see `facing`."""
     if cull is Cull.NONE:
         return np.arange(len(triangles))
     # A triangle that is seen edge-on covers nothing.
@@ -103,7 +101,7 @@ def _sums_of_magnitudes(b: Floats, c: Floats) -> Floats:
 
 
 def _exact_signs(triangles: Floats, center: Floats, numbers: Indices) -> Numbers:
-    """Return the signs of the determinants of some triangles' corners about the center, in rationals."""
+    """Return the signs of determinants of triangles' corners about the center, in rationals."""
     origin = [Fraction(coordinate) for coordinate in center.tolist()]
     signs = []
     for corners in triangles[numbers].tolist():
@@ -111,10 +109,10 @@ def _exact_signs(triangles: Floats, center: Floats, numbers: Indices) -> Numbers
             [Fraction(value) - start for value, start in zip(corner, origin, strict=True)]
             for corner in corners
         )
-        found = (
+        determinant = (
             a[0] * (b[1] * c[2] - b[2] * c[1])
             + a[1] * (b[2] * c[0] - b[0] * c[2])
             + a[2] * (b[0] * c[1] - b[1] * c[0])
         )
-        signs.append((found > 0) - (found < 0))
+        signs.append((determinant > 0) - (determinant < 0))
     return np.array(signs, dtype=np.int32)

@@ -78,8 +78,8 @@ class Textures:
             return [self._linear((code >> bits) & 255)[0] for bits in (0, 8, 16)]
 
         u, v = (dr.select(textured, coordinate, 0.0) for coordinate in uv)
-        found = _bilinear(texel, (1.0 - v) * height, u * width)
-        return [dr.select(textured, channel, 1.0) for channel in found]
+        texel_color = _bilinear(texel, (1.0 - v) * height, u * width)
+        return [dr.select(textured, channel, 1.0) for channel in texel_color]
 
 
 class Surroundings:
@@ -114,7 +114,7 @@ class Surroundings:
 
 
 def radiance_toward(environment: Environment, directions: Floats) -> Floats:
-    """Return the environment's linear RGB (N, 3) in each direction (N, 3), of any length but zero."""
+    """Return the environment's linear RGB (N, 3) in directions (N, 3) of any length but zero."""
     if not len(directions):
         return np.zeros((0, 3))
     with recording():
@@ -130,13 +130,13 @@ def _bilinear(texel: Callable[[Any, Any], list[Any]], down: Any, right: Any) -> 
     from its top left corner; texel centers lie at halves.
     """
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
-    below, beside = down - 0.5 - row, right - 0.5 - column
+    below, right_share = down - 0.5 - row, right - 0.5 - column
 
-    def mixed(one: list[Any], other: list[Any], share: Any) -> list[Any]:
-        return [(1.0 - share) * a + share * b for a, b in zip(one, other, strict=True)]
+    def mixed(first: list[Any], other: list[Any], share: Any) -> list[Any]:
+        return [(1.0 - share) * a + share * b for a, b in zip(first, other, strict=True)]
 
-    upper = mixed(texel(row, column), texel(row, column + 1.0), beside)
-    lower = mixed(texel(row + 1.0, column), texel(row + 1.0, column + 1.0), beside)
+    upper = mixed(texel(row, column), texel(row, column + 1.0), right_share)
+    lower = mixed(texel(row + 1.0, column), texel(row + 1.0, column + 1.0), right_share)
     return mixed(upper, lower, below)
 
 
@@ -147,7 +147,7 @@ def _repeated(index: Any, size: Any) -> Any:
 
 
 def _bounded(index: Any, last: Any) -> Any:
-    """Return whole numbers from 0 to a last one, 0 in place of NaN: nothing is looked up outside a table."""
+    """Return whole numbers clipped to 0 and a last one, 0 for NaN: indices within a table."""
     index = dr.select(index > 0.0, index, 0.0)
     return dr.select(index < last, index, last)
 
@@ -155,16 +155,17 @@ def _bounded(index: Any, last: Any) -> Any:
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")  #: names of a material's coefficients
 
 MIN_LOG2 = -1000.0
-"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
-for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
+"""Smallest logarithm to base 2 of a power. `exp2` of Dr.Jit 1.5, and with it `power`, returns minus
+infinity for some results below the smallest double of full precision, 2^-1022. Against radiance,
+2^-1000 is nothing."""
 
 MAX_SQUARING_DIGITS = 10
-"""Largest number of binary digits of whole exponents for which squarings are faster than a logarithm. Their
-roundings add up to 2^10 2^-53 at most, far below those of a float32."""
+"""Largest number of binary digits of whole exponents for which squarings outrun a logarithm. Their
+roundings add up to 2^10 2^-53 at most, far below the rounding of a float32."""
 
 
 class LightModel:
-    """The light model on one scene's surfaces, for some effects and channels: 1 where all is gray, else 3."""
+    """Light model on the surfaces of a scene for some effects; 1 channel if all is gray, else 3."""
 
     def __init__(self, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
         self._effects, self._channels = effects, channels
@@ -211,13 +212,13 @@ class LightModel:
             self._environment = Surroundings(appearance.environment)
 
     def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
-        """Return each channel of linear RGB toward the viewer at points of triangles, in scene units.
+        """Return the channels of linear RGB toward the viewer at points of triangles, scene units.
 
         `direction` is d of each point's line, of any length, from the viewer to the back.
         """
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
-        # The side that is seen is that of the triangle, not that of a smoother normal.
+        # The visible side is the triangle's own, not the side of a smoother normal.
         turn = dr.select(dot(flat, direction) > 0.0, -1.0, 1.0)
         shrink = 1.0 / dr.sqrt(dot(direction, direction))
         eye = [-shrink * coordinate for coordinate in direction]
@@ -247,7 +248,7 @@ class LightModel:
         return color
 
     def _surface(self, triangle: Any, position: Vector, flat: Vector) -> tuple[Vector, Vector]:
-        """Return unit normals for shading, by the winding, and the albedo: vertex color times texture."""
+        """Return unit normals for shading, by the winding, and albedo (vertex color, texture)."""
         normal: Vector = flat
         albedo: list[Any] = [1.0] * self._channels
         if self._corners is None:
@@ -264,25 +265,25 @@ class LightModel:
         return normal, albedo
 
     def _materials(self, triangle: Any) -> list[Any]:
-        """Return the coefficients of all terms for each channel, in the order of `TERMS`, and exponents."""
-        found = self._uniform
+        """Return coefficients of each term and channel, in the order of `TERMS`, and exponents."""
+        values = self._uniform
         if not self._alike:
-            found = self._coefficients(self._material(triangle)[0])
-        exponent, *coefficients = found
+            values = self._coefficients(self._material(triangle)[0])
+        exponent, *coefficients = values
         count = self._channels
         return [*(coefficients[count * k : count * (k + 1)] for k in range(len(TERMS))), exponent]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Places:
-    """Points on triangles: vertex numbers, and barycentric weights of the second and the third corner."""
+    """Points on triangles: vertex numbers, and barycentric weights of second and third corner."""
 
     corners: Sequence[Any]
     of_second: Any
     of_third: Any
 
     def interpolated(self, values: Table) -> list[Any]:
-        """Return values between those of vertices; exact where all three corners are equal."""
+        """Return values interpolated between vertices; exact where all three corners are equal."""
         first, second, third = (values(corner) for corner in self.corners)
         return [
             a + (self.of_second * (b - a) + self.of_third * (c - a))
@@ -297,7 +298,7 @@ class _Corners:
         self._vertices, self._faces = table(scene.vertices), table(scene.faces)
 
     def places(self, triangle: Any, position: Vector) -> _Places:
-        """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
+        """Return the barycentric place of each point on its triangle, by areas along the normal."""
         corners = self._faces(triangle)
         origin, *others = (self._vertices(corner) for corner in corners)
         first, second = (difference(other, origin) for other in others)
@@ -312,7 +313,7 @@ class _Corners:
 
 
 def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
-    """Return the unit normals (N, 3) between those of the vertices at points (N, 3) of triangles (N,)."""
+    """Return interpolated unit normals (N, 3) at points (N, 3) of triangles (N,)."""
     assert scene.surface.vertex_normals is not None
     if not len(triangle):
         return np.zeros((0, 3))
@@ -325,20 +326,22 @@ def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
 
 
 def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
-    """Return unit normals between those of the vertices; the flat normal where a corner has none.
+    """Return unit normals interpolated between vertices; the flat normal where a corner has none.
 
     Normals that cancel each other give the flat normal too: there is no direction between opposite
     ones.
     """
     normal = where.interpolated(vertex_normals)
     length = dr.sqrt(dot(normal, normal))
-    found = length > 0.0
-    inverse = dr.select(found, length, 1.0)
-    return [dr.select(found, own / inverse, other) for own, other in zip(normal, flat, strict=True)]
+    defined = length > 0.0
+    inverse = dr.select(defined, length, 1.0)
+    return [
+        dr.select(defined, own / inverse, other) for own, other in zip(normal, flat, strict=True)
+    ]
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
-    """Return the power where a mask is true, else zero; `digits` are those of the largest exponent."""
+    """Return the power where a mask is true, else zero; `digits` belong to the largest exponent."""
     if digits is not None and digits <= MAX_SQUARING_DIGITS:
         whole, power = UInt32(exponent), Float64(1.0)
         for digit in range(digits):

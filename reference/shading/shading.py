@@ -1,4 +1,4 @@
-"""The shader of a scene: which effects and channels are computed, and points given in NumPy's arrays."""
+"""Shader of a scene on NumPy arrays: its effects and channels, and the color of points."""
 
 from __future__ import annotations
 
@@ -64,16 +64,16 @@ class Shader:
         if not len(triangle):
             return np.zeros((0, self._channels))
         with recording():
-            found = self.model.radiance(
+            channels = self.model.radiance(
                 on_device(triangle), vectors_on_device(position), vectors_on_device(direction)
             )
             # An effect that no light brings in leaves a number for all lanes.
-            shown = [dr.zeros(Float64, len(triangle)) + part for part in found]
+            shown = [dr.zeros(Float64, len(triangle)) + part for part in channels]
             dr.eval(*shown)
             return np.stack([part.numpy() for part in shown], axis=-1)
 
     def picture(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
-        """Return linear RGB (.., 3) of points (.., 3) of triangles (..), black where there is none."""
+        """Return linear RGB (.., 3) of points (.., 3) of triangles (..), black for no triangle."""
         color = np.zeros(position.shape)
         covered = triangle != NOTHING
         color[covered] = self.radiance(triangle[covered], position[covered], direction[covered])
@@ -84,6 +84,6 @@ class Shader:
         return Shader(self._scene, ALL_EFFECTS)
 
     def _out_of_sight(self, height: Floats) -> bool:
-        """Return whether points lie beyond what effects were decided for, as with tiny nears some may."""
+        """Return whether points lie beyond the reach of the effects, as with tiny nears."""
         toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
         return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)

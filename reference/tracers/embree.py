@@ -18,7 +18,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 RAYS_PER_CALL = 1 << 16
-"""Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock, so that
+"""Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock:
 several calls run on several threads."""
 
 
@@ -28,7 +28,7 @@ def embree_versions() -> dict[str, str]:
 
 
 class EmbreeTracer:
-    """A scene's acceleration structure in Embree's robust mode; lengths times `scale` are its float32."""
+    """Acceleration structure of a scene in Embree's robust mode; its lengths are times `scale`."""
 
     name = "embree"
 

@@ -21,7 +21,7 @@ def mitsuba_versions() -> dict[str, str]:
 
 
 class MitsubaTracer:
-    """A scene's acceleration structure in Mitsuba, robust where Embree builds it; `scale` as in Embree's."""
+    """Acceleration structure of a scene in Mitsuba, robust on Embree; `scale` as in Embree's."""
 
     name = "mitsuba"
 
@@ -58,7 +58,7 @@ def robust_scene(scene: Scene, scale: float) -> Any:
 
 
 def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
-    """Return a `mi.Mesh` in float32 with primitives numbered as `faces`, one at least; `bsdf` may be None."""
+    """Return a `mi.Mesh` in float32 with primitives in the order of `faces`, at least one."""
     mi = mitsuba_backend().mitsuba
     properties = mi.Properties()
     if bsdf is not None:
@@ -72,7 +72,7 @@ def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None 
 
 
 def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Callable[[], object]:
-    """Return what intersects rays (N, 3) on the device with a scene at each call, and waits for it."""
+    """Return a function that intersects rays (N, 3) on the device with a scene, and waits."""
     mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
     scale = unit_scale(scene.vertices)
     loaded = robust_scene(scene, scale)
@@ -92,5 +92,5 @@ def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Call
 
 def _coordinates(vectors: Floats | Singles) -> Singles:
     # Dr.Jit's arrays of vectors hold each coordinate in one piece.
-    found: Singles = padded(vectors.T, np.float32).reshape(3, -1)
-    return found
+    rows: Singles = padded(vectors.T, np.float32).reshape(3, -1)
+    return rows

@@ -1,4 +1,4 @@
-"""The image that a tracer alone would have shown: the second opinion on every pixel."""
+"""Image of a ray tracer alone: the second opinion on every pixel."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 
 OPINION_PIXELS = 1 << 18
-"""Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
+"""Pixels of a second opinion traced at once, which bounds memory: some 200 bytes each."""
 
 CLEARANCE = 2.0**-6
-"""Distance of rays' origins from the scene's box, as a share of its diagonal: far above rounding."""
+"""Distance of rays' origins from the scene's box, a share of its diagonal far above rounding."""
 
 
 def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Floats]:
@@ -57,7 +57,7 @@ def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Fl
 
 
 def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Numbers:
-    """Trace each pixel's line of some rows once, from the viewer's end through the aperture to the back.
+    """Trace each pixel's line of some rows once, from the viewer's end to the back.
 
     Triangle numbers (rows, W) are `NOTHING` where there is no hit or the first lies beyond the
     reach.
@@ -67,8 +67,7 @@ def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Nu
         return np.full(shape, NOTHING, dtype=np.int32)
     origins, directions = pixel_rays(scene, bundle, rows)
     hits = tracer.first_hits(origins, directions)
-    # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the
-    # reach.
+    # The tracer has no far end: hits beyond the reach follow from the planes of the triangles.
     met = hits != NOTHING
     beyond = _first_places(scene, bundle, hits[met], directions[met]) > bundle.s_range[1]
     hits[met] = np.where(beyond, NOTHING, hits[met])
@@ -77,9 +76,9 @@ def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Nu
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SecondOpinion(ShortRepr):
-    """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer.
+    """Pixels at which a tracer contradicts decisions of some rows, traced when called.
 
-    Triangle numbers and `Certainty` (rows, W) are those that were decided.
+    Triangle numbers and `Certainty` (rows, W) are the decisions.
     """
 
     tracer: Callable[[], Tracer]
@@ -90,7 +89,7 @@ class SecondOpinion(ShortRepr):
     certainty: Bytes
 
     def __call__(self) -> Mask:
-        """Return the pixels (rows, W) that are no tie and at which the tracer shows another triangle."""
+        """Return the pixels (rows, W) without a tie at which the tracer shows another triangle."""
         overruled = np.empty(self.triangle.shape, dtype=np.bool_)
         size = max(1, OPINION_PIXELS // self.bundle.resolution[0])
         for start in range(0, len(self.rows), size):
@@ -103,7 +102,7 @@ class SecondOpinion(ShortRepr):
 
 
 def uncertified(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> FirstSurfaces:
-    """Return a tracer's proposal in the form of a decision; places are those of the triangles' planes."""
+    """Return a tracer's proposal as a decision, with places on the planes of the triangles."""
     triangle = proposed(tracer, scene, bundle, rows)
     directions = bundle.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
@@ -118,6 +117,6 @@ def uncertified(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) ->
 
 
 def _first_places(scene: Scene, bundle: RayBundle, triangle: Numbers, directions: Floats) -> Floats:
-    """Return s at which lines (N, 3) of a pencil meet the planes of the triangles with numbers (N,)."""
+    """Return s at which lines (N, 3) of a ray bundle meet the planes of triangles (N,)."""
     corners = scene.triangles[triangle]
     return plane_places(corners, triangle_normals(corners), np.asarray(bundle.center), directions)

@@ -33,12 +33,12 @@ DIFFUSE = "face_diffuse"  #: name of the mesh attribute with each triangle's dif
 
 
 def register_sensor() -> None:
-    """Make the plugin known to Mitsuba, in the variant in use; calling this again does no harm."""
+    """Register the plugin in Mitsuba's current variant; further calls have no effect."""
     _registered(mitsuba_backend().variant)
 
 
 def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
-    """Return the sensor of an aperture with a film of the scene's resolution; a box averages pixels."""
+    """Return the sensor of an aperture, with a box-filtered film of the scene's resolution."""
     bundle = crossed_frustum(scene.frustum, aperture)
     return {
         "type": PLUGIN,
@@ -80,7 +80,7 @@ def mitsuba_scene(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class _FilmLines:
-    """The lines of one aperture, in the types of the sensor's variant; `reach` toward viewer and back."""
+    """Lines of one aperture in the types of the sensor's variant; `reach` to viewer and back."""
 
     mi: Any
     dr: Any
@@ -91,8 +91,8 @@ class _FilmLines:
 
     @classmethod
     def from_properties(cls, mi: Any, dr: Any, props: Any) -> _FilmLines:
-        """Return the lines that a plugin's properties describe; ValueError where a size is not positive."""
-        found = cls(
+        """Return the lines of a plugin's properties; ValueError unless all sizes are positive."""
+        lines = cls(
             mi=mi,
             dr=dr,
             aperture=mi.Point3f(props["aperture"]),
@@ -101,11 +101,11 @@ class _FilmLines:
             reach=(mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"])),
         )
         # Opaque, so that another aperture's values do not compile another kernel.
-        dr.make_opaque(found.aperture, found.shear, found.half_extent, found.reach)
+        dr.make_opaque(lines.aperture, lines.shear, lines.half_extent, lines.reach)
         sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
         if min(props[name] for name in sizes) <= 0:
             raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
-        return found
+        return lines
 
     def __str__(self) -> str:
         return f"aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}"
@@ -140,14 +140,14 @@ class _FilmLines:
         seen &= (s >= -self.reach[0]) & (s <= self.reach[1])
         end, d, _ = self.through(film, mi.Point2f(x, y))
         pixels = mi.Vector2f(film.crop_size())
-        found = dr.zeros(mi.DirectionSample3f)
-        found.p, found.d, found.n = end, -d, d
-        found.dist = dr.norm(end - it.p)
-        found.uv = mi.Point2f(x * pixels.x, y * pixels.y)
-        found.time, found.pdf, found.delta = it.time, dr.select(seen, 1.0, 0.0), True
+        sample = dr.zeros(mi.DirectionSample3f)
+        sample.p, sample.d, sample.n = end, -d, d
+        sample.dist = dr.norm(end - it.p)
+        sample.uv = mi.Point2f(x * pixels.x, y * pixels.y)
+        sample.time, sample.pdf, sample.delta = it.time, dr.select(seen, 1.0, 0.0), True
         area = 4.0 * self.half_extent.x * self.half_extent.y * window.x * window.y
         weight = dr.select(seen, -1.0 / (d.z * s * s * area), 0.0)
-        return found, mi.Spectrum(weight)
+        return sample, mi.Spectrum(weight)
 
     def _crop_window(self, film: Any) -> tuple[Any, Any]:
         """Return where a film's crop window begins and its size, as parts of the whole film."""
@@ -204,7 +204,7 @@ def _registered(variant: str) -> type:
             return f"CrossedFrustum[{self.lines}]"
 
         def _aim(self, ray: Any, time: Any, wavelength: Any, position: Any, active: Any) -> Any:
-            """Fill a ray from a position in [0, 1]^2 of the film's crop window; return its weight."""
+            """Fill a ray from a position in [0, 1]^2 of the crop window; return its weight."""
             ray.time = self.shutter_open() + time * self.shutter_open_time()
             nowhere = dr.zeros(mi.SurfaceInteraction3f)
             ray.wavelengths, weight = self.sample_wavelengths(nowhere, wavelength, active)

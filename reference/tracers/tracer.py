@@ -6,20 +6,20 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
 
-TRACERS = ("embree", "mitsuba")  #: names of the tracers that can be asked for, the default first
+TRACERS = ("embree", "mitsuba")  #: names of the tracers, the default first
 
 
 class Tracer(Protocol):
-    """A scene's triangles in a ray tracer. Its answers are proposals: `certify` knows no tracer."""
+    """Triangles of a scene in a ray tracer. Its hits are proposals: `certify` uses no tracer."""
 
     name: str
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
-        """Return the first triangle (N,) of rays (N, 3), scene units, `NOTHING` for none; any length."""
+        """Return the first triangle (N,) of rays (N, 3) of any length, `NOTHING` for none."""
 
 
 def unit_scale(vertices: Floats) -> float:
-    """Return the power of two that brings a scene to about unit size: it changes no bit of a mantissa.
+    """Return the power of two that scales a scene to about unit size, exactly.
 
     Embree has absolute constants near the limits of float32.
     """

@@ -61,7 +61,7 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
     with backend.recording():
         lines = occlusion._sorted_lines(pencil, points)
         for some in occlusion._rows_of_cells(reference._triangles, pencil):
-            reference._occlusion._sifted(pencil, some, lines, dr.zeros(backend.Bool, 64))
+            reference._occlusion._classify_pairs(pencil, some, lines, dr.zeros(backend.Bool, 64))
 """
 """A program that traces the kernels of truth, gaps, points and occlusion; those of colors are not exact."""
 
