@@ -130,7 +130,7 @@ def inspected_figures(
     scene: Scene, aperture: Aperture, as_found: Figures, corrected: Figures
 ) -> InspectedHogel:
     """Return a hogel of another renderer, judged as it was found and after correction."""
-    words = f"{as_found.numbers.limited_words} {percent(as_found.numbers.judged_fraction)}"
+    words = f"{as_found.numbers.limited_figure} {percent(as_found.numbers.judged_fraction)}"
     answer, image = as_found.answer, as_found.image
     tie = ~judged_pixels(answer)
     classes: dict[str, Classes] = {

@@ -15,7 +15,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.faults import Defect
+from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.geometry_fit import PixelClaims, claims_of, fit_geometry, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
@@ -53,9 +53,10 @@ WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = (
     "lossy",
 )
 RESTARTING = "numbers-restarting"
+TRANSFER_FAULTS = (SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER)
 ENCODING_FAULTS = (
     *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
-    *(SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER),
+    *TRANSFER_FAULTS,
     *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
 """Names of the faults; after the last four numbers are lost."""
@@ -66,10 +67,6 @@ TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-_ENCODING_WORDS = dict(
-    zip(NUMBER_ENCODINGS, ("numbers of triangles", "numbers of objects"), strict=True)
-)
-
 # Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the
 # one that comes first here is named first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
@@ -125,7 +122,7 @@ MAX_TRANSFER_DISTANCE = 0.5
 # The encodings that are transfer functions: `--encoding` states them.
 STATED_TRANSFERS = {Transfer.LINEAR: Encoding.RGB, Transfer.SRGB: Encoding.SRGB}
 
-_TRANSFER_FAULTS = {
+_NAMED_TRANSFERS = {
     Transfer.SRGB: SRGB_READ_AS_LINEAR,
     Transfer.LINEAR: LINEAR_READ_AS_SRGB,
     Transfer.GAMMA: GAMMA,
@@ -326,13 +323,10 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     best = min(distances, key=distances.__getitem__)
     if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
         return FoundEncoding()
-    words = f"colors are not stored as {stated} values, as stated, but as {best}"
-    reading, value = Reading(encoding=Encoding.RGB, transfer=best), str(best)
-    if best in STATED_TRANSFERS:
-        value = str(STATED_TRANSFERS[best])
-        words += f" values: --encoding {value}"
-    name = _TRANSFER_FAULTS.get(best, WRONG_TRANSFER)
-    return FoundEncoding(faults=(Defect(fault=name, value=value, words=words),), reading=reading)
+    reading = Reading(encoding=Encoding.RGB, transfer=best)
+    value, name = str(STATED_TRANSFERS.get(best, best)), _NAMED_TRANSFERS.get(best, WRONG_TRANSFER)
+    defect = Defect(fault=name, value=value, stated=str(stated), details=(str(best),))
+    return FoundEncoding(faults=(defect,), reading=reading)
 
 
 class _Search:
@@ -394,7 +388,7 @@ class _Search:
         if found is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
             colors = self._colors()
             if colors is not None:
-                return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)
+                return FoundEncoding(faults=_defects(stated, colors, ()), reading=colors)
         return found
 
     def _best(
@@ -476,12 +470,8 @@ class _Search:
         for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID and count >= 2**8 else ():
             found, _ = self._best(IdRepair(kind=OVERFLOW, reading=stated, bits=bits))
             if count >= 2**bits and found.share >= MIN_AGREEING_FRACTION:
-                words = (
-                    f"only the low {bits} bits of each number are stored, of {count:,} triangles"
-                )
-                words += ": others are lost"
-                fault = Defect(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
-                return FoundEncoding(faults=(fault,), restoring=found)
+                defect = Defect(fault=OVERFLOW, value=float(bits), unit="bits")
+                return FoundEncoding(faults=(defect,), restoring=found)
         stored_as = [getattr(image, "stored", None) for image in self.compared]
         named_lossy = any(one is not None and one.lossy for one in stored_as)
         for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
@@ -497,12 +487,8 @@ class _Search:
             new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
             accounted = found.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
             if accounted or (kind == LOSSY and named_lossy):
-                words = f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
-                words += "by filtering, resizing or anti-aliasing: numbers have no averages"
-                if kind == LOSSY:
-                    words = "numbers went through lossy compression, such as JPEG: write PNG"
-                fault = Defect(fault=kind, value=mixed, unit="share", words=words)
-                return FoundEncoding(faults=(fault,), restoring=found)
+                defect = Defect(fault=kind, value=mixed, unit="share")
+                return FoundEncoding(faults=(defect,), restoring=found)
         return None
 
     def _drawn(self) -> FoundEncoding | None:
@@ -524,10 +510,8 @@ class _Search:
         matching = np.concatenate([part.explained(found).any(axis=0).ravel() for part in parts])
         if not telling.any() or min(found.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
             return None
-        words = f"numbers of triangles begin anew with each of {len(first)} objects, as gl_PrimitiveID does: "
-        words += "add the number of each object's first triangle"
-        fault = Defect(fault=RESTARTING, value=float(len(first)), unit="number", words=words)
-        return FoundEncoding(faults=(fault,), restoring=found)
+        defect = Defect(fault=RESTARTING, value=float(len(first)), unit="number")
+        return FoundEncoding(faults=(defect,), restoring=found)
 
     def _read(self, reading: Reading) -> PixelClaims:
         """Return what the images claim in some reading."""
@@ -571,7 +555,7 @@ class _Search:
             if one in readings
             and all(np.array_equal(one.packed(rgb), best.packed(rgb)) for rgb in stored)
         ]
-        return FoundEncoding(faults=_faults(self.stated, best, same), reading=best)
+        return FoundEncoding(faults=_defects(self.stated, best, same), reading=best)
 
     def _others(self, start: Reading) -> Iterator[Reading]:
         """Yield readings under which nearly all stored numbers exist, without the stated one."""
@@ -630,33 +614,20 @@ class _Search:
         return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
-def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
-    """Return the differences between a reading and the stated one as faults."""
-    faults, (letters, *others) = (
-        [],
-        ["".join("RGB"[one] for one in way.channels) for way in (found, *same)],
-    )
+def _defects(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
+    """Return the differences between a reading and the stated one."""
+    letters, *others = ("".join("RGB"[one] for one in way.channels) for way in (found, *same))
+    defects = []
     if found.encoding is not stated.encoding:
-        now, then = (_ENCODING_WORDS.get(one.encoding, "colors") for one in (found, stated))
-        words = f"pixels hold {now}, not {then}: "
-        words += f"--encoding {found.encoding}"
-        faults.append(Defect(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
+        value = str(found.encoding)
+        defects.append(Defect(fault=WRONG_ENCODING, value=value, stated=str(stated.encoding)))
     if found.channels != stated.channels:
-        words = f"channels are in another order: numbers are stored as {letters}, not as RGB"
-        words += (
-            f" (or as {' or '.join(others)}: with so few numbers images cannot tell)"
-            if others
-            else ""
-        )
-        faults.append(Defect(fault=CHANNEL_ORDER, value=letters, words=words))
-    if found.offset != stated.offset:
-        kept = f"number + {found.offset}" if found.offset else "the number itself"
-        words = f"{kept} is stored, not number + {stated.offset}: all are off by one"
-        value = float(found.offset - stated.offset)
-        faults.append(Defect(fault=ID_OFFSET, value=value, unit="number", words=words))
+        defects.append(Defect(fault=CHANNEL_ORDER, value=letters, details=tuple(others)))
+    offset, nothing = float(found.offset - stated.offset), float(found.background)
+    if offset:
+        was = float(stated.offset)
+        defects.append(Defect(fault=ID_OFFSET, value=offset, unit="number", stated=was))
     if found.background != stated.background:
-        words = f"nothing is stored as {found.background}, not as {stated.background}"
-        faults.append(
-            Defect(fault=BACKGROUND_ID, value=float(found.background), unit="number", words=words)
-        )
-    return tuple(faults)
+        was = float(stated.background)
+        defects.append(Defect(fault=BACKGROUND_ID, value=nothing, unit="number", stated=was))
+    return tuple(defects)

@@ -149,7 +149,6 @@ class PixelClaims:
     hogel: Indices  # (N, 2) column and row of the aperture that the file is named after
     pixel: Indices  # (N, 2) column and row of the pixel in the file
     corners: Floats  # (N, 3, 3) corners of the triangles, scene units
-    part: Indices  # (N,) number of the triangle's object, `NOTHING` for points
     of_points: bool
 
     def __len__(self) -> int:
@@ -158,7 +157,7 @@ class PixelClaims:
 
     def chosen(self, index: Indices | Mask) -> PixelClaims:
         """Return some of the claims."""
-        names = ("hogel", "pixel", "corners", "part")
+        names = ("hogel", "pixel", "corners")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def thinned(self, count: int) -> PixelClaims:
@@ -199,15 +198,11 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
             corners = there[:, None] + size[:, None, None] * around
         else:
             corners = scene.triangles[image.triangle[rows, columns]]
-        whole = np.append(scene.object_of_triangle, NOTHING).astype(np.int64)
-        part = whole[np.where(points, NOTHING, image.triangle[rows, columns])]
         of_points &= points
         hogel = np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1))
-        parts.append((hogel, np.stack((columns, rows), axis=-1), corners, part))
-    hogel, pixel, corners, part = (np.concatenate(some) for some in zip(*parts, strict=True))
-    return PixelClaims(
-        scene=scene, hogel=hogel, pixel=pixel, corners=corners, part=part, of_points=of_points
-    )
+        parts.append((hogel, np.stack((columns, rows), axis=-1), corners))
+    hogel, pixel, corners = (np.concatenate(some) for some in zip(*parts, strict=True))
+    return PixelClaims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, of_points=of_points)
 
 
 def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:

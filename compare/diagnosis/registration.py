@@ -10,7 +10,6 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -20,6 +19,7 @@ from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS, GeometryFit
+from xfrustum.compare.diagnosis.testset import TestSet
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import (
@@ -31,9 +31,6 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-
-if TYPE_CHECKING:  # it tests what is found here
-    from xfrustum.compare.diagnosis.diagnosis import TestSet
 
 # Reference pixels for each pixel of an image, along each side; values between them are
 # interpolated. Its picture is wider than the film: a wider field of view finds surfaces there.
@@ -150,14 +147,10 @@ def register(
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
 
 
-def with_near(evidence: TestSet, model: RendererModel) -> RendererModel:
+def with_near(test: TestSet, model: RendererModel) -> RendererModel:
     """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
-    # A few hogels choose the offset, which all of them test.
-    few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
-    plain, reach = (
-        replace(model, fov=evidence.nominal.fov),
-        evidence.reference.scene.frustum.longest_reach,
-    )
+    few, plain = test.few(), replace(model, fov=test.nominal.fov)
+    reach = test.reference.scene.frustum.longest_reach
 
     def wrong(power: float) -> int:
         return few.wrong(replace(plain, near=reach * float(np.exp(power))))

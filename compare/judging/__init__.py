@@ -1,6 +1,10 @@
-"""One hogel of a foreign renderer judged; `xfrustum.compare.run` judges our own rasterizer's.
+"""Judgment of foreign hogel images; `xfrustum.compare.run` judges our own rasterizer's.
 
-conformance  By a case of the conformance suite: which wrong pixels are accepted, and why judged
-By what was asked for: wrong pixels, displacement, colors and causes outlines     Outlines of
-pictures in any shading: where they run, which are missing, how far they moved
+| module | holds |
+| --- | --- |
+| `verdict` | the verdict engine: limits, checks, and the verdict on images |
+| `judged` | figures of one image beside the answer of a model |
+| `outlines` | outlines of pictures in any shading: course, gaps, displacement |
+| `where` | places of wrong pixels |
+| `conformance` | cases of the conformance suite |
 """

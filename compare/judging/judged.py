@@ -46,7 +46,6 @@ from xfrustum.compare.metrics.error_maps import (
     pixel_centers,
 )
 from xfrustum.compare.renderer_model import pictures
-from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, Front, RendererModel, unflipped
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
@@ -217,14 +216,14 @@ class Judging:
         return np.maximum(self.transfer.step(stored), self.color_tolerance)
 
 
-WRONG_WORDS = {
+WRONG_FIGURES = {
     "triangle": "wrong triangles",
     "object": "wrong objects",
     "coverage": "wrong coverage",
     "color": "wrong colors",
     "outlines": "wrong outlines",
 }
-"""Words for what `HogelNumbers.wrong` counts, by `HogelNumbers.by`."""
+"""Figure that `HogelNumbers.wrong` counts, by `HogelNumbers.by`."""
 
 SURFACES = "wrong surfaces"
 
@@ -290,9 +289,14 @@ class HogelNumbers:
         return self.wrong if self.surface is None else self.surface.wrong
 
     @property
-    def limited_words(self) -> str:
-        """Words for what `limited` counts."""
-        return WRONG_WORDS[self.by] if self.surface is None else SURFACES
+    def limited_figure(self) -> str:
+        """Figure that `limited` counts."""
+        return WRONG_FIGURES[self.by] if self.surface is None else SURFACES
+
+    @property
+    def all_wrong(self) -> int:
+        """Number of pixels that limits count as wrong, wrong colors of right surfaces included."""
+        return self.limited + (0 if self.radiance is None else self.radiance.wrong)
 
     @property
     def judged_fraction(self) -> float:
@@ -337,7 +341,7 @@ def judge(
     that of the aperture that its file is named after. Causes are found if `explained`, which needs
     triangle numbers.
     """
-    reference = changed(reference, question.changes)
+    reference = pictures.drawn_scene(reference, question)
     judging, scene = judging or Judging(), reference.scene
     seen = _Compared.from_image(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
@@ -408,7 +412,7 @@ def wrong_pixels(
     Unless `explained`, rounding is not asked about, and both are the same. Points without numbers
     are wrong where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
-    reference = changed(reference, question.changes)
+    reference = pictures.drawn_scene(reference, question)
     judging = judging or Judging()
     seen = _Compared.from_image(
         reference, question, image, image.position.astype(np.float64), judging

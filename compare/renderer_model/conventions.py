@@ -21,7 +21,7 @@ ENCODING = "encoding"
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
 
 # What was done to an upright picture, and how apertures are counted: by transpose, flip_x, flip_y.
-_WORDS = {
+_LABELS = {
     (False, False, False): ("upright", "as in the scene"),
     (False, True, False): ("mirrored left to right", "columns counted from the right"),
     (False, False, True): ("turned upside down (rows in reverse)", "rows counted from the bottom"),
@@ -63,9 +63,9 @@ class Orientation:
         return self.transpose + self.flip_x + self.flip_y
 
     @property
-    def words(self) -> tuple[str, str]:
-        """What was done to an upright picture to give the one found, and how apertures are counted."""
-        return _WORDS[self.transpose, self.flip_x, self.flip_y]
+    def labels(self) -> tuple[str, str]:
+        """Codes of the orientation of stored pictures, and of the order of apertures."""
+        return _LABELS[self.transpose, self.flip_x, self.flip_y]
 
     def cells(self, column: Place, row: Place, size: tuple[int, int]) -> tuple[Place, Place]:
         """Return where cells belong, on a grid of some columns and rows."""

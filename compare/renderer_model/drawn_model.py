@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
 from xfrustum.scenes.arrays import Floats
@@ -45,8 +44,12 @@ class Kind(Enum):
 
 
 Index = tuple[int, int]
-OTHER_FIELDS = ("changes", "shows")
-"""Fields of `RendererModel` of mistakes of the scene and of single hogels."""
+RIGHT_AXES = "x, y, z"
+COMPOSITION_FIELDS = ("front", "back", "overlaid", "culled", "conjugated", "normals")
+"""Fields of `RendererModel` of the composition and lighting of the halves."""
+
+OTHER_FIELDS = ("axes", "missing", "shows")
+"""Fields of `RendererModel` of the scene and of single hogels."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -308,8 +311,10 @@ class RendererModel:
     one_camera: OneCamera | None = None
     # Whether the lights of the viewer's half are conjugated.
     conjugated: bool = True
-    # Changes of the scene that was drawn (`changed_scene.changed`).
-    changes: tuple[SceneChange, ...] = ()
+    # Axes drawn in place of x, y and z, and numbers of the objects that are left out
+    # (`pictures.drawn_scene`).
+    axes: str = RIGHT_AXES
+    missing: tuple[int, ...] = ()
     # Apertures whose images hogels show, by their files' place.
     shows: tuple[tuple[Index, Index], ...] = ()
     normals: Normals = Normals.RIGHT

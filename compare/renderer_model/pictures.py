@@ -11,6 +11,7 @@ from scipy.ndimage import map_coordinates
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
+    RIGHT_AXES,
     Back,
     Culled,
     Film,
@@ -53,8 +54,37 @@ CAMERA_DISTANCE_PER_REACH = 1e-6
 # roundings of doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
+# Number of changed scenes that are kept: one candidate at a time draws some hogels.
+KEPT_REFERENCES = 4
+
 Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
 """Layers of cameras, by lines, whether the last surface along them won, faces left out and film."""
+
+
+@lru_cache(maxsize=KEPT_REFERENCES)
+def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Reference:
+    scene = reference.scene
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes.split(", ")):
+        matrix["xyz".index(axis[-1]), row] = -1.0 if axis.startswith("-") else 1.0
+    parts = []
+    for number, part in enumerate(scene.objects):
+        vertices, normals = part.vertices @ matrix, part.vertex_normals
+        if number in missing:
+            # Out of reach it is not drawn, and its triangles keep their numbers.
+            depth = float(np.ptp(vertices[:, 2])) + 4 * scene.frustum.longest_reach
+            vertices = vertices - (0.0, 0.0, float(vertices[:, 2].max()) + depth)
+        normals = None if normals is None else normals @ matrix
+        parts.append(replace(part, vertices=vertices, vertex_normals=normals))
+    # Selecting the effects of each changed scene takes longer than evaluating all.
+    return Reference(replace(scene, objects=tuple(parts)), reference.tracer_name, ALL_EFFECTS)
+
+
+def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
+    """Return the reference of the scene that a candidate draws: with its axes, without missing objects."""
+    if model.axes == RIGHT_AXES and not model.missing:
+        return reference
+    return _changed(reference, model.axes, model.missing)
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:

@@ -296,11 +296,11 @@ class Trial:
             near=case.near,
         )
         faults = said.diagnosis.faults
-        guesses = tuple(f"perhaps {fault.words}" for fault in said.diagnosis.guesses)
+        guesses = tuple(f"perhaps {guess['words']}" for guess in said.best_guesses())
         worst = said.worst.kept[0].pictures if said.worst.kept and self.pictures else {}
         return {
             "cause": ", ".join(dict.fromkeys(fault.fault for fault in faults)) or "unexplained",
-            "words": tuple(fault.words for fault in faults) or guesses,
+            "words": tuple(defect["words"] for defect in said.defects()) or guesses,
             "alternatives": {
                 fault.fault: fault.alternatives for fault in faults if fault.alternatives
             },

@@ -17,6 +17,7 @@ import pyarrow as pa
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.judged import HogelNumbers
+from xfrustum.compare.judging.verdict import Hogel, Limits
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import lengths
 from xfrustum.compare.run import Evaluator, JudgedDrawing, JudgedFrame
@@ -29,8 +30,7 @@ from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.scout import plate_cells
-from xfrustum.reports.verification.sources import ForeignRenderer
-from xfrustum.reports.verification.verdict import Hogel, Limits
+from xfrustum.reports.verification.sources import ForeignRenderer, named_as_given
 from xfrustum.reports.verification.verification import Run
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats
@@ -430,7 +430,8 @@ class ForeignJob(SurveyJob):
         def make(block: HogelBlock) -> None:
             judged = run.hogels(question, self.apertures(block))
             rows = [
-                ForeignRow.from_hogel(hogel.told_from(renderer.named_from)) for hogel, _ in judged
+                ForeignRow.from_hogel(named_as_given(hogel, renderer.named_from))
+                for hogel, _ in judged
             ]
             self.parts.write(block.number, table_of(ForeignRow, rows))
 
@@ -441,7 +442,11 @@ class ForeignJob(SurveyJob):
 
         with renderer.opened(reference) as source:
             run = Run(
-                renderer=renderer, reference=reference, source=source, asked=asked, limits=limits
+                renderer=renderer,
+                reference=reference,
+                source=source,
+                apertures=asked,
+                limits=limits,
             )
             question = run.question()
             run.kept.clear()  # few hogels of the sample are this process's own: all are read anew

@@ -22,6 +22,7 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
+from xfrustum.compare.judging.verdict import DISPLACEMENT, Hogel
 from xfrustum.reports.common.outputs import (
     check_writable_folder,
     json_object,
@@ -29,7 +30,7 @@ from xfrustum.reports.common.outputs import (
     write_output,
 )
 from xfrustum.reports.common.provenance import machine
-from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.representation import counted, digits

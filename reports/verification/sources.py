@@ -17,6 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.interrupts import delayed
@@ -93,12 +94,14 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
     return names
 
 
-def as_given(text: str, named_from: Path | None) -> str:
-    """Return a text with names of files as the user gave them, from a folder: the same in every folder."""
-    if named_from is None or named_from == Path(named_from.anchor):
-        return text
+def named_as_given(hogel: Hogel, named_from: Path | None) -> Hogel:
+    """Return a hogel whose problem names files as the user did, from a folder: the same in every folder."""
+    root = named_from is None or named_from == Path(named_from.anchor)
+    if root or hogel.problem is None:
+        return hogel
     # Not within a longer path, which names another folder.
-    return re.sub(rf"(?<![\w./-]){re.escape(str(named_from))}/", "", text)
+    pattern = rf"(?<![\w./-]){re.escape(str(named_from))}/"
+    return replace(hogel, problem=re.sub(pattern, "", hogel.problem))
 
 
 @dataclass(kw_only=True, eq=False)

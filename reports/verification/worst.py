@@ -52,7 +52,7 @@ class WorstHogels:
             pictures[name] = address(png(pixels[::step, ::step], optimize=False))
         pictured = Pictured(
             aperture=aperture,
-            words=as_found.numbers.limited_words,
+            words=as_found.numbers.limited_figure,
             badness=badness,
             pictures=pictures,
             inspected=None

@@ -15,6 +15,7 @@ from scipy import stats
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.judged import MeasuredBy
+from xfrustum.compare.judging.verdict import Limits
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.planning.measure import HogelResult
 from xfrustum.compare.planning.views import Requirement
@@ -28,7 +29,6 @@ from xfrustum.compare.sampling import (
     share_at_most,
     share_beyond,
 )
-from xfrustum.reports.verification.verdict import Limits
 from xfrustum.scenes import Aperture, InputError, Plate
 
 SEEDS = 200  #: simulated surveys of each kind
@@ -265,7 +265,7 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
         found: Any = SimpleNamespace(
             shown=JUDGED,
             limited=wrong,
-            limited_words="wrong surfaces",
+            limited_figure="wrong surfaces",
             radiance=None,
             invalid=0,
             displacement_px=spread(p99),

@@ -18,10 +18,10 @@ from tests.support.light import with_smooth_normals
 from tests.support.scene_file import film, named, part
 from tests.wrong_renderers.ray_caster import picture
 from tests.wrong_renderers.worlds import harbor
-from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, TestSet
-from xfrustum.compare.diagnosis.faults import Defect
+from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
+from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import (
     Culled,
@@ -138,10 +138,10 @@ def test_what_does_not_explain_is_no_finding() -> None:
     for fault in doubted:
         assert fault.explains is not None
         assert fault.explains < MIN_EXPLAINED_FRACTION
-        assert f"would explain only {100 * fault.explains:.0f} %" in fault.words
     summary = found.summary()
     assert summary["diagnosis"] == []
-    assert summary["does_not_explain"] == [fault.summary() for fault in doubted]
+    told = {one["fault"]: one["words"] for one in summary["does_not_explain"]}
+    assert all("would explain only" in words for words in told.values())
     assert summary["corrected"] == summary["as_found"]
     assert "no known fault explains" in table(found)
     assert "No known fault explains what is wrong" in render_page(found)
@@ -177,7 +177,8 @@ def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(
         assert fault.fault in ("fov-x", "fov-y")
         assert fault.value == pytest.approx(7 / 6, abs=0.01)
         assert fault.alternatives == ("near",)
-        assert f"or near: {witnesses} cannot tell" in fault.words
+    told = "; ".join(one["words"] for one in found.defects())
+    assert f"or near: {witnesses} cannot tell" in told
 
 
 @pytest.mark.slow
@@ -267,10 +268,11 @@ def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(
         RendererModel(culled=Culled.COUNTERCLOCKWISE),
         RendererModel(front=Front.NEAREST),
     ):
-        (fault,) = of_model(scene, model).diagnosis.faults
+        found = of_model(scene, model)
+        (fault,) = found.diagnosis.faults
         assert fault.fault == "front-nearest"
         assert fault.alternatives == ("culling",)
-        assert "or culling: images cannot tell" in fault.words
+        assert "or culling: images cannot tell" in found.defects()[0]["words"]
 
 
 def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
@@ -282,8 +284,8 @@ def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
         images.append(saying(replace(image, color=0.5 * image.color), "color"))
     test = TestSet(reference=reference, images=images, nominal=RendererModel())
     assert test.wrong(RendererModel()) > 0
-    assert replace(test, judging=Judging(color_tolerance=1.0), known={}).wrong(RendererModel()) == 0
-    outlines = replace(test, judging=Judging(compared=Compared.GEOMETRY), known={})
+    assert replace(test, judging=Judging(color_tolerance=1.0), masks={}).wrong(RendererModel()) == 0
+    outlines = replace(test, judging=Judging(compared=Compared.GEOMETRY), masks={})
     assert outlines.wrong(RendererModel()) < test.wrong(RendererModel()) / 10
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tests.support.scene_file import named, part
-from xfrustum.compare.diagnosis.diagnosis import TestSet, diagnose
+from xfrustum.compare.diagnosis.diagnosis import diagnose
 from xfrustum.compare.diagnosis.encodings import RESAMPLED, IdRepair
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
+from xfrustum.compare.diagnosis.testset import TestSet
 from xfrustum.compare.renderer_model.drawn_model import NUMBERS, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference

@@ -13,11 +13,11 @@ import trimesh
 import xfrustum
 from tests.support.scene_file import film, named
 from xfrustum.compare.judging.judged import Compared, Judging, judge
+from xfrustum.compare.judging.verdict import Hogel, Limits, Outcome
 from xfrustum.compare.metrics.error_maps import true_lines
 from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.verdict import NOT_JUDGED, Hogel, Limits
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
@@ -101,7 +101,7 @@ def check(found: dict[str, list[tuple[str, float]]]) -> None:
     """Require that right pictures do not fail, and that wrong ones do not pass."""
     for name, hogels in found.items():
         for verdict, wrong in hogels:
-            assert name != "right" or verdict in ("pass", NOT_JUDGED), (name, verdict)
+            assert name != "right" or verdict in ("pass", Outcome.NOT_JUDGED), (name, verdict)
             assert wrong <= 1.5 * MAX_WRONG or verdict != "pass", f"{name}: {wrong:.0%} are wrong"
 
 

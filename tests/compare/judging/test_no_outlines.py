@@ -9,10 +9,12 @@ import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from xfrustum.compare.judging.judged import MeasuredBy
+from xfrustum.compare.judging.verdict import Outcome
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import reference_colors
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.verdict import NOT_JUDGED, Verification, sentence
+from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.words import sentence
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
@@ -54,8 +56,8 @@ def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path
     assert numbers.displacement_by is MeasuredBy.NO_OUTLINES
     assert (found.passed, found.verdict, found.summary()["verdict"]) == (
         False,
-        NOT_JUDGED,
-        NOT_JUDGED,
+        Outcome.NOT_JUDGED,
+        "not judged",
     )
     assert [(check.figure, check.held) for check in found.checks][-1] == ("displacement", None)
     assert sentence(found).startswith(

@@ -22,6 +22,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.judging.outlines import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.words import check_words
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
@@ -157,9 +158,9 @@ def test_numbers_given_as_colors_are_recognized(hogels: Hogels) -> None:
 
 def test_orders_of_channels_that_cannot_be_told_apart_are_said_to_be(hogels: Hogels) -> None:
     found = verified(hogels["right"], lambda image: objects(image)[..., ::-1], encoding="object-id")
-    (order,) = [fault for fault in found.diagnosis.faults if fault.fault == "channel-order"]
-    assert order.value == "BGR"
-    assert "or as GBR" in order.words
+    (order,) = [one for one in found.defects() if one["fault"] == "channel-order"]
+    assert order["value"] == "BGR"
+    assert "or as GBR" in order["words"]
     assert not found.passed
 
 
@@ -223,7 +224,7 @@ def test_a_displacement_that_nobody_can_measure_keeps_no_limit(hogels: Hogels) -
     found = verified(hogels["right"], noise, encoding="rgb", max_wrong=1.0)
     assert not found.passed
     assert found.summary()["as_found"]["displacement_px"] is None
-    assert "displacement unknown (limit 0.5 px)" in found.checks[-1].words
+    assert "displacement unknown (limit 0.5 px)" in check_words(found.checks[-1])
     assert verified(
         hogels["right"], noise, encoding="rgb", max_wrong=1.0, max_displacement_px=None
     ).passed

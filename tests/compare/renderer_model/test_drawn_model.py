@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from tests.support.foreign_renderers import oblong
-from xfrustum.compare.renderer_model.changed_scene import SceneChange, changed
 from xfrustum.compare.renderer_model.drawn_model import Normals, RendererModel
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, colored, trace_drawn
+from xfrustum.compare.renderer_model.pictures import (
+    COLOR_TOLERANCE,
+    colored,
+    drawn_scene,
+    trace_drawn,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
@@ -57,9 +61,8 @@ def test_inverted_normals_are_lit_as_by_reversed_lights_where_nothing_is_glossy(
 def test_changes_keep_numbers_and_leave_the_scene_as_it_is() -> None:
     reference = Reference(oblong())
     scene, before = reference.scene, reference.scene.vertices.copy()
-    mirrored = SceneChange(matrix=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))
-    other = changed(reference, (SceneChange(missing=1), mirrored)).scene
+    other = drawn_scene(reference, RendererModel(axes="x, y, -z", missing=(1,))).scene
     assert (other.faces == scene.faces).all() and (scene.vertices == before).all()
     assert np.allclose(other.objects[0].vertices, scene.objects[0].vertices * (1, 1, -1))
-    assert other.objects[1].vertices[:, 2].min() > max(scene.frustum.reach)
-    assert changed(reference, ()) is reference
+    assert other.objects[1].vertices[:, 2].max() < -max(scene.frustum.reach)
+    assert drawn_scene(reference, RendererModel()) is reference

@@ -10,9 +10,10 @@ import numpy as np
 from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
+from xfrustum.compare.judging.verdict import Check, Hogel, Limits
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
-from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -59,7 +60,7 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
         scene=scene(),
         source="hogels/{i}x{j}.png",
         limits=Limits(),
-        diagnosis=Diagnosis(model=RendererModel(), faults=(), does_not_explain=(), means="numbers"),
+        diagnosis=Diagnosis(model=RendererModel()),
         hogels=tuple(hogel_of(place, number, p99) for place, number in wrong.items()),
         worst=WorstHogels(),
     )

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from xfrustum.compare.judging.verdict import Check, Limits
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
-from xfrustum.reports.verification.verdict import Check, Limits
 
 PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
 

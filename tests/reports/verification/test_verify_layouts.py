@@ -157,7 +157,7 @@ def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
         found = asked(scene, tmp_path, read)
     assert found.passed == (not named)
     assert faults(found) == named
-    assert told in "; ".join(f"{fault.words}; {fault.value}" for fault in found.diagnosis.faults)
+    assert told in "; ".join(f"{one['words']}; {one['value']}" for one in found.defects())
     if case == "views as hogels":
         assert [fault.value for fault in found.diagnosis.faults] == ["views"]
         assert all(

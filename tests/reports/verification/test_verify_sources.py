@@ -23,10 +23,9 @@ from tests.reports.verification.synthetic import packed, verification
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
-from xfrustum.compare.diagnosis import faults
-from xfrustum.compare.diagnosis.diagnosis import doubtful
+from xfrustum.compare.diagnosis import defects
+from xfrustum.compare.diagnosis.defects import HYPOTHESES, Defect
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
-from xfrustum.compare.diagnosis.faults import HYPOTHESES, Defect
 from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import OneCamera, RendererModel
@@ -35,8 +34,8 @@ from xfrustum.reports.verification.verdict import (
     plate_map,
     render_page,
     table,
-    with_correction_tested,
 )
+from xfrustum.reports.verification.verification import with_tested_diagnosis
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import check_program
 from xfrustum.scenes.files.exr import write_image
@@ -243,7 +242,7 @@ SHIFT = Defect(
     fault="shift-x",
     value=0.1,
     unit="px",
-    words="shifted; or near",
+    stated=0.0,
     alternatives=("near",),
     explains=1.0,
 )
@@ -263,7 +262,7 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
     )
     fault = replace(SHIFT, alternatives=alternatives)
     found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(fault,)))
-    tested = with_correction_tested(found)
+    tested = with_tested_diagnosis(found)
     text, page = table(tested), render_page(tested)
     assert (tested.diagnosis.faults == (fault,)) is tested.explained is named
     assert ("explained: 100 %" in text) is named
@@ -273,10 +272,10 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
         )
         assert ("o known fault explains what is wrong" in words) is (not told and not named)
     if not named:
-        (guess,) = tested.diagnosis.does_not_explain
-        assert guess.explains == pytest.approx(1 - sum(left) / 200)
-        assert f"{sum(left)} pixels of all judged hogels are wrong instead of 200" in guess.words
-        assert "1 of 2 hogels do not pass: 1,0" in guess.words
+        (guess,) = tested.guesses()
+        assert guess["explains"] == pytest.approx(1 - sum(left) / 200)
+        assert f"{sum(left)} pixels of all judged hogels are wrong instead of 200" in guess["words"]
+        assert "1 of 2 hogels do not pass: 1,0" in guess["words"]
 
 
 def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> None:
@@ -288,7 +287,7 @@ def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> Non
     )
     hogel = replace(hogel, corrected=replace(blind, wrong=0), mended=False)
     diagnosis = replace(found.diagnosis, faults=(SHIFT,))
-    tested = with_correction_tested(replace(found, hogels=(hogel,), diagnosis=diagnosis))
+    tested = with_tested_diagnosis(replace(found, hogels=(hogel,), diagnosis=diagnosis))
     assert [guess.explains for guess in tested.diagnosis.does_not_explain] == [0.0]
     assert not tested.diagnosis.guesses
 
@@ -307,14 +306,14 @@ def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -
 @pytest.mark.parametrize(("explains", "told"), [(0.0, False), (0.004, False), (0.3, True)])
 def test_a_guess_is_told_where_it_explains_anything(explains: float, told: bool) -> None:
     found = verification({(0, 0): 900, (1, 0): 0})
-    guess = doubtful(
-        replace(Defect(fault="shift-x", value=1.5, unit="px", words="moved"), explains=explains)
-    )
+    guess = replace(SHIFT, value=1.5, explains=explains, alternatives=())
     found = replace(found, diagnosis=replace(found.diagnosis, does_not_explain=(guess,)))
+    words = "pixels are sampled 1.500 px to the right of their centers (images upright)"
     assert "no known fault explains what is wrong" in table(found)
-    assert ("moved: would explain only" in table(found)) is told
-    assert ("moved: would explain only" in render_page(found)) is told
-    assert [one["words"] for one in found.summary()["does_not_explain"]] == [guess.words]
+    assert (f"{words}: would explain only" in table(found)) is told
+    assert (f"{words}: would explain only" in render_page(found)) is told
+    (one,) = found.summary()["does_not_explain"]
+    assert one["words"].startswith(f"{words}: would explain only")
 
 
 def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None:
@@ -360,11 +359,11 @@ def test_the_examples_in_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_every_fault_is_in_the_table() -> None:
     text = DOCS.read_text()
     known = {
-        value for name, value in vars(faults).items() if name.isupper() and isinstance(value, str)
+        value for name, value in vars(defects).items() if name.isupper() and isinstance(value, str)
     }
     known |= {one.fault for one in HYPOTHESES} | set(drawn_model.FAULT_NAMES)
     for side, name in itertools.product((-1, 1), drawn_model.FAULT_NAMES):
-        known.add(faults.one_camera_name(name, RendererModel(one_camera=OneCamera(side))))
+        known.add(defects.one_camera_name(name, RendererModel(one_camera=OneCamera(side))))
     assert len(known) >= 50
     assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []
 

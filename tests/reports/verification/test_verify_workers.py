@@ -11,8 +11,8 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
 from xfrustum.reference import Reference
+from xfrustum.reports.verification.jobs import QUESTION
 from xfrustum.reports.verification.sources import ForeignRenderer
-from xfrustum.reports.verification.verification import QUESTION
 from xfrustum.scenes import InputError
 
 FILES = ("index.html", "verification.json")

@@ -4,10 +4,10 @@ import numpy as np
 
 from tests.support.foreign_renderers import oblong, saying
 from xfrustum.compare.judging.judged import judge
+from xfrustum.compare.judging.where import places_of
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.where import places_of
 from xfrustum.scenes import NOTHING
 
 

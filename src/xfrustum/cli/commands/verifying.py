@@ -155,7 +155,8 @@ class _Verify(options.Measured):
 
     def found(self, scene: Scene) -> Verification | None:
         """Judge here or where the options say; None where other parts are not finished yet."""
-        from xfrustum.reports.verification.verification import VerifyOptions, verify, verify_on
+        from xfrustum.reports.verification.jobs import verify_on
+        from xfrustum.reports.verification.verification import VerifyOptions, verify
 
         how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
         apertures = options.indices_of(scene, self.judged["apertures"])

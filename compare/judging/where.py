@@ -1,9 +1,9 @@
-"""Where wrong pixels are: by side of the plate, object, hogel, and distance from outlines."""
+"""Places of wrong pixels: side of the plate, object, hogel, and distance from outlines."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 from typing import Any
 
@@ -14,19 +14,21 @@ from xfrustum.compare.judging.judged import COLOR_ONLY, Figures
 from xfrustum.compare.judging.outlines import steps_of
 from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.pictures import shows_something
-from xfrustum.scenes import NOTHING, Aperture, Scene
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 DISTANCES_PX = (1.5, 4.5)
-"""Ends of the ranges of distance: a neighbor of an outline, as rounding moves it, and what is near to one."""
+"""Ends of the ranges of distance: a neighbor of an outline, as rounding moves it, and its surroundings."""
 
 Places = dict[str, tuple[int, int]]
-"""Numbers of wrong pixels and of those where image or truth shows something, by place."""
+"""Numbers of wrong pixels and of pixels where image or truth shows something, by place."""
 
 
 def places_of(figures: Figures) -> Places:
-    """Return where the wrong pixels of one hogel are."""
+    """Return the places of the wrong pixels of one hogel."""
     answer, error = figures.answer, figures.error
-    # Plain pictures name no surfaces: what is not black shows something.
+    # Plain pictures name no surfaces: pixels that are not black show something.
     shows = shows_something if figures.numbers.by in COLOR_ONLY else covered_by
     covered = shows(figures.image)
     shown = answer.covered | covered | error
@@ -51,7 +53,7 @@ def places_of(figures: Figures) -> Places:
 
 
 def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
-    """Return by which places all hogels together are wrong: pixels, of those shown; None where nothing is."""
+    """Return wrong pixels, of the shown ones, of all hogels by place; None where nothing is wrong."""
     wrong, shown = Counter[str](), Counter[str]()
     for aperture, places in hogels:
         sides = [count for name, count in places.items() if name.startswith("side/")]
@@ -62,26 +64,23 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
             shown[name] += of
     if not any(wrong.values()):
         return None
-    found: dict[str, Any] = {}
+    shares: dict[str, Any] = {}
     for name in sorted(shown, key=lambda one: (one.split("/")[0], shown[one] == 0)):
         group, place = name.split("/")
         if group == "object":
             place = f"{place} ({PurePath(scene.objects[int(place)].name).stem})"
         if shown[name]:
-            share = {
-                "wrong": wrong[name],
-                "shown": shown[name],
-                "fraction": wrong[name] / shown[name],
-            }
-            found.setdefault(group, {})[place] = share
-    return found
+            share = wrong[name] / shown[name]
+            counts = {"wrong": wrong[name], "shown": shown[name], "fraction": share}
+            shares.setdefault(group, {})[place] = counts
+    return shares
 
 
 def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dict[str, Any] | None:
     """Return the numbers of wrong pixels, `where` of `verify --json`; None where nothing is wrong.
 
     `front` is before the plate, drawn by C*. `hogels` has a list for each row of the plate, with
-    None for hogels that were not judged; `shares` has what `where_wrong` says.
+    None for hogels that were not judged; `shares` is the result of `where_wrong`.
     """
     shares = where_wrong(scene, hogels)
     if shares is None:
@@ -92,28 +91,8 @@ def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dic
         wrong = (count for name, (count, _) in places.items() if name.startswith("side/"))
         plate[aperture.row][aperture.column] = sum(wrong)
     sides, objects = (
-        {place: one["wrong"] for place, one in shares.get(group, {}).items()}
+        {place: counts["wrong"] for place, counts in shares.get(group, {}).items()}
         for group in ("side", "object")
     )
-    return {
-        "sides": {"front": 0, "back": 0} | sides,
-        "objects": objects,
-        "hogels": plate,
-        "shares": shares,
-    }
-
-
-def where_words(where: Mapping[str, Any]) -> list[str]:
-    """Return where hogels are wrong in words, a line for each way to divide the pixels."""
-    heads = {
-        "side": "side of the plate",
-        "object": "object",
-        "distance": "distance from outlines of objects",
-    }
-    heads |= {"row": "row of hogels", "column": "column of hogels", "shown": "where images show"}
-    lines = []
-    for group, head in heads.items():
-        worst = sorted(where.get(group, {}).items(), key=lambda one: -one[1]["fraction"])[:6]
-        told = (f"{place} {100 * one['fraction']:.3g} % ({one['wrong']:,})" for place, one in worst)
-        lines += [f"{head}: {', '.join(told)}"] if worst else []
-    return lines
+    sides = {"front": 0, "back": 0} | sides
+    return {"sides": sides, "objects": objects, "hogels": plate, "shares": shares}

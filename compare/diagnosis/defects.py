@@ -1,0 +1,279 @@
+"""Defects of a renderer: records of codes and numbers, and the table of discrete defects.
+
+A `Hypothesis` states which fields of `RendererModel` differ. Each is tried on the images by itself
+(`enumeration.compositions`), and recognized again in a candidate (`hypotheses_in`). Defects with
+numbers are the groups of `xfrustum.compare.renderer_model.drawn_model`. Sentences about defects are
+made in `xfrustum.reports.verification.words`.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.diagnosis.geometry_fit import GeometryFit
+from xfrustum.compare.renderer_model.drawn_model import (
+    CAMERA_GROUPS,
+    FAULT_NAMES,
+    FLIPPED,
+    KINDS,
+    Back,
+    Culled,
+    Film,
+    Front,
+    Kind,
+    Normals,
+    OneCamera,
+    Recentering,
+    RendererModel,
+    places,
+    smallest_named,
+)
+from xfrustum.scenes.model.scene import Scene
+
+ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
+NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
+EQUAL_ANGLES, WRAPPED, RESAMPLED = "equal-angles", "wrapped", "resampled"
+Z_NEGATED, AXES_EXCHANGED, OBJECT_MISSING = "z-negated", "axes-exchanged", "object-missing"
+STALE, EXCHANGED = "stale-hogel", "hogels-exchanged"
+TOGETHER = "together"  # several numbers none of which explains anything without the others
+
+MISTAKEN_UNITS = tuple(
+    factor for ratio in (10.0, 25.4, 2.54, 100.0, 1000.0) for factor in (ratio, 1 / ratio)
+)
+"""Factors by which common mistakes of units enlarge a scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Defect:
+    """Difference between a renderer and its nominal model, in codes and numbers."""
+
+    fault: str  #: name, a code of `verify --json`
+    value: float | str  #: size as a number, or a code
+    low: float | None = None  #: ends of the interval of a number; None where unknown
+    high: float | None = None
+    unit: str | None = None  #: of `value`, `low` and `high`; None for codes
+    alternatives: tuple[str, ...] = ()  #: names of defects that show the same images, or nearly so
+    explains: float | None = None  #: share of the wrong pixels that the whole diagnosis explains
+    stated: float | str | None = None  #: nominal value, where it belongs in the sentence
+    #: what else the sentence states: other values that show the same images, hogels, or lengths
+    details: tuple[Any, ...] = ()
+    parts: tuple["Defect", ...] = ()  #: defects that explain only together
+    refuted: bool = False  #: whether hogels fail after correction for it
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One discrete defect: name, code, and the fields of `RendererModel` by which it draws."""
+
+    fault: str
+    value: str
+    fields: Mapping[str, Any] = field(hash=False)
+
+    def of(self, model: RendererModel) -> RendererModel:
+        """Return a candidate with this defect."""
+        fields = dict(self.fields)
+        if "one_camera" in fields:
+            fields["one_camera"] = replace(fields["one_camera"], other_near=model.near)
+        return replace(model, **fields)
+
+
+def _flipped(camera: OneCamera) -> Hypothesis:
+    half, kind = "back" if camera.side > 0 else "front", "mirrored"
+    value = f"mirrored {'left to right' if camera.flip_x else 'upside down'}"
+    if camera.flip_x and camera.flip_y:
+        kind, value = "unturned", "turned by 180 degrees"
+    return Hypothesis(f"{half}-{kind}", value, {"one_camera": camera})
+
+
+NEAREST = Hypothesis("front-nearest", "nearest wins", {"front": Front.NEAREST})
+NOT_OVERLAID = Hypothesis("not-overlaid", "back over front", {"overlaid": False})
+FLAT = Hypothesis("flat-normals", "flat", {"normals": Normals.FLAT})
+
+SHADINGS = (
+    Hypothesis("lights", "not conjugated", {"conjugated": False}),
+    FLAT,
+    Hypothesis("inverted-normals", "inverted", {"normals": Normals.INVERTED}),
+)
+"""Defects of shading, which only colors show."""
+
+HYPOTHESES = (
+    Hypothesis("front-missing", "missing", {"front": Front.MISSING}),
+    Hypothesis("back-missing", "missing", {"back": Back.MISSING}),
+    *(NEAREST, NOT_OVERLAID),
+    *(
+        Hypothesis("culling", str(culled), {"culled": culled})
+        for culled in (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)
+    ),
+    # Faces of a convex body that turn away from the viewer are the farthest ones; culling is the
+    # more common mistake.
+    Hypothesis("back-farthest", "farthest wins", {"back": Back.FARTHEST}),
+    *map(_flipped, FLIPPED),
+    *SHADINGS,
+)
+"""All of them; where images cannot tell some apart, the first one is named first."""
+
+
+def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
+    """Return the discrete defects of a candidate."""
+    camera = model.one_camera
+    # The near offset of the camera that is right is no defect.
+    plain = replace(model, one_camera=camera and replace(camera, other_near=0.0))
+    return [
+        hypothesis
+        for hypothesis in HYPOTHESES
+        if all(getattr(plain, name) == value for name, value in hypothesis.fields.items())
+    ]
+
+
+def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[Defect, ...]:
+    """Return the differences between a candidate and the nominal model.
+
+    A number is a defect if its interval leaves out the nominal value, and if it is large enough to
+    have a name.
+    """
+    model, names = fit.model, [_names(scene, nominal, other) for other in fit.alternatives]
+    defects = []
+    if model.orientation != nominal.orientation:
+        defects.append(Defect(fault=ORIENTATION, value=model.orientation.labels[0]))
+    if model.order != nominal.order:
+        defects.append(Defect(fault=ORDER, value=model.order.labels[1]))
+    for name in (PIVOT, FIT) if model.near else ():
+        value, stated = getattr(model, name), getattr(nominal, name)
+        if value is not stated:
+            defects.append(Defect(fault=name, value=str(value), stated=str(stated)))
+    if model.recentering is not nominal.recentering:
+        name = _shear_name(model.recentering)
+        shears = dict.fromkeys(other.recentering for other in fit.alternatives)
+        known = (nominal.recentering, model.recentering)
+        defects.append(
+            Defect(
+                fault=name,
+                value="no shear" if name == NOT_RECENTERED else str(model.recentering),
+                # A candidate that has this defect too is no alternative to it; so it is below.
+                alternatives=_others(name, names),
+                details=tuple(str(shear) for shear in shears if shear not in known),
+            )
+        )
+    if model.film != nominal.film:
+        defects += _of_film(model.film)
+    defects += _numbers(scene, nominal, fit)
+    compositions = [[one.fault for one in hypotheses_in(other)] for other in fit.alternatives]
+    defects += [
+        Defect(fault=one.fault, value=one.value, alternatives=_others(one.fault, compositions))
+        for one in hypotheses_in(model)
+    ]
+    return tuple(defects)
+
+
+def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the names of all alternatives that lack a name."""
+    return tuple(dict.fromkeys(other for of in names if name not in of for other in of))
+
+
+def _of_film(film: Film) -> Iterator[Defect]:
+    """Yield the defects of a film on which pixels are not spaced evenly."""
+    if film.angles:
+        yield Defect(fault=EQUAL_ANGLES, value="x and y" if film.angles == "xy" else film.angles)
+    if film.unsheared or any(film.rolled):
+        x, y = film.rolled
+        sides = [f"{abs(x)} px to the {'right' if x > 0 else 'left'}"] if x else []
+        sides += [f"{abs(y)} px {'down' if y > 0 else 'up'}"] if y else []
+        value = "in place of the frustum's shear" if film.unsheared else f"by {' and '.join(sides)}"
+        yield Defect(fault=WRAPPED, value=value)
+    if film.size != 1:
+        how = "interpolated" if film.smooth else "nearest"
+        yield Defect(fault=RESAMPLED, value=film.size, unit="ratio", details=(how,))
+
+
+def with_joint_numbers(
+    defects: Sequence[Defect], groups: Sequence[str], model: RendererModel
+) -> tuple[Defect, ...]:
+    """Return defects with the numbers of some groups as one, for none explains anything alone."""
+    names = [one_camera_name(FAULT_NAMES[place], model) for place in places(*groups)]
+    joint = [defect for defect in defects if defect.fault in names]
+    if len(joint) < 2:
+        return tuple(defects)
+    together = Defect(
+        fault=TOGETHER,
+        value=", ".join(f"{defect.fault} {defect.value:.4g}" for defect in joint),
+        alternatives=tuple(dict.fromkeys(name for one in joint for name in one.alternatives)),
+        parts=tuple(joint),
+    )
+    return (*(defect for defect in defects if defect not in joint), together)
+
+
+def one_camera_name(name: str, model: RendererModel) -> str:
+    """Return the name of a candidate's number: of one camera alone it begins with the half."""
+    camera = model.one_camera
+    if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
+        return name
+    return f"{'back' if camera.side > 0 else 'front'}-{'near-offset' if name == NEAR else name}"
+
+
+def _shear_name(recentering: Recentering) -> str:
+    return NOT_RECENTERED if recentering is Recentering.NONE else SHEAR_SIGN
+
+
+def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[str]:
+    """Return the names of a candidate's defects in its shear, its mirrored films and its numbers."""
+    off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
+    names = [] if model.recentering is nominal.recentering else [_shear_name(model.recentering)]
+    names += [one.fault for one in hypotheses_in(model) if "one_camera" in one.fields]
+    return names + [one_camera_name(FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
+
+
+def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator[Defect]:
+    """Yield the defects of numbers that are off, with their intervals."""
+    values, stated, least, most = fit.model.parameters, nominal.parameters, fit.low, fit.high
+    off = np.abs(values - stated) > smallest_named(scene)
+    odd = np.flatnonzero(off & ~((least <= stated) & (stated <= most))).tolist()
+    named = [one_camera_name(FAULT_NAMES[place], fit.model) for place in odd]
+    alternatives = [_names(scene, nominal, model) for model in fit.alternatives]
+    for place, own in zip(odd, named, strict=True):
+        name, numbers = FAULT_NAMES[place], np.array([values, stated, least, most])[:, place]
+        # A defect states the place of a screen in scene units, other numbers as they are.
+        screen = scene.frustum.screen
+        if screen is not None and name == "screen-height":
+            numbers = screen.height * numbers
+        elif screen is not None and name.startswith("screen-center"):
+            numbers = screen.center["xy".index(name[-1])] + numbers
+        value, should, *ends = numbers.tolist()
+        low, high = min(ends), max(ends)
+        others: dict[str, None] = {}
+        for names in alternatives:
+            if own not in names:
+                # If a candidate has several, a ratio replaces a ratio, and a length one along the
+                # same axis.
+                rest = [other for other in names if other not in named]
+                rest = [other for other in rest if _is_ratio(other) == _is_ratio(own)] or rest
+                along = [
+                    other
+                    for other in rest
+                    if axis_of(other) in ("", axis_of(own)) or not axis_of(own)
+                ]
+                others |= dict.fromkeys(along or rest)
+        units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
+        screened = name.startswith("screen-")
+        yield Defect(
+            fault=own,
+            value=value,
+            low=low if math.isfinite(low) else None,
+            high=high if math.isfinite(high) else None,
+            unit=scene.units if screened else units.get(KINDS[place], scene.units),
+            alternatives=tuple(others),
+            stated=should,
+        )
+
+
+def _is_ratio(name: str) -> bool:
+    kinds = dict(zip(FAULT_NAMES, KINDS, strict=True))
+    kind = kinds.get(name.removeprefix("front-").removeprefix("back-"))
+    return kind in (Kind.FACTOR, Kind.SIZE)
+
+
+def axis_of(name: str) -> str:
+    """Return the axis at the end of a name; empty without one."""
+    return name[-1] if name[-2:] in ("-x", "-y", "-z") else ""

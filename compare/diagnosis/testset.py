@@ -1,0 +1,216 @@
+"""Test set: images of a renderer by which candidate models are tested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from xfrustum.compare.judging.judged import Judging, wrong_pixels
+from xfrustum.compare.metrics.error_maps import covered_by
+from xfrustum.compare.renderer_model.drawn_model import (
+    CAMERA_GROUPS,
+    COMPOSITION_FIELDS,
+    GROUPS,
+    OTHER_FIELDS,
+    RendererModel,
+    field_of,
+)
+from xfrustum.compare.renderer_model.pictures import shows_something
+from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+
+MIN_EXPLAINED_FRACTION = 0.9
+"""Smallest share of the wrong pixels that a diagnosis explains.
+
+Under the renderer's true conventions only pixels that rounding moves across outlines are wrong, and
+these are excused where triangles are known. The remaining tenth makes room for pictures without
+numbers, whose outlines are not excused, and for a small second defect. A wrong candidate leaves the
+larger part unexplained.
+"""
+
+# Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share
+# of those that it makes right. Under the renderer's true conventions there are none; a defect of
+# one camera or object that is blamed on all of them spoils right pixels.
+MAX_SPOILED_FRACTION = 0.02
+
+# Largest number of tested hogels, spread over the sample. Each has thousands of pixels: the share of
+# one hogel is that of all within a few percent.
+MAX_TESTED_HOGELS = 9
+
+# Smallest surplus of pixels that a defect makes right over those that it makes wrong, in standard
+# deviations of this difference if a coin decided each pixel.
+MIN_GAIN_DEVIATIONS = 2.0
+
+# Share of wrong pixels, among those that show something, above which gross mistakes are tried: in a
+# scene of ten times the size nearly all are wrong.
+GROSS_WRONG_FRACTION = 0.5
+
+# Smallest share of a hogel's pixels, wrong without a cause, with which it is an outlier.
+MIN_OUTLYING_FRACTION = 0.02
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TestSet:
+    """Images by which candidate models are tested.
+
+    `images` are some of the renderer's hogels as decoded, before any correction, each with the
+    camera of the aperture that its file is named after. `nominal` is the renderer by its author's
+    statements: the pixels that are wrong under it need an explanation.
+    """
+
+    __test__: ClassVar[bool] = False  # pytest collects no class of this name
+
+    reference: Reference
+    images: Sequence[HogelImage]
+    nominal: RendererModel
+    judging: Judging = field(default_factory=Judging)
+    #: wrong pixels (N, H, W) by candidate and whether causes excuse them: a cache
+    masks: dict[tuple[RendererModel, bool], Mask] = field(default_factory=dict, repr=False)
+
+    def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> TestSet:
+        """Return the test set of other images of the same renderer, perhaps judged by other rules."""
+        return replace(self, images=images, judging=judging or self.judging, masks={})
+
+    def few(self) -> TestSet:
+        """Return the first and the last tested image alone, which select among candidates."""
+        return self.of(self.tested[:: max(1, len(self.tested) - 1)])
+
+    @property
+    def tested(self) -> list[HogelImage]:
+        """The tested images, spread evenly over all, `MAX_TESTED_HOGELS` at most."""
+        count = len(self.images)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
+        return [self.images[index] for index in chosen] if count else []
+
+    @property
+    def _covered(self) -> Mask:
+        """Pixels (N, H, W) in which the tested images show something."""
+        return np.stack(
+            [
+                covered_by(image) | (shows_something(image) if image.color is not None else False)
+                for image in self.tested
+            ]
+        )
+
+    @property
+    def infeasible(self) -> bool:
+        """Whether most of the shown pixels are wrong; false where images show nothing."""
+        speaking = np.array([shows(image) for image in self.tested])
+        shown = int(self._covered[speaking].sum()) if speaking.any() else 0
+        return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
+
+    def mask(self, model: RendererModel, *, explained: bool = False) -> Mask:
+        """Return the wrong pixels (N, H, W) of a candidate; if `explained`, those without a cause."""
+        if (model, explained) not in self.masks:
+            pairs = [
+                wrong_pixels(self.reference, model, image, self.judging, explained=explained)
+                for image in self.tested
+            ]
+            for place, excused in enumerate((False, explained)):
+                self.masks[model, excused] = np.array(
+                    [model.applied(pair[place]) for pair in pairs], dtype=np.bool_
+                )
+        return self.masks[model, explained]
+
+    def wrong(self, model: RendererModel, *, explained: bool = False) -> int:
+        """Return the number of wrong pixels of a candidate; if `explained`, without a known cause."""
+        return int(self.mask(model, explained=explained).sum())
+
+    def outlying(self, model: RendererModel) -> bool:
+        """Return whether many pixels are wrong by a candidate, without a known cause."""
+        pixels = len(self.tested) * np.prod(self.reference.scene.frustum.resolution)
+        return bool(self.wrong(model, explained=True) > MIN_OUTLYING_FRACTION * pixels)
+
+    def leaves_outliers(self, model: RendererModel) -> bool:
+        """Return whether any hogel is an outlier under a candidate."""
+        return any(self.of([image]).outlying(model) for image in self.images)
+
+    def share(self, model: RendererModel) -> float | None:
+        """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
+
+        A pixel is explained if it is wrong by the nominal model, and right by the candidate or wrong
+        by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes wrong
+        count against it. The smaller of the shares among all pixels and among those in which images
+        show something counts: a candidate under which nothing is visible explains black pixels, but
+        no shown ones.
+        """
+        unexplained = self.mask(self.nominal)
+        if not unexplained.any():
+            return None
+        left, covered = self.mask(model, explained=True), self._covered
+        counts = [
+            (np.sum(unexplained & here), np.sum(left & here))
+            for here in (np.ones_like(covered), covered)
+        ]
+        return float(
+            min(max(0.0, 1.0 - after / before) if before else 1.0 for before, after in counts)
+        )
+
+    def explains(self, model: RendererModel) -> bool:
+        """Return whether a candidate explains enough to be a diagnosis, or nothing is wrong."""
+        share = self.share(model)
+        return share is None or share >= MIN_EXPLAINED_FRACTION
+
+    def spares(self, model: RendererModel) -> bool:
+        """Return whether right pixels of the nominal model stay right, rounding excused."""
+        # Only triangle numbers tell rounding from errors; of other images the share alone decides.
+        named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
+        before, after = self.mask(self.nominal)[named], self.mask(model)[named]
+        spoiled = self.mask(model, explained=True)[named] & ~before
+        return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
+
+    def pays(self, model: RendererModel, simpler: RendererModel | None = None) -> bool:
+        """Return whether a candidate makes more pixels right than a simpler one, or the nominal one."""
+        mine, other = self.mask(model), self.mask(simpler or self.nominal)
+        gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
+        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
+
+    def reduced(self, model: RendererModel) -> RendererModel:
+        """Return a candidate without defects that add nothing to the explanation by the others."""
+        while True:
+            simpler = list(self._simpler(model))
+            rest = [candidate for candidate in simpler if not self.pays(model, candidate)]
+            # The last remaining defect stays: its share decides whether it is a diagnosis.
+            if not rest or len(simpler) == 1:
+                return model
+            model = min(rest, key=self.wrong)
+
+    def joint_groups(self, model: RendererModel) -> tuple[str, ...]:
+        """Return the groups of numbers of which none makes pixels right without the others."""
+        # Groups are added to the candidate's conventions one after another, each the one that mends
+        # most; groups that are left when none of them pays explain only together.
+        known = model.with_parameters(self.nominal.parameters)
+        left = {name: {field_of(name): getattr(model, field_of(name))} for name in GROUPS}
+        left = {name: group for name, group in left.items() if replace(known, **group) != known}
+        while len(left) > 1:
+            tried = {name: replace(known, **group) for name, group in left.items()}
+            paying = {name: model for name, model in tried.items() if self.pays(model, known)}
+            if not paying:
+                return tuple(left)
+            best = min(paying, key=lambda name: self.wrong(paying[name]))
+            known = paying[best]
+            del left[best]
+        return ()
+
+    def _simpler(self, model: RendererModel) -> Iterator[RendererModel]:
+        """Yield, for each defect of a candidate, the candidate without it."""
+        groups: list[tuple[str, ...]] = [(field_of(group),) for group in GROUPS if group != "near"]
+        groups += [(name,) for name in ("orientation", "order", "recentering", "pivot", "fit")]
+        groups += [("film",), COMPOSITION_FIELDS]
+        groups += [("near", "pivot", "fit")] if model.near != self.nominal.near else []
+        groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
+        groups += [(name,) for name in OTHER_FIELDS]
+        for fields in groups:
+            simpler = replace(model, **{name: getattr(self.nominal, name) for name in fields})
+            if simpler != model:
+                yield simpler
+
+
+def shows(image: HogelImage) -> bool:
+    """Return whether an image names a triangle or an object, or has colors."""
+    named = (image.triangle != NOTHING).any() or (image.object != NOTHING).any()
+    return bool(named or image.color is not None)

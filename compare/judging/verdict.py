@@ -1,0 +1,291 @@
+"""The verdict engine: figures of hogel images, and the limits that they keep or exceed.
+
+`verify` and the conformance suite judge by it: `judge_images` returns the verdict on decoded images
+by what a model draws. Sentences about verdicts are made in `xfrustum.reports.verification.words`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from xfrustum.compare.beyond import is_beyond
+from xfrustum.compare.judging.judged import (
+    MAX_MISSING_OUTLINES,
+    ColorFigures,
+    Figures,
+    HogelNumbers,
+    Judging,
+    MeasuredBy,
+    SurfaceFigures,
+    judge,
+)
+from xfrustum.compare.judging.where import Places, places_of
+from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
+from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
+from xfrustum.reference import Reference
+from xfrustum.scenes.arguments import real
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+
+DISPLACEMENT, COLORS = "displacement", "wrong colors"
+INVALID, MISSING = "claims of what does not exist", "missing outlines"
+"""Codes of limited figures, beside `HogelNumbers.limited_figure`."""
+
+MAX_INVALID_SHARE = 0.5
+"""Largest share of an image's claims that name what does not exist, whatever the limits."""
+
+
+class Outcome(StrEnum):
+    """Verdict on a hogel or a plate."""
+
+    PASS = "pass"
+    FAIL = "fail"  # a limit is exceeded
+    MISSING = "missing"  # there is no image; a plate with such a hogel fails
+    NOT_JUDGED = "not judged"  # nothing that the image shows could exceed a limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One figure of a hogel and its limit, the fields of the JSON object.
+
+    A figure that cannot be measured exceeds its limit, but the displacement of a truth without
+    outlines need not be measured where colors are judged.
+    """
+
+    figure: str
+    value: float | None  #: None where it cannot be measured, or need not be
+    limit: float | None  #: None where nothing is limited
+    unit: str  #: `share` of pixels, or `px` of displacement
+    held: bool | None  #: None where nothing that the image shows could exceed the limit
+
+    @property
+    def badness(self) -> tuple[bool, bool, float]:
+        """Sort key of checks of one figure, the worst last."""
+        unknown = math.inf if self.held is False else -1.0
+        return self.held is False, self.held is None, unknown if self.value is None else self.value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Limits within which a hogel is right, and how its image is judged."""
+
+    wrong: float = MAX_WRONG  #: largest share of wrong surfaces, colors or outlines of shown pixels
+    displacement_px: float | None = TOLERANCE_PX  #: of 99 of 100 points or outlines; None: no limit
+    judging: Judging = field(default_factory=Judging)
+
+    def __post_init__(self) -> None:
+        if not 0 <= real(self.wrong) <= 1:
+            raise InputError(f"max-wrong must be a share between 0 and 100 %, not {self.wrong}")
+        if self.displacement_px is not None and not real(self.displacement_px) >= 0:
+            raise InputError(
+                f"max-displacement-px must be a number, not negative: {self.displacement_px}"
+            )
+        if not real(self.judging.color_tolerance) >= 0:
+            raise InputError(
+                f"max-color must be a number, not negative: {self.judging.color_tolerance}"
+            )
+
+    def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
+        """Compare an image's figures with the limits (`compare.beyond`), some wrong pixels `excused`.
+
+        Shares are of the shown pixels, so that an empty film excuses nothing; but a single pixel is
+        no share, unless none may be wrong. Images that show nothing need no displacement, nor do
+        colors where the truth has no outline that a picture could show elsewhere. Any other image
+        of such a truth is not judged.
+        """
+        numbers = figures.numbers
+        counts = {numbers.limited_figure: numbers.limited - excused}
+        if numbers.radiance is not None:
+            counts[COLORS] = numbers.radiance.wrong
+        checks = []
+        for name, count in counts.items():
+            share, single = count / max(numbers.shown, 1), count == 1 and self.wrong > 0
+            held = single or not is_beyond(0.0, share, math.inf, self.wrong)
+            checks.append(
+                Check(figure=name, value=share, limit=self.wrong, unit="share", held=held)
+            )
+        if numbers.invalid:
+            share, held = numbers.invalid / figures.claimed, 2 * numbers.invalid <= figures.claimed
+            limit = MAX_INVALID_SHARE
+            checks.append(Check(figure=INVALID, value=share, limit=limit, unit="share", held=held))
+        spread, most_px = numbers.displacement_px, self.displacement_px
+        value = spread.p99 if spread is not None else None if figures.claimed else 0.0
+        kept: bool | None = most_px is None or not is_beyond(value, 0.0, most_px)
+        if value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES:
+            kept = None if numbers.blind else True
+        elif (outlines := numbers.outlines) is not None and outlines.shown:
+            share, limit = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
+            # A minority of outlines does not stand for the majority that the picture cannot show.
+            doubtful = 2 * outlines.unknown > outlines.shown
+            doubtful |= outlines.untold > self.wrong * numbers.shown
+            present = False if share > limit else None if doubtful else True
+            checks.append(
+                Check(figure=MISSING, value=share, limit=limit, unit="share", held=present)
+            )
+        moved = Check(figure=DISPLACEMENT, value=value, limit=most_px, unit="px", held=kept)
+        return (*checks, moved)
+
+    def mends(self, as_found: Figures, corrected: Figures, model: RendererModel) -> bool:
+        """Return whether an image is right once it is corrected, wrong pixels by rounding excused.
+
+        An image that fails must pass. One that could not be judged as found refutes nothing unless
+        it fails.
+        """
+        # The true places of surface points on an uneven film are unknown.
+        limits = self if model.film == EVEN else replace(self, displacement_px=None)
+        before = [check.held for check in self.checks(as_found)]
+        after = [check.held for check in limits.checks(corrected, corrected.rounded)]
+        return all(after) or (False not in before + after and None in before)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hogel:
+    """Verdict on one hogel: a problem, or figures as found and corrected, and the checks."""
+
+    aperture: Aperture
+    problem: str | None = None  #: why there is no image
+    as_found: HogelNumbers | None = None
+    corrected: HogelNumbers | None = None
+    checks: tuple[Check, ...] = ()
+    places: Places | None = None  #: where its wrong pixels are, as found
+    left: int = 0  #: wrong pixels that stay when it is corrected, without those by rounding
+    mended: bool = True  #: whether it is right when it is corrected
+    storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
+
+    @property
+    def verdict(self) -> Outcome:
+        """The verdict."""
+        if self.problem is not None:
+            return Outcome.MISSING
+        held = [check.held for check in self.checks]
+        if False in held:
+            return Outcome.FAIL
+        return Outcome.NOT_JUDGED if None in held else Outcome.PASS
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is there and keeps to every limit."""
+        return self.verdict is Outcome.PASS
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateNumbers:
+    """Numbers of all judged hogels together, as they are written; see `HogelNumbers`."""
+
+    hogels: int
+    by: str
+    shown: int
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: dict[str, float] | None  #: `worst_p99`: largest p99 of a hogel
+    displacement_by: str
+    radiance: ColorFigures | None
+    causes: dict[str, int] | None
+
+    @classmethod
+    def from_hogels(cls, figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
+        """Return the figures of all hogels together, None where there are none."""
+        known = [one for one in figures if one is not None]
+        if not known:
+            return None
+        shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
+        spreads = [one.displacement_px.p99 for one in known if one.displacement_px]
+        colored = [one.radiance.wrong for one in known if one.radiance]
+        causes = [one.causes for one in known if one.causes]
+        surface = None
+        if surfaces := [one.surface for one in known if one.surface]:
+            bad, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
+            surface = SurfaceFigures(wrong=bad, fraction=bad / max(shown, 1), outside=outside)
+        return cls(
+            hogels=len(known),
+            by=" or ".join(sorted({one.by for one in known})),
+            shown=shown,
+            wrong=wrong,
+            fraction=wrong / shown if shown else 0.0,
+            surface=surface,
+            invalid=sum(one.invalid for one in known),
+            displacement_px={"worst_p99": max(spreads)} if spreads else None,
+            displacement_by=" or ".join(sorted({one.displacement_by for one in known})),
+            radiance=ColorFigures(wrong=sum(colored)) if colored else None,
+            causes={name: sum(one[name] for one in causes) for name in causes[0]}
+            if causes
+            else None,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """Verdict on some hogels of a plate by its limits."""
+
+    limits: Limits
+    hogels: tuple[Hogel, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every hogel is there and keeps to the limits."""
+        return all(hogel.passed for hogel in self.hogels)
+
+    @property
+    def verdict(self) -> Outcome:
+        """The verdict on all hogels: not judged where none is wrong and not all could be judged."""
+        if self.passed:
+            return Outcome.PASS
+        outcomes = {hogel.verdict for hogel in self.hogels}
+        judged = outcomes <= {Outcome.PASS, Outcome.NOT_JUDGED}
+        return Outcome.NOT_JUDGED if judged else Outcome.FAIL
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """The worst hogel's check of each figure: limits are for every hogel, not for their mean."""
+        worst: dict[str, Check] = {}
+        for check in (check for hogel in self.hogels for check in hogel.checks):
+            known = worst.get(check.figure, check)
+            worst[check.figure] = max(known, check, key=lambda one: one.badness)
+        return tuple(worst.values())
+
+    @property
+    def as_found(self) -> PlateNumbers | None:
+        """Figures of all hogels as they were delivered."""
+        return PlateNumbers.from_hogels([hogel.as_found for hogel in self.hogels])
+
+    @property
+    def corrected(self) -> PlateNumbers | None:
+        """Figures of all hogels after correction for the diagnosis."""
+        return PlateNumbers.from_hogels([hogel.corrected for hogel in self.hogels])
+
+
+def judge_images(
+    reference: Reference,
+    images: Iterable[HogelImage],
+    model: RendererModel,
+    limits: Limits,
+    *,
+    excuse_rounding: bool = False,
+) -> Verdict:
+    """Judge decoded hogel images by what a model draws, and return the verdict by some limits.
+
+    `RendererModel()` draws the true crossed frustum. Wrong pixels have causes in `as_found.causes`;
+    with `excuse_rounding`, pixels that rounding explains count as right.
+    """
+    hogels = []
+    for image in images:
+        points = shown_points(drawn_scene(reference, model).scene, model, image)
+        figures = judge(reference, model, image, points, limits.judging, explained=True)
+        excused = figures.rounded if excuse_rounding else 0
+        hogels.append(
+            Hogel(
+                aperture=image.camera.aperture,
+                as_found=figures.numbers,
+                checks=limits.checks(figures, excused),
+                places=places_of(figures),
+                storage=image.storage,
+            )
+        )
+    return Verdict(limits=limits, hogels=tuple(hogels))

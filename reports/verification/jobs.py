@@ -1,0 +1,294 @@
+"""Verification by several processes: hogels are judged in blocks, each a Parquet part.
+
+With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are there,
+the verification is put together from them, and equals that of one process; the worst hogels are
+judged once more for their pictures. The first process that judges diagnoses the renderer, and
+leaves the question beside the parts: a renderer with noise answers otherwise each time. Files are
+the same as long as their sizes and times are. Dependencies of a command are unknown: one that was
+interrupted goes on, but for hogels without an image; one that was finished is begun anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import heapq
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pyarrow as pa
+from pydantic import TypeAdapter
+
+from xfrustum.compare.judging.verdict import Hogel, Limits
+from xfrustum.reference import Reference
+from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
+from xfrustum.reports.common.outputs import json_ready
+from xfrustum.reports.parts import ParquetParts
+from xfrustum.reports.verification import sources
+from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verification import (
+    Question,
+    Run,
+    VerifyOptions,
+    with_tested_diagnosis,
+)
+from xfrustum.reports.verification.worst import MAX_SHOWN_HOGELS, Pictured, WorstHogels
+from xfrustum.scenes import InputError, Scene
+from xfrustum.scenes.disk.durable import TempPath, scratch_folder
+from xfrustum.scenes.disk.input_files import damage_refused
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
+
+PARTS, QUESTION = "verification.parquet", "_question.json"
+"""Folder of the parts in that of the verification; and the file beside the parts that says what all hogels
+are judged by. Readers of Parquet leave out names that begin like this."""
+
+MAX_BLOCK_PIXELS, MIN_BLOCKS = 1 << 22, 16
+"""Largest number of pixels in a block, some seconds of work; and number of blocks that even a small plate is
+cut into, so that there is something for several processes to do."""
+
+
+_HOGEL, _QUESTION = TypeAdapter(Hogel), TypeAdapter(Question)
+
+
+def _json(record: Hogel | Question) -> str:
+    """Return a record as JSON; numbers of NumPy have the same digits as Python's own."""
+    return json.dumps(asdict(record), default=lambda number: number.item())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VerifyJob(Job):
+    """A verification, as it travels to workers; `state` is the digest of the files that images depend on."""
+
+    scene: Scene
+    renderer: sources.ForeignRenderer
+    limits: Limits
+    state: str
+    asked: Sequence[Aperture]
+    hogels_per_block: int
+    parts: ParquetParts
+    name = "verify"
+    draws = False
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of all blocks."""
+        return range(math.ceil(len(self.asked) / self.hogels_per_block))
+
+    def apertures(self, block: int) -> Sequence[Aperture]:
+        """Return the apertures of a block."""
+        begin = block * self.hogels_per_block
+        return self.asked[begin : begin + self.hogels_per_block]
+
+    def finished(self, block: int) -> bool:
+        """Return whether the part of a block is there."""
+        return self.parts.finished(block)
+
+    def size(self, block: int) -> int:
+        """Return the number of hogels of a block."""
+        return len(self.apertures(block))
+
+    def words(self, block: int) -> str:
+        """Return a block in words."""
+        i, j = self.asked[block * self.hogels_per_block].index
+        return f"the hogels from {i},{j}"
+
+    @contextmanager
+    def open(self) -> Iterator[VerifySession]:
+        """Open the source of images; InputError where it has others than that of the command."""
+        self.renderer.require_state(self.asked, self.state)
+        reference = Reference(self.scene)
+        with self.renderer.opened(reference) as source:
+            run = Run(
+                renderer=self.renderer,
+                reference=reference,
+                source=source,
+                apertures=self.asked,
+                limits=self.limits,
+            )
+            yield VerifySession(job=self, run=run)
+
+
+@dataclass
+class VerifySession(Session):
+    """A judge of one renderer's hogels."""
+
+    job: VerifyJob
+    run: Run
+
+    @cached_property
+    def known(self) -> tuple[str, Question]:
+        """What all processes judge by, and its digest; who asks first diagnoses the renderer."""
+        parts = self.job.parts
+        if parts.read_beside(QUESTION) is None:
+            parts.write_beside(QUESTION, _json(self.run.question()).encode())
+        content = parts.read_beside(QUESTION)
+        assert content is not None
+        with damage_refused(
+            parts.folder / QUESTION, "question of a verification", "delete its folder"
+        ):
+            return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
+
+    def question(self) -> tuple[str, Question]:
+        """Return `known`; a question to the workers."""
+        return self.known
+
+    def make(self, block: int) -> None:
+        """Judge the hogels of a block, and write their rows, with what the worst are chosen by."""
+        digest, question = self.known
+        rows = []
+        for hogel, figures in self.run.hogels(question, self.job.apertures(block)):
+            bad = (
+                [None, None]
+                if figures is None
+                else [one.numbers.judged_fraction for one in figures]
+            )
+            row = {
+                "column": hogel.aperture.column,
+                "row": hogel.aperture.row,
+                "verdict": hogel.verdict,
+                "found": _json(sources.named_as_given(hogel, self.job.renderer.named_from)),
+                "worst_as_found": bad[0],
+                "worst_corrected": bad[1],
+                "question": digest,
+            }
+            rows.append(row)
+        self.job.parts.write(block, pa.Table.from_pylist(rows))
+
+    def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
+        """Return a hogel in pictures, with all its channels or without; None where it is missing."""
+        return self.run.pictured(
+            self.known[1], self.job.scene.plate.aperture(*index), channels=channels
+        )
+
+
+def verify_on(
+    engine: Engine,
+    scene: Scene,
+    source: str | None,
+    options: VerifyOptions,
+    out: Path | None = None,
+    told: Callable[[str], object] = lambda line: None,
+) -> Verification | None:
+    """Judge the hogel images of a renderer by several processes; the verification is that of `verify`.
+
+    Stopped at any moment and called again with the same folder it goes on where it was. A command
+    whose hogels are all judged in this folder is judged anew, and so are blocks with hogels that
+    could not be had. Parts are kept in `out`, None for a folder of this machine's that is gone
+    afterwards; `told` is called with notes in words. Returns None where other parts of a job array
+    are not finished yet.
+
+    InputError as from `verify`, and where there is no folder that others see, or it holds something
+    else.
+    """
+    if out is None and (engine.scheduler is not None or not engine.part.everything):
+        raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
+    renderer, limits = options.renderer(source), options.limits
+    renderer.nominal(scene)
+    asked = options.judged(scene)
+    with renderer.opened(Reference(scene)) as images:
+        if isinstance(images, sources.LaidOut):
+            raise InputError(
+                "--workers, --scheduler and --part judge files that a pattern names, or a --command: name "
+                "the files with {i} and {j}, or leave these options out"
+            )
+        images.check(asked)
+        name = images.name
+    most = MAX_BLOCK_PIXELS // math.prod(scene.frustum.resolution)
+    renderer = renderer.placed(scene)
+    with ExitStack() as stack:
+        folder = (
+            out.absolute()
+            if out
+            else stack.enter_context(TempPath(scratch_folder(), folder=True)).path
+        )
+        job = VerifyJob(
+            scene=scene,
+            renderer=renderer,
+            limits=limits,
+            state=renderer.state(asked),
+            asked=asked,
+            hogels_per_block=max(1, min(most, math.ceil(len(asked) / MIN_BLOCKS))),
+            parts=ParquetParts(out=folder, name=PARTS),
+        )
+        described = {
+            "scene": scene.content_hash,
+            "renderer": renderer.description,
+            "state of the images": job.state,
+            "limits": limits,
+            "hogels": {
+                "hogels": ()
+                if isinstance(asked, ApertureBlocks)
+                else tuple(one.index for one in asked),
+                "size": job.hogels_per_block,
+            },
+        }
+        job.parts.open(json_ready(described))
+        blocks = list(engine.part.of(job.blocks))
+        if renderer.command is not None:
+            # It may answer otherwise by now.
+            if blocks and all(map(job.finished, job.blocks)):
+                told(f"what is in {job.parts.folder} was finished; the command is judged anew")
+                for block in job.blocks:
+                    job.parts.remove(block)
+                job.parts.remove(QUESTION)
+            for block in filter(job.finished, blocks):
+                if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
+                    job.parts.remove(block)
+        job.parts.tell_damaged(blocks, told)
+        done = sum(map(job.finished, blocks))
+        if done:
+            told(
+                f"{done} of {len(blocks)} blocks were judged before, and are in {job.parts.folder}"
+            )
+        with open_workers(engine, len(blocks), draws=False) as workers:
+            if done < len(blocks):
+                # One process diagnoses before all others judge.
+                workers.ask(job, VerifySession.question)
+            workers.run(job, blocks, sum(map(job.size, blocks)), progress=options.progress)
+            if not all(map(job.finished, job.blocks)):
+                return None
+            found = _put_together(job, workers, name, told, channels=out is not None)
+    return with_tested_diagnosis(found)
+
+
+def _put_together(
+    job: VerifyJob, workers: Workers, name: str, told: Callable[[str], object], *, channels: bool
+) -> Verification:
+    """Return the verification of finished blocks; the worst hogels are judged once more for pictures."""
+    digest, question = workers.ask(job, VerifySession.question)
+    hogels: list[Hogel] = []
+    badness: list[tuple[tuple[float, float], Aperture]] = []
+    # One part after the other: a plate of millions has more text than hogels have numbers.
+    for block in job.blocks:
+        for row in job.parts.read(block).to_pylist():
+            if row["question"] != digest:
+                raise InputError(
+                    f"{job.parts.path(block)}: was judged by another diagnosis than the rest; delete "
+                    f"{job.parts.folder} and repeat the command"
+                )
+            hogels.append(_HOGEL.validate_json(row["found"]))
+            if row["worst_as_found"] is not None:
+                badness.append(
+                    ((row["worst_as_found"], row["worst_corrected"]), hogels[-1].aperture)
+                )
+    kept = []
+    # As in `WorstHogels.add`, of equals those that come first.
+    for _, aperture in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=lambda one: one[0]):
+        one = workers.ask(job, VerifySession.pictured, aperture.index, channels)
+        if one is None:
+            i, j = aperture.index
+            told(f"hogel {i},{j} could not be had once more, and has no pictures")
+        else:
+            kept.append(one)
+    return Verification(
+        scene=job.scene,
+        source=name,
+        limits=job.limits,
+        diagnosis=question.findings.diagnosis,
+        hogels=tuple(hogels),
+        worst=WorstHogels(kept=kept),
+    )
