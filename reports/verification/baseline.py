@@ -1,11 +1,13 @@
-"""`verify --baseline`: a verification is held to the measures that were accepted before.
+"""`verify --baseline`: the difference of a verification from accepted ones.
 
-    DIR/accepted/RUN.json    a file for each accepted run; nobody writes it again
+    DIR/accepted/RUN.json    the verification of one accepted run; never rewritten
 
 A run that is approved begins a new accepted state; approved as repeated, it joins the newest one,
 and the spread of the runs of one state is the renderer's noise. Branches that accept different runs
 merge without conflict: the state that was begun last counts.
 """
+
+from __future__ import annotations
 
 import json
 import math
@@ -13,7 +15,7 @@ import os
 import secrets
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from importlib import metadata
@@ -22,10 +24,11 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.compare.judging.verdict import DISPLACEMENT, Hogel
+from xfrustum.compare.judging.verdict import DISPLACEMENT
 from xfrustum.reports.common.outputs import (
     check_writable_folder,
     json_object,
+    json_ready,
     refused,
     write_output,
 )
@@ -37,7 +40,7 @@ from xfrustum.scenes.representation import counted, digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"
 
-WORDS = {
+MEASURES = {
     "missing": "missing hogels",
     "wrong_surfaces": "wrong surfaces",
     "wrong_pixels": "wrong pixels",
@@ -48,14 +51,13 @@ WORDS = {
     "displacement_p99_px": "displacement (p99)",
     "displacement_max_px": "displacement (max)",
 }
-"""Measures of a hogel in words, what matters most first; all are the better the smaller they are."""
+"""Measures of a hogel, the most important first; all are the better the smaller they are."""
 
 ROUNDING_PX = 1e-6
-"""Largest difference between two displacements that is rounding, px: they are found from doubles of
-coordinates up to 1e3 px, with some hundred operations."""
+"""Largest difference between two displacements that is rounding, px: some hundred operations on doubles of
+coordinates up to 1e3 px."""
 
-MAX_TOLD, GIT_SECONDS = 8, 20.0
-"""Largest number of changes of a kind that are named one by one; longest time that git may take."""
+MAX_LISTED, GIT_SECONDS = 8, 20.0  # changes of a kind that are listed; longest time of git
 
 HARMLESS = [
     word
@@ -65,10 +67,11 @@ HARMLESS = [
 """Options with which git starts no program that a repository names."""
 
 Place = tuple[int, int]  #: column and row of a hogel
+Measures = dict[str, float | None]
 
 
 class Change(StrEnum):
-    """How a measure, or a whole run, is beside what was accepted; `NEW` where nothing is."""
+    """Change of a measure, or of a whole run; `NEW` where nothing is accepted."""
 
     WORSE = "worse"
     BETTER = "better"
@@ -78,19 +81,19 @@ class Change(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """Tolerances that the user states: a share of the accepted value, and amounts by name of measure."""
+    """Tolerances that the user states: a share of the accepted value, and amounts by measure."""
 
     share: float | None = None
     amounts: Mapping[str, float]
 
     @classmethod
     def from_text(cls, text: str) -> Self:
-        """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma."""
-        share, amounts, names = None, {}, ", ".join(WORDS)
+        """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both."""
+        share, amounts, names = None, {}, ", ".join(MEASURES)
         for part in (part.strip() for part in text.split(",")):
             name, equals, number = part.rpartition("=")
             name = name.strip().replace("-", "_")
-            if equals and name not in WORDS:
+            if equals and name not in MEASURES:
                 raise InputError(f"baseline tolerance: {name!r} is not one of {names}")
             try:
                 if equals:
@@ -108,23 +111,27 @@ class Stated:
             raise InputError("baseline tolerance: tolerances are numbers that are not negative")
         return cls(share=share, amounts=amounts)
 
+    def amount(self, name: str, mean: float) -> float | None:
+        """Return the tolerance of a measure; None where none is stated."""
+        return self.amounts.get(name, None if self.share is None else self.share * mean)
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureChange:
-    """One measure of a hogel beside the mean of what was accepted."""
+    """One measure of a hogel beside the mean of the accepted runs."""
 
     measure: str
     aperture: Place
     accepted: float | None
     limit: float | None  #: largest value that is not worse; None where nothing is accepted
-    now: float | None  #: None where it cannot be known any more
+    now: float | None  #: None where it cannot be measured any more
     change: Change
 
     @property
     def words(self) -> str:
-        """Which measure, where, and how much."""
+        """The measure, its place and size."""
 
-        def told(value: float | None) -> str:
+        def sized(value: float | None) -> str:
             if value is None:
                 return "unknown"
             if self.measure.endswith("_px"):
@@ -132,68 +139,36 @@ class MeasureChange:
             return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
 
         column, row = self.aperture
-        was, now = told(self.accepted), told(self.now)
-        return f"{WORDS[self.measure]} of hogel {column},{row}: {was} accepted, {now} now"
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptHogel:
-    """One hogel of an accepted run; `by` says which kind of wrong pixels is counted."""
-
-    aperture: Place
-    by: str | None
-    measures: dict[str, float | None]
-
-    @classmethod
-    def from_hogel(cls, hogel: Hogel) -> Self:
-        """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
-        found, corrected = hogel.as_found, hogel.corrected
-        measures: dict[str, float | None] = {
-            **dict.fromkeys(WORDS),
-            "missing": float(found is None),
-        }
-        if found is None or corrected is None:
-            return cls(aperture=hogel.aperture.index, by=None, measures=measures)
-        measures |= {
-            "wrong_surfaces": None if found.surface is None else float(found.surface.wrong),
-            "wrong_pixels": float(found.wrong),
-            "wrong_colors": None if found.radiance is None else float(found.radiance.wrong),
-            "invalid": float(found.invalid),
-            "unexplained": None
-            if corrected.causes is None
-            else float(corrected.causes["unexplained"]),
-        }
-        # An image that shows nothing displaces nothing; `Limits.checks` knows which image that is.
-        still = any(check.figure == DISPLACEMENT and check.value == 0 for check in hogel.checks)
-        for name in ("rms", "p99", "max"):
-            measures[f"displacement_{name}_px"] = getattr(
-                found.displacement_px, name, 0.0 if still else None
-            )
-        return cls(aperture=hogel.aperture.index, by=found.by, measures=measures)
+        before, now = sized(self.accepted), sized(self.now)
+        return f"{MEASURES[self.measure]} of hogel {column},{row}: {before} accepted, {now} now"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A verification as its file keeps it; runs of one scene, renderer, device and judging are comparable."""
+    """An accepted run; runs of one scene, renderer, device and judging are comparable."""
 
     run: str
     began: str  #: name of the accepted state, which is the name of its first run
     time: str
-    scene: str
     scene_hash: str
     renderer: str
     device: str
     judged: str
     commit: str | None
     xfrustum: str
-    hogels: tuple[KeptHogel, ...]
+    verification: dict[str, Any]  #: content of verification.json
 
     def like(self, runs: Iterable[Self]) -> list[Self]:
         """Return the runs that this one can be compared with."""
         shared = ("scene_hash", "renderer", "device", "judged")
         return [
-            one for one in runs if all(getattr(one, name) == getattr(self, name) for name in shared)
+            run for run in runs if all(getattr(run, name) == getattr(self, name) for name in shared)
         ]
+
+    @property
+    def hogels(self) -> dict[Place, Mapping[str, Any]]:
+        """The hogels of verification.json by place."""
+        return {tuple(hogel["aperture"]): hogel for hogel in self.verification["hogels"]}
 
 
 _RUN = TypeAdapter(Run)
@@ -201,48 +176,43 @@ _RUN = TypeAdapter(Run)
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineOptions:
-    """How a verification is held to accepted measures."""
+    """Options of the comparison with accepted runs."""
 
-    renderer: str | None = (
-        None  #: name under which measures are kept; that of the source where None
-    )
-    device: str | None = None  #: likewise; this machine's processor where None
-    near: float | None = (
-        None  #: as given to `verify`, like the next two: other options, other measures
-    )
+    renderer: str | None = None  #: name of the renderer; None: that of the source
+    device: str | None = None  #: name of its device; None: this machine's processor
+    near: float | None = None  #: as of `verify`, like the next two: other options, other measures
     accept: Sequence[str] = ()
     encoding: str | None = None
-    tolerance: Stated | None = None  #: goes before the spread of repeated runs
+    tolerance: Stated | None = None  #: in place of the spread of repeated runs
     approve: bool = False
-    repeated: bool = False  #: the present measures differ from those accepted by noise alone
-    repository: Path | None = None  #: folder whose commit is noted; the current one where None
+    repeated: bool = False  #: the present measures differ from the accepted ones by noise alone
+    repository: Path | None = None  #: folder whose commit is noted; None: the current one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Baseline:
-    """The answer to `xfrustum verify --baseline`: every measure of each hogel beside what was accepted."""
+    """The answer to `xfrustum verify --baseline`: every measure of each hogel, and its change."""
 
     run: Run
     approved: bool
     changes: tuple[MeasureChange, ...]
     accepted_runs: int  #: largest number of runs that a hogel is compared with
-    tolerance: str  #: where the limits are from
+    tolerance: str  #: origin of the limits
     new_hogels: int
     new_beyond_limits: int  #: hogels that were not accepted before and exceed the limits
     not_judged_hogels: int
-    notes: tuple[str, ...]  #: what may be misunderstood otherwise
+    notes: tuple[str, ...]  #: facts without which the comparison may be misunderstood
 
     @property
     def change(self) -> Change:
         """The worst of all changes."""
         there = {one.change for one in self.changes}
-        return next(
-            (one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW
-        )
+        order = (Change.WORSE, Change.BETTER, Change.SAME)
+        return next((one for one in order if one in there), Change.NEW)
 
     @property
     def compared(self) -> bool:
-        """Whether anything was accepted that the present measures could be compared with."""
+        """Whether there are accepted measures to compare with."""
         return self.change is not Change.NEW
 
     @property
@@ -255,56 +225,47 @@ class Baseline:
 
         def rank(one: MeasureChange) -> tuple[int, float]:
             increase = math.inf if one.now is None else abs(one.now - (one.accepted or 0.0))
-            return list(WORDS).index(one.measure), -increase
+            return list(MEASURES).index(one.measure), -increase
 
         return tuple(sorted((one for one in self.changes if one.change is change), key=rank))
 
     def summary(self) -> dict[str, Any]:
-        """Return the JSON object; `changes` has what got worse, then what got better."""
-        told = {
-            name: getattr(self.run, name)
-            for name in ("run", "commit", "renderer", "device", "judged")
-        }
-        changes = [
-            json_object(one) for kind in (Change.WORSE, Change.BETTER) for one in self.of_kind(kind)
-        ]
-        rest = {
-            name: value
-            for name, value in vars(self).items()
-            if name not in ("run", "changes", "notes")
-        }
-        return {"change": str(self.change), **rest, **told, "changes": changes}
+        """Return the JSON object; `changes` has the measures that got worse, then the better ones."""
+        origin = ("run", "commit", "renderer", "device", "judged")
+        kinds = (Change.WORSE, Change.BETTER)
+        changes = [json_object(one) for kind in kinds for one in self.of_kind(kind)]
+        left_out = ("run", "changes", "notes")
+        rest = {name: value for name, value in vars(self).items() if name not in left_out}
+        named = {name: getattr(self.run, name) for name in origin}
+        return {"change": str(self.change), **rest, **named, "changes": changes}
 
 
 def baseline(
     found: Verification, folder: Path | str, options: BaselineOptions | None = None
 ) -> Baseline:
-    """Hold a verification to the measures accepted in a folder; keep it there where it is approved.
+    """Compare a verification with the runs accepted in a folder; keep it there where it is approved.
 
-    InputError where the folder cannot be written, or holds what is no accepted run; then nothing is
-    approved.
+    InputError where the folder cannot be written, or holds a file that is no accepted run; then
+    nothing is approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
-    everything = accepted_runs(folder)
-    run = _present(found, options)
+    everything, run = accepted_runs(folder), _present(found, options)
     alike = run.like(everything)
     # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
-    accepted: dict[Place, list[KeptHogel]] = {}
-    newest = {hogel.aperture: one.began for one in alike for hogel in one.hogels}
+    newest = {place: one.began for one in alike for place in one.hogels}
+    accepted: dict[Place, list[Mapping[str, Any]]] = {}
     for one in alike:
-        for hogel in one.hogels:
-            if newest[hogel.aperture] == one.began:
-                accepted.setdefault(hogel.aperture, []).append(hogel)
-    judged = {one.aperture for one in run.hogels}
-    runs = max((len(accepted[place]) for place in judged & accepted.keys()), default=0)
+        for place, hogel in one.hogels.items():
+            if newest[place] == one.began:
+                accepted.setdefault(place, []).append(hogel)
+    runs = max((len(accepted[place]) for place in run.hogels.keys() & accepted.keys()), default=0)
     tolerance = f"beyond the spread of {runs} accepted runs"
-    if options.tolerance is not None or runs == 1:
-        alone = "compared exactly, with one accepted run"
-        tolerance = alone if options.tolerance is None else "tolerance as stated"
+    if runs == 1:
+        tolerance = "compared exactly, with one accepted run"
     new = [one for one in found.hogels if one.aperture.index not in accepted]
     if options.approve and options.repeated and alike:
-        # Only the user knows that a difference is noise: at the same commit, a compiler may have
+        # Only the user can state that a difference is noise: at the same commit, a compiler may have
         # got worse.
         run = replace(run, began=alike[-1].began)
     held = Baseline(
@@ -312,15 +273,15 @@ def baseline(
         approved=options.approve,
         changes=tuple(_changes(run.hogels, accepted, options.tolerance)),
         accepted_runs=runs,
-        tolerance=tolerance,
+        tolerance=tolerance if options.tolerance is None else "tolerance as stated",
         new_hogels=len(new),
         new_beyond_limits=sum(not one.passed for one in new),
-        not_judged_hogels=len(accepted.keys() - judged),
+        not_judged_hogels=len(accepted.keys() - run.hogels.keys()),
         notes=(),
     )
     held = replace(held, notes=tuple(_notes(held, everything, options)))
     if options.approve:
-        content = json.dumps(json_object(run), allow_nan=False, indent=1) + "\n"
+        content = json.dumps(asdict(run), allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
             (folder / ACCEPTED).mkdir(parents=True, exist_ok=True)
         write_output(folder / ACCEPTED / f"{run.run}.json", content.encode(), OPTION)
@@ -337,17 +298,40 @@ def check_folder(folder: Path) -> None:
 
 
 def accepted_runs(folder: Path) -> list[Run]:
-    """Return all accepted runs of a folder; what was begun last comes last, and of that the last run."""
-    found = []
+    """Return all accepted runs of a folder, by the time at which their state, then they, began."""
+    runs = []
     # Hidden names are those of files that other processes are about to put there.
     for path in sorted((folder / ACCEPTED).glob("[!.]*")):
         try:
-            found.append(_RUN.validate_json(read_input(path, "accepted run")))
-        except (InputError, ValidationError) as error:
+            run = _RUN.validate_json(read_input(path, "accepted run"))
+            for hogel in run.hogels.values():
+                measures(hogel)
+        except (InputError, ValidationError, LookupError, TypeError, AttributeError) as error:
             raise InputError(
                 f"{OPTION} {path}: is no accepted run of this version; remove it, and approve anew"
             ) from error
-    return sorted(found, key=lambda run: (run.began, run.run))
+        runs.append(run)
+    return sorted(runs, key=lambda run: (run.began, run.run))
+
+
+def measures(hogel: Mapping[str, Any]) -> Measures:
+    """Return the measures of a hogel of verification.json; a missing one has no other measure."""
+    found, corrected = hogel["as_found"], hogel["corrected"]
+    values: Measures = {**dict.fromkeys(MEASURES), "missing": float(found is None)}
+    if found is None:
+        return values
+    # An image that shows nothing displaces nothing: its check has a displacement of 0.
+    still = any(one["figure"] == DISPLACEMENT and one["value"] == 0 for one in hogel["checks"])
+    moved = found["displacement_px"] or (dict.fromkeys(("rms", "p99", "max"), 0.0) if still else {})
+    counts = {
+        "wrong_surfaces": (found["surface"] or {}).get("wrong"),
+        "wrong_pixels": found["wrong"],
+        "wrong_colors": (found["radiance"] or {}).get("wrong"),
+        "invalid": found["invalid"],
+        "unexplained": (corrected["causes"] or {}).get("unexplained"),
+        **{f"displacement_{name}_px": moved.get(name) for name in ("rms", "p99", "max")},
+    }
+    return values | {name: None if one is None else float(one) for name, one in counts.items()}
 
 
 def _present(found: Verification, options: BaselineOptions) -> Run:
@@ -362,49 +346,47 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
         run=name,
         began=name,
         time=now.isoformat(timespec="seconds"),
-        scene=found.scene.name,
         scene_hash=found.scene.content_hash,
         renderer=options.renderer or found.source,
         device=options.device or machine()["processor"],
         judged=", ".join(judged),
         commit=commit_of(options.repository or Path()),
         xfrustum=metadata.version("xfrustum"),
-        hogels=tuple(map(KeptHogel.from_hogel, found.hogels)),
+        verification=json_ready(found.summary()),
     )
 
 
 def _changes(
-    hogels: Sequence[KeptHogel],
-    accepted: Mapping[Place, Sequence[KeptHogel]],
+    hogels: Mapping[Place, Mapping[str, Any]],
+    accepted: Mapping[Place, Sequence[Mapping[str, Any]]],
     stated: Stated | None,
 ) -> Iterator[MeasureChange]:
-    """Compare hogels with their accepted runs: worse is what exceeds all by more than their spread."""
+    """Compare hogels with their accepted runs: worse exceeds all by more than their spread."""
     values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
-    for hogel in hogels:
-        runs = accepted.get(hogel.aperture, ())
-        # What counts another kind of wrong pixels is another measure.
-        alike = len({one.by for one in (hogel, *runs)} - {None}) <= 1
-        for name, now in hogel.measures.items():
-            before = [value for one in runs if (value := one.measures.get(name)) is not None]
-            before = before if alike or name != "wrong_pixels" else []
-            # A missing hogel is counted as such, and not once more for each of its other measures.
-            if now is not None or (before and not hogel.measures["missing"]):
-                values[name, hogel.aperture] = before, now
+    for place, hogel in hogels.items():
+        runs, present = accepted.get(place, ()), measures(hogel)
+        before_of = [measures(run) for run in runs]
+        # Counts of another kind of wrong pixels are another measure.
+        kinds = {(run["as_found"] or {}).get("by") for run in (hogel, *runs)} - {None}
+        for name, now in present.items():
+            before = [value for run in before_of if (value := run[name]) is not None]
+            before = before if len(kinds) <= 1 or name != "wrong_pixels" else []
+            # A missing hogel counts once, and not once more for each of its other measures.
+            if now is not None or (before and not present["missing"]):
+                values[name, place] = before, now
     # The spread of few runs is uncertain: it is no less than the root mean square over all hogels.
-    ranges = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
+    spreads = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
     floors = {}
-    for name in {name for name, _ in ranges}:
-        squares = [size * size for (one, _), size in ranges.items() if one == name]
+    for name in {name for name, _ in spreads}:
+        squares = [size * size for (other, _), size in spreads.items() if other == name]
         floors[name] = math.sqrt(math.fsum(squares) / len(squares))
     for (name, place), (before, now) in values.items():
         mean, high, change = None, None, Change.NEW
         if before:
-            mean, spread = math.fsum(before) / len(before), max(ranges[name, place], floors[name])
+            mean, spread = math.fsum(before) / len(before), max(spreads[name, place], floors[name])
             low, high = min(before) - spread, max(before) + spread
-            if stated is not None:
-                share = None if stated.share is None else stated.share * mean
-                amount = stated.amounts.get(name, share)
-                low, high = (low, high) if amount is None else (mean - amount, mean + amount)
+            if stated is not None and (amount := stated.amount(name, mean)) is not None:
+                low, high = mean - amount, mean + amount
             slack = ROUNDING_PX if name.endswith("_px") else 0.0
             change = Change.WORSE if now is None or now > high + slack else Change.SAME
             change = Change.BETTER if now is not None and now < low - slack else change
@@ -414,27 +396,19 @@ def _changes(
 
 
 def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
-    """Yield what may be misunderstood otherwise."""
-    run, told = held.run, []
+    """Yield the notes of a comparison."""
+    run, parts = held.run, []
     if held.new_hogels and (held.compared or held.not_judged_hogels):
-        beyond = (
-            f", {held.new_beyond_limits:,} of them beyond the limits"
-            if held.new_beyond_limits
-            else ""
-        )
-        told.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
+        beyond = f", {held.new_beyond_limits:,} of them beyond the limits"
+        beyond = beyond if held.new_beyond_limits else ""
+        parts.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
     if held.not_judged_hogels:
-        told.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
-    if told:
-        yield f"Not compared: {'; '.join(told)}."
+        parts.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
+    if parts:
+        yield f"Not compared: {'; '.join(parts)}."
     alike = run.like(everything)
-    same = any(one.commit == run.commit for one in alike)
-    if (
-        held.change in (Change.WORSE, Change.BETTER)
-        and not options.repeated
-        and run.commit
-        and same
-    ):
+    same = any(one.commit == run.commit for one in alike) and run.commit
+    if held.change in (Change.WORSE, Change.BETTER) and same and not options.repeated:
         yield "a run of this commit is accepted: if no file differs, give --approve --repeated for the noise"
     others = [one for one in everything if one.scene_hash == run.scene_hash]
     if others and not alike:
@@ -449,8 +423,7 @@ def commit_of(folder: Path) -> str | None:
     The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree,
     so that no filter runs; programs that the repository's settings name are switched off.
     """
-    line = ["git", *HARMLESS, "-C", str(folder), "rev-parse", "HEAD"]
-    null = subprocess.DEVNULL
+    line, null = ["git", *HARMLESS, "-C", str(folder), "rev-parse", "HEAD"], subprocess.DEVNULL
     try:
         return subprocess.check_output(
             line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS
@@ -460,13 +433,14 @@ def commit_of(folder: Path) -> str | None:
 
 
 def sentence(held: Baseline) -> str:
-    """Return in one sentence how the measures are beside those that were accepted before."""
+    """Return the change of the measures in one sentence."""
     if held.change is Change.NEW:
         if held.approved:
             return "Baseline: these measures are the first that are accepted."
         return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
     if held.change is Change.SAME:
-        return f"Baseline: as accepted ({held.tolerance}){', and accepted now' if held.approved else ''}."
+        also = ", and accepted now" if held.approved else ""
+        return f"Baseline: as accepted ({held.tolerance}){also}."
     first, *more = held.of_kind(held.change)
     others = f"; and {len(more)} more" if more else ""
     before = " before, and accepted now" if held.approved else ""
@@ -476,24 +450,26 @@ def sentence(held: Baseline) -> str:
 
 
 def lines(held: Baseline) -> str:
-    """Return what changed as lines for the terminal and for GitHub."""
-    found = [sentence(held)]
+    """Return the changes as lines for the terminal and for GitHub."""
+    told = [sentence(held)]
     for change in (Change.WORSE, Change.BETTER):
         changed = held.of_kind(change)
-        found += [f"  {change}: {one.words}" for one in changed[:MAX_TOLD]]
-        found += [f"  {change}: {len(changed) - MAX_TOLD} more"] if len(changed) > MAX_TOLD else []
-    return "\n".join([*found, *(f"  note: {note}" for note in held.notes)])
+        told += [f"  {change}: {one.words}" for one in changed[:MAX_LISTED]]
+        more = len(changed) - MAX_LISTED
+        told += [f"  {change}: {more} more"] if more > 0 else []
+    return "\n".join([*told, *(f"  note: {note}" for note in held.notes)])
 
 
 def append_step_summary(held: Baseline) -> str | None:
-    """Append what changed to the summary that GitHub shows, if it asks for one; return what went wrong."""
+    """Append the changes to the summary that GitHub shows, if it names one; return an error or None."""
     name, run = os.environ.get("GITHUB_STEP_SUMMARY"), held.run
     if not name:
         return None
     commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
-    made = f"{run.scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
+    scene = run.verification["scene"]
+    origin = f"{scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
     # A block of code shows every text as it is: no name becomes markup.
-    block = f"{made}\n{lines(held)}".replace("```", "")
+    block = f"{origin}\n{lines(held)}".replace("```", "")
     try:
         with Path(name).open("a", encoding="utf-8") as file:
             file.write(f"### xfrustum verify\n\n```\n{block}\n```\n")

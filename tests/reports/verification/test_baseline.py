@@ -31,6 +31,7 @@ from xfrustum.reports.verification.baseline import (
     baseline,
     commit_of,
     lines,
+    measures,
     sentence,
 )
 from xfrustum.scenes.errors import InputError
@@ -114,7 +115,8 @@ def test_runs_kept_at_once_are_all_kept_and_read_as_they_were(tmp_path: Path) ->
     held(tmp_path, WORSE)
     kept = accepted_runs(tmp_path / "kept")
     assert len(kept) == 3 and all(one.run in kept for one in found)
-    assert [one.measures["wrong_surfaces"] for one in kept[0].hogels] == [3.0, 0.0, 5.0]
+    counts = [measures(one)["wrong_surfaces"] for one in kept[0].hogels.values()]
+    assert counts == [3.0, 0.0, 5.0]
     assert held(tmp_path, RIGHT).change is Change.SAME
 
 
