@@ -1,123 +1,386 @@
-"""`xfrustum plan`: which settings to draw with, what they keep, what a viewer notices, and the command."""
+"""`xfrustum plan`: settings that keep a requirement, measures, limits of near, and the command."""
+
+from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import scipy
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.eye import loss
 from xfrustum.compare.eye.noticeable import (
     MILLIMETERS,
     Display,
     Viewer,
     blur_arcmin,
     eyes_apart,
-    replay_noise_arcsec,
 )
-from xfrustum.compare.planning.plan import Alternative, Plan, PlatePlanner, depth_buffers
-from xfrustum.compare.planning.plan import plan as plan_apertures
-from xfrustum.compare.planning.search import DepthBuffer
+from xfrustum.compare.planning.limits import BufferLimit
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, plan_apertures
+from xfrustum.compare.planning.requirement import Quality, Requirement
 from xfrustum.compare.planning.viewer import (
     CRACK,
     STEREO,
     NearLimit,
-    ViewerRequirement,
     ViewZone,
     binding,
-    eye_requirement,
     view_zone,
+    with_viewer,
 )
-from xfrustum.compare.planning.views import Requirement
-from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
+from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, PlateScan, scout
 from xfrustum.reference import Reference
-from xfrustum.reference.eye.view import EyeReference, replay
-from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.reports.common.provenance import plate_command, raster_command
-from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.view import Drawing
-from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
-from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.representation import digits, percent
-from xfrustum.tolerances import MAX_WRONG
-
-LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason
-MEASURE_WORDS = {
-    "displacement_p99_px": "displacement (99 %)",
-    "surface_fraction": "wrong surfaces",
-    "depth_wrong": "surfaces wrong by depth",
-}
-"""Errors of a hogel in words, by the names of their fields."""
-
-FILM_COLUMNS = (
-    64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
+from xfrustum.reports import plan_text
+from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
+from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
+from xfrustum.reports.common.provenance import (
+    plate_command,
+    raster_command,
+    scene_command,
+    settings_words,
+    versions,
 )
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.notebook import NotebookRepr
+from xfrustum.reports.plan_text import DEPTH, EYE, MEASURES, NOTHING, NOTICED, PIXELS
+from xfrustum.reports.scout import MARK, plate_cells, plate_map
+from xfrustum.reports.text import aligned
+from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.representation import digits, percent
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+
+FILES = PAGE, DATA = "index.html", "plan.json"
+
+LINE_CHARACTERS = 100  #: largest number of characters in a line of text
+
+CONFIRMED_HOGELS = 20_000
+"""Pixels of both eyes' films that confirm a plan, each of another hogel: a minute of two cores or less."""
+
+QUANTILES = (0.01, 0.1, 0.5, 0.9)  #: shares of the scanned hogels whose largest near is listed
 
 
-def make_plan(
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlanReport(NotebookRepr):
+    """A plan of a scene, with the limits that bind it and the commands that draw and confirm it."""
+
+    scene: Scene
+    plan: Plan
+    apertures: tuple[Aperture, ...]  #: apertures of the plan; the middle one for a plate
+    auto: AutoApertures | None = None  #: choice of the apertures by a scan of the plate
+    scan: PlateScan | None = None  #: None for a plan of some apertures
+    view_zone: ViewZone | None = None  #: at the viewer's distance; None without a viewer
+
+    @property
+    def settings(self) -> DoubleFrustum | None:
+        """Settings of the plan; None without one."""
+        return self.plan.settings
+
+    @property
+    def eye_limit(self) -> NearLimit | None:
+        """Effect of a growing near that a viewer notices first; None for none."""
+        return None if self.plan.limits is None else binding(self.plan.limits.eyes)
+
+    @property
+    def buffer(self) -> BufferLimit | None:
+        """Limit of the plan's depth buffer; None without a plan."""
+        buffers = () if self.plan.limits is None else self.plan.limits.buffers
+        own = self.plan.depth, self.plan.mapping
+        return next((one for one in buffers if (one.depth, one.mapping) == own), None)
+
+    @property
+    def binds(self) -> str:
+        """Name of the judge that keeps near from being larger, or that one pair of frusta fails."""
+        made = self.plan
+        if made.settings is None or made.slabs:
+            return DEPTH if made.limits is not None and made.limits.pixels is not None else PIXELS
+        near = None if self.eye_limit is None else self.eye_limit.largest_near
+        if made.requirement.pixels_count:
+            pixels = made.limits.pixels if made.limits is not None else None
+            return EYE if near is not None and pixels is not None and near < pixels else PIXELS
+        return NOTHING if near is None else EYE
+
+    @property
+    def near_range(self) -> tuple[float, float] | None:
+        """Least and largest near to draw with: the measured one is the largest; cuts belong to one near."""
+        if self.plan.near is None:
+            return None
+        least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
+        return min(least or self.plan.near, self.plan.near), self.plan.near
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Commands that draw by the plan, and that confirm it for a plate; none without a plan."""
+        settings, requirement = self.plan.settings, self.plan.requirement
+        if settings is None:
+            return ()
+        if self.plan.plate is None:
+            return (raster_command(self.scene, self.apertures[0], settings),)
+        verb, words = "survey", [*settings_words(settings), "--out", "survey"]
+        if requirement.pixels_count:
+            words += ["--tolerance-px", f"{requirement.tolerance_px:g}"]
+        if requirement.viewer is not None:
+            viewer, display = requirement.viewer.viewer, requirement.viewer.display
+            half = viewer.eyes_apart_mm / (display.millimeters or 1) / 2
+            places = ";".join(f"{x:g},0,{viewer.distance:g}" for x in (-half, half))
+            own = [*settings_words(settings), *self._film()]
+            verb, words = "view", [f"--eye={places}", *own, "--out", "seen"]
+        return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
+
+    def _film(self) -> list[str]:
+        """Return the option of a film that is drawn in a minute; nothing for few hogels."""
+        if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
+            return []
+        width, height = self.scene.plate.size
+        columns = math.sqrt(CONFIRMED_HOGELS / 2 * width / height)
+        return ["--resolution", f"{round(columns)},{max(1, round(columns * height / width))}"]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the plan as `plan --json` prints it."""
+        made, limits = self.plan, self.plan.limits
+        unknown = dict.fromkeys(one.name for one in fields(Quality))
+        hogels = np.zeros(0) if limits is None else limits.hogels[np.isfinite(limits.hogels)]
+        commands = dict(zip(("command", "confirm"), self.commands, strict=False))
+        return json_object(
+            {
+                "near": made.near,
+                "near_range": self.near_range,
+                "slabs": made.slabs,
+                "split": bool(made.slabs),
+                "depth": made.depth,
+                "mapping": made.mapping,
+                "within": made.within,
+                "sentence": plan_text.sentence(self),
+                "reason": plan_text.reason(self),
+                "binds": self.binds,
+                "limits": {
+                    "pixels": None if limits is None else limits.pixels,
+                    "depth": self.buffer and self.buffer.smallest_near,
+                    "eye": self.eye_limit and self.eye_limit.largest_near,
+                },
+                "command": None,
+                "confirm": None,
+                **commands,
+                "predicted": made.predicted or unknown,
+                "measured": made.measured or unknown,
+                "plate": self._plate(),
+                "apertures": self.auto and self.auto.record,
+                "buffers": () if limits is None else limits.buffers,
+                "hogels": {f"{q:g}": np.quantile(hogels, q) for q in QUANTILES if hogels.size},
+                "device_model": made.device_model,
+            }
+            | ({} if made.requirement.viewer is None else {"viewer": self._viewer()})
+        )
+
+    def _plate(self) -> dict[str, Any] | None:
+        if (known := self.plan.plate) is None:
+            return None
+        worst = known.worst and {**asdict(known.worst), "aperture": known.worst.aperture.index}
+        within = known.share_within_at_least
+        return {**asdict(known), "share_within_at_least": within, "worst": worst}
+
+    def _viewer(self) -> dict[str, Any]:
+        """Return the display's blurs, limits and visible effects for the viewer of the plan."""
+        eyes, settings, limits = self.plan.requirement.viewer, self.plan.settings, self.plan.limits
+        assert eyes is not None
+        viewer, display = eyes.viewer, eyes.display
+        farthest = max(eyes.content.farthest, key=abs, default=0.0)
+        blurs = blur_arcmin(farthest, viewer, display)
+        noticed = {} if settings is None else eyes.noticed(settings)
+        rays = None
+        if display.millimeters is not None:
+            rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
+        return {
+            "viewer": viewer,
+            **{f"{name}_arcmin": blur for name, blur in blurs.items()},
+            "rays_per_pupil": rays,
+            "limits": () if limits is None else limits.eyes,
+            "limits_with_cuts": eyes.limits_with(settings) if settings and settings.slabs else None,
+            "binding": self.eye_limit and self.eye_limit.name,
+            "stereo_change_arcsec": noticed[STEREO][0] if STEREO in noticed else None,
+            "crack_arcmin": noticed[CRACK][0] if CRACK in noticed else None,
+            "separation": self.plan.requirement.separation,
+            "separation_limited_by": eyes.separation_limit and eyes.separation_limit[0],
+            "view_zone": self.view_zone,
+        }
+
+    def table(self) -> str:
+        """Return the plan as text that ends in the commands."""
+        lines = [filled(plan_text.sentence(self))]
+        if self.plan.settings is not None:
+            lines += ["", filled(plan_text.reason(self)), "", self._errors(), ""]
+            lines += [aligned([_head(self.scene.units), *(one.cells for one in allowed(self))]), ""]
+        if self.view_zone is not None:
+            zone, unit = self.view_zone, MILLIMETERS.get(self.scene.units, 1.0)
+            some, every = zone.some_eyes_apart * unit, zone.all_eyes_apart * unit
+            lines.append(
+                f"view zone: eyes up to {digits(some)} mm apart see some hogels, up to {digits(every)} all"
+            )
+        if (known := self.plan.plate) is not None:
+            counts = f"{known.hogels:,} hogels: {known.scouted} scanned, {known.measured} measured"
+            infeasible = f", {known.infeasible} infeasible" if known.infeasible else ""
+            lines.append(f"{counts}{infeasible}{self._worst()}")
+        return "\n".join([*lines, *self.commands])
+
+    def _worst(self) -> str:
+        known = self.plan.plate
+        if known is None or known.worst is None or known.worst_by is None:
+            return ""
+        worst, p99 = known.worst, known.worst.displacement_p99_px
+        moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
+        column, row = worst.aperture.index
+        return (
+            f"; worst by {MEASURES[known.worst_by]}: {column},{row}, displaced {moved}, "
+            f"{percent(worst.surface_fraction)} wrong surface"
+        )
+
+    def _errors(self) -> str:
+        """Return predicted and measured errors beside their limits."""
+        made, units = self.plan, self.scene.units
+        requirement, frustum = made.requirement, self.scene.frustum
+        separation = requirement.separation_in(frustum)
+        limits = (
+            ("displacement, 99 %, px", requirement.tolerance_px, "displacement_p99_px"),
+            (
+                "wrong surface",
+                MAX_WRONG if requirement.pixels_count else math.inf,
+                "surface_fraction",
+            ),
+            ("wrong by depth", requirement.max_wrong, "depth_wrong"),
+            (
+                f"sheets {separation:.3g} {units} apart misordered",
+                MAX_MISORDERED_FRACTION,
+                "misordered",
+            ),
+            (f"sheets are ordered from, {units}", separation, "separation"),
+        )
+        rows: list[tuple[str, ...]] = [
+            ("at the worst aperture", "at most", "predicted", "measured")
+        ]
+        for words, limit, name in limits:
+            both = (f"{getattr(one, name):.3g}" for one in (made.predicted, made.measured))
+            rows.append((words, "any" if math.isinf(limit) else f"{limit:.3g}", *both))
+        return f"{aligned(rows)}\nrounding by the model of {made.device_model}"
+
+    def _said(self) -> str:
+        return plan_text.sentence(self)
+
+    def _facts(self) -> str:
+        return "" if self.plan.settings is None else self._errors()
+
+
+def filled(text: str) -> str:
+    """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
+    kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
+    wrapped = textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False)
+    return wrapped.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def plan(
     scene: Scene,
     apertures: Sequence[Aperture] | AutoApertures | None = None,
     requirement: Requirement | None = None,
-    choices: Sequence[DepthBuffer] | None = None,
     *,
+    viewer: Viewer | None = None,
     sample: RandomSample | None = None,
     progress: bool = False,
-) -> Plan:
-    """Plan how to draw some apertures of a scene, by default the whole plate, and measure the plan.
+) -> PlanReport:
+    """Plan settings for some apertures of a scene, by default the whole plate, and measure them.
 
-    `choices` are the depth buffers to choose from, None for all. InputError where none of the
-    apertures sees anything of the objects, or there is no usable OpenGL.
+    Parameters
+    ----------
+    scene
+        The scene.
+    apertures
+        Apertures of which the worst counts; None for the whole plate.
+    requirement
+        Limits of the plan; by default the usual ones, or with a `viewer` those of his eyes alone.
+    viewer
+        Eyes before the plate that must not notice near; for whole plates only.
+    sample
+        Random hogels of the plate at which the plan is measured.
+    progress
+        Draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        None of the apertures sees anything, a viewer stands outside the view zone, or there is no
+        usable OpenGL.
     """
     one_of(scene, Scene, "scene")
-    requirement = Requirement() if requirement is None else requirement
+    if requirement is None:
+        requirement = Requirement(tolerance_px=TOLERANCE_PX if viewer is None else math.inf)
     one_of(requirement, Requirement, "requirement")
+    if viewer is None and not requirement.pixels_count:
+        raise InputError("the tolerance is infinite: state one in pixels, or a viewer")
     if apertures is None:
-        return planned(scouted_plate(scene, progress), requirement, choices, sample, progress)
+        return _plate_plan(scene, requirement, viewer, sample or RandomSample(), progress)
+    if viewer is not None:
+        raise InputError("a viewer sees all hogels at once: leave out the viewer or the apertures")
     auto = apertures if isinstance(apertures, AutoApertures) else None
-    chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
+    chosen = tuple(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
     with progress_bar(2 * len(chosen), "plan", "hogel", shown=progress) as bar:
-        return replace(plan_apertures(scene, chosen, requirement, choices, bar.update), auto=auto)
+        made = plan_apertures(scene, chosen, requirement, bar.update)
+    return PlanReport(scene=scene, plan=made, apertures=chosen, auto=auto)
 
 
-plan = make_plan  #: the name of `make_plan` in the public API, beside the other commands
-
-
-def scouted_plate(scene: Scene, progress: bool) -> PlateScan:
-    """Look through apertures all over a plate; InputError where none sees anything."""
-    with progress_bar(None, "scout", "hogel", shown=progress) as bar:
-        scouted = scout(scene, bar.update)
-    if not any(math.isfinite(look.nearest) for look in scouted.looks):
-        require_seen(scene, scouted.apertures)
-    return scouted
-
-
-def planned(
-    scouted: PlateScan,
+def _plate_plan(
+    scene: Scene,
     requirement: Requirement,
-    choices: Sequence[DepthBuffer] | None,
-    sample: RandomSample | None,
+    viewer: Viewer | None,
+    sample: RandomSample,
     progress: bool,
-) -> Plan:
-    """Plan how to draw a plate that was looked at, and measure the plan."""
+) -> PlanReport:
+    zone = None if viewer is None else seen_view_zone(scene, viewer)
+    scan = scanned_plate(scene, progress)
+    if viewer is not None:
+        requirement = with_viewer(requirement, scan, viewer)
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
         planner = PlatePlanner(
-            reference=Reference(scouted.scene),
-            scouted=scouted,
+            reference=Reference(scene),
+            scan=scan,
             requirement=requirement,
-            choices=choices or depth_buffers(),
             done=bar.update,
         )
-        return planner.plan(sample or RandomSample())
+        made = planner.plan(sample)
+    middle = (scene.plate.middle,)
+    return PlanReport(scene=scene, plan=made, apertures=middle, scan=scan, view_zone=zone)
+
+
+def scanned_plate(scene: Scene, progress: bool) -> PlateScan:
+    """Scan apertures all over a plate; InputError where none sees anything."""
+    with progress_bar(None, "scan", "hogel", shown=progress) as bar:
+        scan = scout(scene, bar.update)
+    if not any(math.isfinite(look.nearest) for look in scan.looks):
+        require_seen(scene, scan.apertures)
+    return scan
+
+
+def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
+    """Return the view zone at a viewer's distance; InputError where an eye lies outside of it."""
+    zone, display = view_zone(scene, viewer.distance), Display.from_scene(scene)
+    if eyes_apart(viewer, display) <= zone.some_eyes_apart:
+        return zone
+    units, (x, y) = scene.units, zone.some
+    widest = zone.some_eyes_apart * (display.millimeters or 1.0)
+    advice = (
+        f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
+    )
+    if not widest:
+        advice = "no eyes straight before the plate's middle lie in it"
+    raise InputError(
+        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is {x[1] - x[0]:.3g} x "
+        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to {x[1]:.3g}, y from "
+        f"{y[0]:.3g} to {y[1]:.3g}): {advice}; or choose another --viewer, or a larger film"
+    )
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
@@ -133,417 +396,99 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
     return [plate.aperture(*index) for index in list(chosen)[:count]]
 
 
-def table(
-    made: Plan,
-    scene: Scene,
-    apertures: Sequence[Aperture],
-    requirement: Requirement,
-    exceeded: Sequence[str] | None = None,
-) -> str:
-    """Return a plan as aligned lines that end in the command that draws so.
+class Allowed(NamedTuple):
+    """Range of near that one judge allows, scene units; `low` is infinite where it allows none."""
 
-    `exceeded` is what a replay to a viewer's eyes shows beyond what is required; None where nothing
-    was replayed.
-    """
-    lines, settings = [filled(made.reason)], made.settings
-    if settings is None or made.predicted is None or made.measured is None:
-        if (known := made.plate) is not None:
-            none = f"{known.scouted} of the plate's {known.hogels:,} hogels were looked through"
-            if known.infeasible:
-                none += f"; at {known.infeasible} of them a surface lies in the aperture or too close to it"
-            lines.append(filled(f"{none}."))
-        return "\n".join(lines)
-    cuts = ", ".join(f"{height:g}" for height in made.slabs)
-    cuts = f"{cuts} {scene.units}" if cuts else "none"
-    lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
-    separation = requirement.separation_in(scene.frustum)
-    apart = f"sheets {separation:.3g} {scene.units} apart misordered"
-    rows = [
-        ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
-        (
-            "wrong surface",
-            "of the pixels",
-            math.inf if requirement.SEEN_BY_EYES else MAX_WRONG,
-            "surface_fraction",
-        ),
-        ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
-        (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
-        ("sheets are ordered from", scene.units, separation, "separation"),
-    ]
-    width = max(len(title) for title, *_ in rows)
-    lines.append(f"{'':<{width}}  {'at most':>9}  {'predicted':>9}  {'measured':>9}")
-    for title, unit, limit, key in rows:
-        predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
-        allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
-        lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    lines.append(f"rounding by the model of {made.device_model}")
-    draw = (
-        plate_command(scene, settings)
-        if made.plate
-        else raster_command(scene, apertures[0], settings)
-    )
-    return "\n".join([*lines, _answer(made, scene, apertures, requirement, exceeded), "", draw])
-
-
-def _answer(
-    made: Plan,
-    scene: Scene,
-    apertures: Sequence[Aperture],
-    requirement: Requirement,
-    exceeded: Sequence[str] | None,
-) -> str:
-    """Say whether a plan holds, and where that is known."""
-    known = made.plate
-    replayed = "replayed to two eyes and " if exceeded is not None else ""
-    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, {replayed}measured at "
-    if known is None:
-        count = (
-            "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
-        )
-        about = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
-        return filled(" ".join([f"{answer}{count}.", *beside_words(made, scene.units, about)]))
-    worst, share = known.worst, known.share_beyond_at_most
-    assert worst is not None and made.measured is not None
-    if exceeded:
-        answer = "The plan DOES NOT HOLD for two eyes that it was replayed to. Its hogels were measured at "
-    elif not made.within and requirement.met_by(made.measured) and not requirement.missed_by(worst):
-        # What the reason began with is all that is amiss.
-        answer = "Without these apertures the plan holds, measured at "
-    p99 = worst.displacement_p99_px
-    moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
-    sentences = [
-        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst by "
-        f"{MEASURE_WORDS[known.worst_by or 'surface_fraction']}: {worst.aperture.column},"
-        f"{worst.aperture.row}, displaced {moved}, {percent(worst.surface_fraction)} wrong surface."
-    ]
-    limits = f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
-    empty = f", {known.empty} of which show nothing," if known.empty else ""
-    if known.confidence == 1:
-        sentences.append(f"{percent(share)} of all hogels are beyond {limits}.")
-    else:
-        sentences.append(
-            f"{known.beyond} of {known.sampled} drawn at random{empty} are beyond {limits}: at most "
-            f"{percent(share)} of all ({percent(known.confidence)})."
-        )
-    if requirement.SEEN_BY_EYES:
-        sentences.append("Eyes judge this plan, and not the pixels of hogels.")
-    return filled(" ".join([*sentences, *beside_words(made, scene.units, limits)]))
-
-
-def beside_words(made: Plan, units: str, limits: str) -> list[str]:
-    """Say how many of the measured hogels are beyond with the largest near, and without cuts."""
-    said = []
-    if (one := made.largest) is not None and one.judged:
-        said.append(
-            f"Drawn with near {digits(one.near)} {units}, the largest, {_count(one)} beyond {limits}"
-            + ("." if not one.beyond else ": keep to a smaller one.")
-        )
-    if (one := made.without_cuts) is not None and one.judged:
-        said.append(
-            "Hypothetical sheets alone ask for cuts: without any, with near "
-            f"{digits(one.near)} {units} and {one.settings.depth_label}, {_count(one)} beyond {limits}."
-        )
-    return said
-
-
-def _count(found: Alternative) -> str:
-    """Return how many of the hogels that were drawn are, with the verb."""
-    count = f"{found.beyond} of" if found.beyond else "none of"
-    if found.judged == 1:
-        return (
-            "the one hogel that was measured is"
-            if found.beyond
-            else "the one hogel that was measured is not"
-        )
-    return f"{count} the {found.judged} hogels that were measured {'is' if found.beyond < 2 else 'are'}"
-
-
-def filled(text: str) -> str:
-    """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
-    kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
-    return textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False).replace(
-        "\N{NO-BREAK SPACE}", " "
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Replayed:
-    """What two eyes are shown of drawn hogels, measured."""
-
-    hogels: int  #: Number of hogels of which pixels were drawn
-    matched: int  #: Number of surface points that both eyes are shown
-    #: Largest difference of the changes of disparity of two points, or of one and the plate's
-    #: border, from the 1st to the 99th percentile; None where both eyes are shown no point
-    disparity_change_arcsec: float | None
-    depth: (
-        loss.DepthShift | None
-    )  #: By how much farther away than they are points are seen, scene units
-    #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact
-    #: depth
-    wrong: float
-    depth_wrong: float
-    judged: int  #: Number of both eyes' judged pixels
-
-
-def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple[Eye, ...]:
-    """Return a viewer's left and right eye, their films with so many columns over the plate."""
-    width, height = scene.plate.size
-    film = (columns, max(1, round(columns * height / width)))
-    half = eyes_apart(viewer, Display.from_scene(scene)) / 2
-    return tuple(Eye(position=(x, 0.0, viewer.distance), resolution=film) for x in (-half, half))
-
-
-def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
-    """Return the view zone at a viewer's distance; InputError where one of his eyes sees no hogel."""
-    zone, eyes = view_zone(scene, viewer.distance), two_eyes(scene, viewer)
-    shown = [replay(scene, eye).shown for eye in eyes]
-    if all(one.columns.size and one.rows.size for one in shown):
-        return zone
-    units, (x, y) = scene.units, zone.some
-    widest = zone.some_eyes_apart * (Display.from_scene(scene).millimeters or 1.0)
-    advice = (
-        f"eyes may be up to {widest:.3g} mm apart, and these are {viewer.eyes_apart_mm:g} (--ipd)"
-    )
-    if not widest:
-        advice = "no eyes straight before the plate's middle lie in it"
-    raise InputError(
-        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is {x[1] - x[0]:.3g} x "
-        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to {x[1]:.3g}, y from "
-        f"{y[0]:.3g} to {y[1]:.3g}): {advice}; or choose another --viewer, or a larger film"
-    )
-
-
-class ReplayWorkbench:
-    """Two eyes straight before a scene's plate, what they truly see, and what they are shown."""
-
-    def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
-        self._scene = scene
-        self._reference = EyeReference(scene)
-        self._views = [
-            loss.Views(
-                true=self._reference.true_view(eye, shaded=False),
-                replayed=self._reference.replayed(eye, shaded=False),
-                drawn=None,
-                taken=self._reference.replay(eye),
-            )
-            for eye in two_eyes(scene, viewer, columns)
-        ]
-        self._control: tuple[DoubleFrustum, list[Mask]] | None = None
+    name: str
+    low: float = 0.0
+    high: float = math.inf
+    binds: bool = False
 
     @property
-    def eye_pixel(self) -> float:
-        """Width that a pixel of the eyes' films has on the plate, scene units."""
-        return self._scene.plate.size[0] / self._views[0].eye.resolution[0]
+    def cells(self) -> tuple[str, str, str, str]:
+        """Text of a row; an end that bounds nothing is left out."""
+        low = "none" if math.isinf(self.low) else digits(self.low) if self.low else ""
+        high = "" if math.isinf(self.high) else digits(self.high)
+        return self.name, low, high, "binds" if self.binds else ""
 
-    @property
-    def hogels(self) -> int:
-        """Number of hogels that the eyes are shown."""
-        return len(loss.hogels_of(view.taken for view in self._views))
 
-    def measure(
-        self, settings: DoubleFrustum, done: Callable[[int], object] = lambda hogels: None
-    ) -> Replayed:
-        """Draw what the eyes are shown, and with exact depth, which settings may share; judge both."""
-        exact = with_exact_depth(settings)
-        if self._control is None or self._control[0] != exact:
-            self._control = exact, self._wrong(self._drawn(exact, done))
-        views = self._drawn(settings, done)
-        wrong = self._wrong(views)
-        judged = sum(one.size for one in wrong)
-        by_depth = sum(int((a & ~b).sum()) for a, b in zip(wrong, self._control[1], strict=True))
-        pair = loss.disparity(self._reference, *views)
-        change = pair.change_arcsec
-        return Replayed(
-            hogels=self.hogels,
-            matched=pair.matched,
-            disparity_change_arcsec=None
-            if change is None
-            else max(change.p99, 0.0) - min(change.p1, 0.0),
-            depth=pair.depth,
-            wrong=sum(int(one.sum()) for one in wrong) / judged,
-            depth_wrong=by_depth / judged,
-            judged=judged,
+def _head(units: str) -> tuple[str, str, str, str]:
+    return "", f"near from, {units}", f"up to, {units}", ""
+
+
+def allowed(found: PlanReport) -> list[Allowed]:
+    """Return the range of near that each judge allows, for tables and figures."""
+    limits, requirement, rows = found.plan.limits, found.plan.requirement, list[Allowed]()
+    if limits is None:
+        return rows
+    if limits.pixels is not None:
+        name = f"pixels, {requirement.beyond_px:g} px at the worst hogel"
+        rows.append(Allowed(name, high=limits.pixels, binds=found.binds == PIXELS))
+    for one in limits.eyes:
+        high = math.inf if one.largest_near is None else one.largest_near
+        binds = found.binds == EYE and one == found.eye_limit
+        rows.append(Allowed(f"eyes, {NOTICED[one.name]}", high=high, binds=binds))
+    for buffer in limits.buffers:
+        low = math.inf if buffer.smallest_near is None else buffer.smallest_near
+        name = f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}"
+        rows.append(Allowed(name, 0.0 if buffer.any_near else low))
+    return rows
+
+
+def write_plan(found: PlanReport, out: Path) -> tuple[Path, ...]:
+    """Write the page and plan.json, all or nothing."""
+    figures, limits = {"limits": limits_figure(found)}, found.plan.limits
+    if found.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
+        title = (
+            f"largest near that keeps {found.plan.requirement.beyond_px:g} px, {found.scene.units}"
         )
-
-    def _drawn(self, settings: DoubleFrustum, done: Callable[[int], object]) -> list[loss.Views]:
-        collectors = [
-            loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
-        ]
-        hogels = Drawing(self._scene, settings).hogels(
-            loss.film_parts(view.taken for view in self._views)
-        )
-        images = loss.collected(hogels, collectors)
-        done(self.hogels)
-        return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
-
-    def _wrong(self, views: Sequence[loss.Views]) -> list[Mask]:
-        """Return the judged pixels that show a wrong surface, for each eye."""
-        found = []
-        for view in views:
-            maps = loss.renderer_loss(self._reference, view, numbered=True)
-            assert maps.wrong is not None
-            found.append(maps.wrong[maps.judged])
-        return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedRecord:
-    """What `plan --viewer` adds: the key `viewer` of the JSON object."""
-
-    viewer: Viewer
-    #: Blurs of the display: of pitch, and of pixels and diffraction at the farthest surface
-    pitch_arcmin: float
-    pixel_arcmin: float
-    diffraction_arcmin: float
-    rays_per_pupil: float | None  #: Pixels of a hogel that a pupil catches along an axis
-    #: What the viewer may notice of a near without cuts, and how large near may be for each
-    limits: tuple[NearLimit, ...]
-    binding: (
-        str | None
-    )  #: Name of the limit that leaves the smallest near; None where no near is noticed
-    #: Predicted of the plan: change of disparity, and width of the crack in a surface that runs
-    #: through the plate; None without a plan, and without such a surface
-    stereo_change_arcsec: float | None
-    crack_arcmin: float | None
-    separation: float | None  #: Distance of sheets that must be ordered, scene units
-    separation_limited_by: str | None  #: What decides it; None where it was asked for
-    measured: Replayed | None  #: What a replay of the plan shows to two eyes; None without a plan
-    #: The same with the plan's cuts; None without a plan, and where it has no cuts
-    limits_with_cuts: tuple[NearLimit, ...] | None = None
-    noise_arcsec: float | None = (
-        None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
-    )
-    exceeded: tuple[str, ...] = ()  #: what the replay shows beyond what is required, in words
-    view_zone: ViewZone | None = None  #: at the viewer's distance
-
-
-def exceeded(
-    found: Replayed, requirement: ViewerRequirement, noise_arcsec: float
-) -> tuple[str, ...]:
-    """Return what a replay shows beyond what a viewer requires, in words.
-
-    A change of disparity counts where it is beyond stereo acuity by more than the replay's own
-    noise. A plan keeps that noise as a margin, so that a replay that is off by it shows no more
-    than acuity.
-    """
-    parts = []
-    change, acuity = found.disparity_change_arcsec, requirement.viewer.stereo_acuity_arcsec
-    if change is not None and change > acuity + noise_arcsec:
-        parts.append(
-            f"two eyes see depths off by {digits(change)} arc seconds of disparity, more than "
-            f"{digits(acuity)} and the replay's noise of {digits(noise_arcsec)}"
-        )
-    if found.depth_wrong > requirement.max_wrong:
-        parts.append(
-            f"{percent(found.depth_wrong)} of {found.judged:,} pixels are wrong by depth, more than "
-            f"{percent(requirement.max_wrong)}"
-        )
-    return tuple(parts)
-
-
-def replayed_plan(made: Plan, record: PlannedRecord) -> Plan:
-    """Return a plan that holds only where its replay does too."""
-    reason = f"{made.reason} But replayed it does not hold: {' and '.join(record.exceeded)}."
-    return replace(made, within=False, reason=reason) if record.exceeded else made
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewerPlan:
-    """A plan for a viewer, what it was made for, and what a replay of it shows."""
-
-    plan: Plan
-    requirement: ViewerRequirement
-    record: PlannedRecord
-
-    def summary(self) -> dict[str, Any]:
-        """Return the plan as `plan --viewer --json` prints it."""
-        return {**self.plan.summary(), "viewer": self.record}
-
-
-def make_viewer_plan(
-    scouted: PlateScan,
-    viewer: Viewer,
-    requirement: Requirement,
-    choices: Sequence[DepthBuffer] | None = None,
-    *,
-    sample: RandomSample | None = None,
-    progress: bool = False,
-) -> ViewerPlan:
-    """Plan how to draw a plate so that a viewer notices nothing, measure the plan, and replay it to his eyes.
-
-    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are
-    kept.
-    """
-    eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
-    seen = eye_requirement(
-        scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel
-    )
-    seen = replace(seen, device=requirement.device)
-    zone = seen_view_zone(scouted.scene, viewer)
-    made = planned(scouted, seen, choices, sample, progress)
-    record = replace(planned_record(scouted.scene, made, seen, progress=progress), view_zone=zone)
-    return ViewerPlan(plan=replayed_plan(made, record), requirement=seen, record=record)
-
-
-def planned_record(
-    scene: Scene, made: Plan, requirement: ViewerRequirement, *, progress: bool = False
-) -> PlannedRecord:
-    """Return what a viewer notices of a plan that was made for his eyes, measured by a replay."""
-    settings, viewer, display = made.settings, requirement.viewer, requirement.display
-    blurs = blur_arcmin(max(requirement.content.farthest, key=abs, default=0.0), viewer, display)
-    binds, limit = binding(requirement.limits), requirement.separation_limit
-    rays = None
-    if display.millimeters is not None:
-        rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
-    measured = noise = with_cuts = None
-    noticed, beyond = dict[str, float](), tuple[str, ...]()
-    if settings is not None:
-        noticed = {name: there for name, (there, _, _) in requirement.noticed(settings).items()}
-        workbench = ReplayWorkbench(scene, viewer)
-        with progress_bar(None, "eyes", "hogel", shown=progress) as bar:
-            measured = workbench.measure(settings, bar.update)
-        noise = replay_noise_arcsec(
-            requirement.content, viewer, display, settings, workbench.eye_pixel
-        )
-        beyond = exceeded(measured, requirement, noise)
-        with_cuts = requirement.limits_with(settings) if settings.slabs else None
-    return PlannedRecord(
-        viewer=viewer,
-        pitch_arcmin=blurs["pitch"],
-        pixel_arcmin=blurs["pixel"],
-        diffraction_arcmin=blurs["diffraction"],
-        rays_per_pupil=rays,
-        limits=requirement.limits,
-        binding=None if binds is None else binds.name,
-        stereo_change_arcsec=noticed.get(STEREO),
-        crack_arcmin=noticed.get(CRACK),
-        separation=requirement.separation,
-        separation_limited_by=None if limit is None else limit[0],
-        measured=measured,
-        limits_with_cuts=with_cuts,
-        noise_arcsec=noise,
-        exceeded=beyond,
-    )
-
-
-def planned_table(record: PlannedRecord, units: str) -> str:
-    """Return the same as lines of text."""
-    found, kinds = record.measured, []
-    for words, limits in (
-        ("without cuts", record.limits),
-        ("with these cuts", record.limits_with_cuts or ()),
-    ):
-        kinds.append((words, limits, binding(limits)))
-    values = {
-        "record": record,
-        "viewer": record.viewer,
-        "units": units,
-        "kinds": kinds,
+        places = [one.index for one in found.scan.apertures]
+        values, known = plate_cells(found.scene.plate.hogels, places, limits.hogels, np.fmin)
+        figure = plate_map(found.scene.plate, values, title, known=known, logarithmic=True)
+        figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
+        figures["map"] = figure
+    page = {
         "found": found,
+        "sentence": plan_text.sentence(found),
+        "reason": plan_text.reason(found),
+        "figures": figures,
+        "rows": [one.cells for one in allowed(found)],
+        "versions": versions(),
     }
-    values["millimeters"] = MILLIMETERS.get(units, 1.0)
-    if found is not None:
-        # As if pixels were drawn at random.
-        at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)
-        values |= {"depth_wrong_at_most": at_most, "confidence": CONFIDENCE}
-    return plain_text("plan-viewer.txt.j2", values).removesuffix("\n")
+    return write_files(out, {PAGE: html_page("plan.html.j2", page), DATA: found.summary()})
+
+
+def limits_figure(found: PlanReport) -> Figure:
+    """Draw the range of near that each judge allows as bars, and the near of the plan as a line."""
+    reach, near, rows = found.scene.frustum.longest_reach, found.plan.near, allowed(found)
+    ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
+    low = min([*ends, near or reach]) / 30
+    bars = [
+        (row.name.replace(", ", ",<br>"), row.low or low, min(row.high, reach))
+        for row in rows
+        if math.isfinite(row.low)
+    ]
+    bar = {
+        "type": "bar",
+        "orientation": "h",
+        "y": [name for name, *_ in bars],
+        "base": [start for _, start, _ in bars],
+        "x": [end - start for _, start, end in bars],
+        "customdata": [end for *_, end in bars],
+        "hovertemplate": "%{y}: %{base:.3g} to %{customdata:.3g}<extra></extra>",
+        "marker": {"color": look(1)[0]},
+    }
+    line = {"type": "line", "x0": near, "x1": near, "yref": "y domain", "y0": 0, "y1": 1}
+    layout = {
+        "height": 110 + 40 * len(bars),
+        "showlegend": False,
+        "xaxis": {
+            "title": f"near, {found.scene.units}",
+            **log_axis([low, reach]),
+            "dtick": max(1, round(math.log10(reach / low) / 5)),
+            "range": [math.log10(low), math.log10(reach)],
+        },
+        "yaxis": {"type": "category", "autorange": "reversed"},
+        "shapes": [] if near is None else [{**line, "line": {"color": MARK, "width": 2}}],
+    }
+    return styled([bar], layout)

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.eye import noticeable
+from xfrustum.compare.planning.requirement import SEPARATION_PER_REACH
 from xfrustum.compare.planning.viewer import seen_content
-from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import PlateScan, scout
 from xfrustum.reports.blocks import HERE, Engine, open_workers
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.planning import ReplayWorkbench
+from xfrustum.research.replays import ReplayWorkbench
 from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Pivot, Scene, open_scene
 from xfrustum.scenes.representation import digits

@@ -24,10 +24,9 @@ from xfrustum.compare.eye.loss import (
     renderer_loss,
 )
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.notebook import WRONG
-from xfrustum.reports.planning import make_plan, make_viewer_plan, scouted_plate
+from xfrustum.reports.planning import plan
 from xfrustum.reports.view import Drawing, shown
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
@@ -136,10 +135,9 @@ def moved_picture(name: str) -> Image.Image:
 def plans_picture() -> Image.Image:
     """Return the car as three eyes see it, and as both plans show it."""
     scene = open_scene("car")
-    scouted = scouted_plate(scene, progress=False)
     plans = {
-        "to pixels": make_plan(scene).settings,
-        "to eyes": make_viewer_plan(scouted, Viewer(distance=600.0), Requirement()).plan.settings,
+        "to pixels": plan(scene).settings,
+        "to eyes": plan(scene, viewer=Viewer(distance=600.0)).settings,
     }
     return settings_picture(
         scene, {words: found for words, found in plans.items() if found is not None}

@@ -11,10 +11,11 @@ from scipy.stats import beta
 
 from tests.support.scene_file import film, named, part
 from tests.support.views import view
-from xfrustum.compare.planning.plan import Plan, depth_buffers
-from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.planning.plan import Plan
+from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.reports.blocks import Engine
-from xfrustum.reports.planning import make_plan
+from xfrustum.reports.plan_text import reason as reason_of
+from xfrustum.reports.planning import plan
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import InputError, Scene, open_scene
 
@@ -65,8 +66,9 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
     """Plan for the plate of a scene, and survey hogels of it with what was planned."""
     made, found = None, None
     try:
-        made = make_plan(scene, None, requirement, depth_buffers(None, None))
-        reason = made.reason
+        report = plan(scene, None, requirement)
+        made = report.plan
+        reason = reason_of(report)
     except InputError as error:
         reason = str(error)
     if made is not None and made.settings is not None:

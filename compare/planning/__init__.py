@@ -1,12 +1,10 @@
-"""The planner: settings to draw with, the fewest slabs, then the largest margin.
+"""The planner: the fewest slabs, then the largest margin, that meet a requirement.
 
-views     What a plan must keep, what some apertures truly show, and what settings are predicted to
-make of it limits    The near that each judge allows by itself: depth buffers from below, pixels of
-hogels from above search    The best plan with a given number of cuts: where to cut, how large near
-may be, what is most robust measure   Is a requirement met? Measured, by drawing the scene, and
-sheets at its farthest visible surfaces viewer    What a viewer requires of a plan: nothing that
-eyes can see, whatever hogels' pixels show plan      The plan for some apertures, and for the plate:
-from its worst apertures, measured at a random
-          sample
-reasons   The reasons of a plan in words
+requirement  Limits that a picture must keep, and errors that are held against them
+viewer       Limits of a viewer's eyes, and the view zone of a plate
+views        True images of some apertures, and errors that closed forms predict of settings
+search       Scan over numbers of cuts, with monotone searches for cuts and for near
+limits       Range of near that depth buffers, pixels and eyes each allow
+measure      Errors of drawn hogels, and of sheets at the farthest visible surfaces
+plan         Plans for some apertures, and for a plate from its worst apertures and random samples
 """

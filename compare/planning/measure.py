@@ -1,8 +1,8 @@
-"""Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces.
+"""Errors of drawn hogels, and of sheets at the farthest visible surfaces.
 
-Sheets: a camera's film is tiled with cells, and each cell belongs to one pair of sheets. Each pair
-has cells all over the film, and no cell occludes another, so that all pairs of a camera are seen in
-one picture.
+Sheets: the film of a camera is tiled with cells, and each cell belongs to one pair of sheets. Each
+pair has cells all over the film, and no cell occludes another, so that one picture shows all pairs
+of a camera.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
 from xfrustum.compare.beyond import displacement_p99
-from xfrustum.compare.metrics.comparison import Comparison
-from xfrustum.compare.planning.views import Done, Errors, Quality, Requirement, View, Views
+from xfrustum.compare.planning.requirement import Errors, Quality, Requirement, worst_errors
+from xfrustum.compare.planning.views import Done, View, Views
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.run import NO_TRUTHS, Evaluator, FrameRequest
@@ -30,8 +30,8 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
-"""The smallest separation is sought between this many times less and more than predicted, and that range is
-halved so often on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves, 3 %."""
+"""Ratio to the predicted separation of the ends between which the smallest one is bisected on a
+logarithmic scale, and number of halvings: they leave 2 log2(8) / 2^7 octaves, 3 %."""
 
 CELLS, CELL_PIXELS = 32, 8
 """Cells along each side of the film of sheets, and pixels along each side of a cell."""
@@ -43,13 +43,10 @@ toward the plate, so that not all their depths round alike."""
 
 @dataclass(frozen=True, kw_only=True)
 class HogelResult(Errors):
-    """How well a plan does at one hogel, measured."""
+    """Measured errors of a plan at one hogel."""
 
     aperture: Aperture
     covered: int  #: pixels where the truth shows a surface
-    #: by settings beside the plan's, in their order; what depth alone gets wrong of them is not
-    #: drawn: NaN
-    others: tuple[Errors, ...] = field(default=(), repr=False)
 
 
 def hogel_results(
@@ -57,47 +54,26 @@ def hogel_results(
     apertures: Iterable[Aperture],
     settings: DoubleFrustum,
     truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
-    others: Sequence[DoubleFrustum] = (),
 ) -> Iterator[HogelResult]:
-    """Draw hogels, and yield how well the settings do at each, in order.
+    """Draw hogels, and yield the errors of settings at each, in order; `truths` are known truths.
 
     Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with
-    exact depth besides. `truths` are true images that are there already, `others` settings that are
-    judged besides.
+    exact depth too.
     """
     exact = with_exact_depth(settings)
-    drawn = tuple(dict.fromkeys((settings, exact, *others)))
+    drawn = tuple(dict.fromkeys((settings, exact)))
     with closing(judge.frames(apertures, drawn, FrameRequest(), truths)) as frames:
         while some := {one.settings: one for one in islice(frames, len(drawn))}:
             found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
             wrong, judged = found.errors.surface, max(found.judged, 1)
-            assert wrong is not None and with_exact is not None, (
-                "the reference has the scene at hand"
-            )
+            assert wrong is not None and with_exact is not None, "the reference has the scene"
             yield HogelResult(
                 aperture=some[settings].aperture,
                 covered=found.covered,
                 displacement_p99_px=displacement_p99(found),
                 surface_fraction=float(wrong.sum() / judged),
                 depth_wrong=float((wrong & ~with_exact).sum() / judged),
-                others=tuple(_errors(some[one].comparison) for one in others),
             )
-
-
-def _errors(found: Comparison) -> Errors:
-    """Return the errors of a drawn hogel but those of depth, which take a second drawing."""
-    wrong = found.errors.surface
-    assert wrong is not None, "the reference has the scene at hand"
-    fraction = float(wrong.sum() / max(found.judged, 1))
-    return Errors(
-        displacement_p99_px=displacement_p99(found), surface_fraction=fraction, depth_wrong=math.nan
-    )
-
-
-def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
-    """Return the worst of each of the errors of some hogels, by the name of its field."""
-    some = list(results)
-    return {one.name: max(getattr(found, one.name) for found in some) for one in fields(Errors)}
 
 
 def measured(
@@ -107,17 +83,16 @@ def measured(
     done: Done = lambda hogels: None,
     *,
     smallest: bool = True,
-    others: Sequence[DoubleFrustum] = (),
 ) -> tuple[list[HogelResult], Quality, str]:
-    """Draw apertures and sheets; return each result, the worst, and the model of the device.
+    """Draw apertures and sheets; return each result, the worst, and the name of the device's model.
 
-    The smallest ordered separation is NaN unless `smallest`. `others` as in `hogel_results`.
+    The smallest ordered separation is NaN unless `smallest`.
     """
     separation = requirement.separation_in(views.scene.frustum)
     truths = {view.aperture: view.truth for view in views.views}
     with Evaluator(views.scene, reference=views.reference, model=requirement.device) as judge:
         device = judge.model.name
-        results = list(hogel_results(judge, truths, settings, truths, others))
+        results = list(hogel_results(judge, truths, settings, truths))
     wrong = []
     for view in views.views:
         wrong.append(misordered(views.scene, view, settings, separation))
@@ -128,7 +103,7 @@ def measured(
 
 
 def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
-    """Return the smallest separation of sheets that are ordered everywhere; infinite where none so far is."""
+    """Return the smallest separation of sheets that are ordered everywhere; infinite for none."""
     predicted = views.separation(settings)
 
     def ordered(separation: float) -> bool:

@@ -1,15 +1,13 @@
-"""The best plan with a given number of cuts: where to cut, how large near may be, and whether all is kept.
+"""Scan over numbers of cuts, with monotone searches for the cuts and for the near offset.
 
 With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it
-displacement shrinks with z1. How near to the plate z1 can be is decided from the far end inward.
-The outermost slab ends at the reach, and its cut may be as low as the separation at the farthest
-surface seen in it allows. A lower cut only helps the next slab, which then ends sooner and sees
-nothing farther. So each slab in turn takes as much as it may, and no other k cuts have a smaller
-z1.
+displacement shrinks with z1. Cuts are placed from the far end inward. The outermost slab ends at the
+reach, and its cut is as low as the separation at the farthest surface in it allows. A lower cut only
+helps the next slab, which then ends sooner and holds nothing farther. So each slab in turn takes as
+much as it may, and no other k cuts have a smaller z1.
 
-Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies the
-near that is farthest from either limit, and that one is planned, for apertures that nobody has
-looked at.
+Displacement grows with n, and errors of depth grow as n falls: the near that is planned is the one
+farthest from both limits, for apertures that no scan has traced.
 
 Lengths have three digits, so that they can be read and typed; a plan is then also the same for
 meshes that differ by rounding alone, such as a refined one.
@@ -19,37 +17,33 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 
-from xfrustum.compare.planning.views import Quality, Requirement, Views
+from xfrustum.compare.planning.requirement import DepthBuffer, Quality, Requirement
+from xfrustum.compare.planning.views import Views
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, DepthRange
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
 
-DepthBuffer = tuple[DepthFormat, DepthMapping]
-
 SMALLEST_PER_REACH = 1e-8
-"""Smallest near and cut, as a part of the larger reach: in float32, n this small beside the reach is
-nothing."""
+"""Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside it."""
 
 SEPARATION_MARGIN = 2.0
-"""Sheets must be ordered by prediction when they are this many times closer than is asked for: the factor
-within which predicted and measured smallest separations agree."""
+"""Factor within which predicted and measured smallest separations agree: predictions must order
+sheets that are this many times closer than required."""
 
 TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
-"""Ratio of successive targets for the cuts, where gaps in the scene are narrower than the separation, and the
-largest number of targets that are tried: down to 1/4096 of the separation."""
+"""Ratio of successive separations for which cuts are placed, where gaps in the scene are narrower than
+the required separation, and their number: down to 1/4096 of it."""
 
-INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and half of it
-#: largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera
-MAX_CUTS = 16
+INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and its half
+
+MAX_CUTS = 16  #: largest number of cuts: each slab is a pass over the whole scene, for each camera
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}  #: bytes of a depth value
 
 ENOUGH_MARGIN = 10.0
-"""Margin beyond which more is worth nothing: a tenth of what is allowed. What no scout has seen takes little
-of it: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the
-605 that a
-scout looked through, of `asymmetric` as much (`scout` with `LATTICE_APERTURES` of the whole plate)."""
+"""Margin beyond which more is worth nothing. Apertures that no scan has traced take little of it: of all
+4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605 scanned."""
 
 
 def round_number(index: int) -> float:
@@ -60,7 +54,7 @@ def round_number(index: int) -> float:
 
 
 def index_below(length: float, *, strictly: bool = False) -> int:
-    """Return the index of the largest length of three digits up to a positive one, or strictly below it."""
+    """Return the index of the largest length of three digits up to a positive one, or below it."""
     decade = math.floor(math.log10(length))
     # Logarithms and quotients round: begin above, and come down.
     index = decade * 900 + int(length / float(f"1e{decade}") * 100) - 98
@@ -77,64 +71,61 @@ def indices_of(frustum: Frustum) -> tuple[int, int]:
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
     """Return the largest index in low..high up to which a condition holds; None where it never does."""
-    if low > high or not holds(round_number(low)):
-        return None
-    # The first is known to hold: so many of the others do.
-    return low + bisect_left(
-        range(low + 1, high + 1), True, key=lambda index: not holds(round_number(index))
+    first_failure = bisect_left(
+        range(low, high + 1), True, key=lambda index: not holds(round_number(index))
     )
+    return low + first_failure - 1 if first_failure else None
 
 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
-    """Return the smallest index in low..high from which on a condition holds; `high` where it never does."""
+    """Return the smallest index in low..high from which on a condition holds, `high` if it never does."""
     return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """Settings that were tried, and what is predicted of them: what counts, over what is allowed."""
+    """Settings with their predicted errors, as ratios to the limits."""
 
     settings: DoubleFrustum
     predicted: Quality
-    near_excess: float  #: of displacement and wrong surfaces, or of what eyes see
-    depth_excess: float  #: of pixels wrong by depth and of separation
+    near_excess: float  #: ratio of errors that grow with near
+    depth_excess: float  #: ratio of pixels wrong by depth, and of separation
 
     @property
     def excess(self) -> float:
-        """Ratio by which the worst of the requirements is exceeded; at most 1 where the attempt holds."""
+        """Largest ratio of an error to its limit; at most 1 where the attempt holds."""
         return max(self.near_excess, self.depth_excess)
 
     @property
     def holds(self) -> bool:
-        """Whether all requirements are met."""
+        """Whether all limits are kept."""
         return self.excess <= 1
 
     @property
     def missing(self) -> float:
-        """The excess, but no less than what is enough."""
+        """Excess, at least that of a sufficient margin."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property
     def price(self) -> tuple[bool, int]:
-        """What its depth buffer costs: whether fragments write it, which costs the early test, then bytes."""
+        """Cost of the depth buffer: depth written by fragments, which costs the early test, then bytes."""
         return self.settings.mapping in EXPRESSION_ROUNDINGS, BYTES[self.settings.depth]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Result of a search: attempts that hold, the cheapest first, and those that failed with one cut less."""
+    """Result of a search."""
 
-    choices: Sequence[DepthBuffer]
-    #: smallest separation that any choice orders at the farthest surface, however it is cut
-    finest: float
-    holding: Sequence[Attempt]
-    failed: Sequence[
-        Attempt
-    ]  #: with the most cuts there may be where none holds; empty where none was tried
+    able: bool  #: whether any depth buffer orders the required separation, however it is cut
+    holding: int  #: depth buffers that hold with the fewest cuts
+    best: Attempt | None = None  #: cheapest attempt with the largest margin
+    largest_near: float | None = None  #: largest near that holds with the cuts and buffer of `best`
+    #: failed attempt nearest to holding, with one cut less, or with the most cuts where none holds
+    failed: Attempt | None = None
 
 
 class Search:
-    """Looks for settings that are predicted to meet a requirement for some views."""
+    """Search for settings that are predicted to keep a requirement at some views."""
 
     def __init__(self, views: Views, requirement: Requirement) -> None:
         frustum = views.scene.frustum
@@ -142,56 +133,60 @@ class Search:
         self.separation = requirement.separation_in(frustum)
         self.lowest, self.highest = indices_of(frustum)
         self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
-        self._tolerable = lru_cache(maxsize=None)(self._displaces_little)
-        self.judged = lru_cache(maxsize=None)(self._judged)
-        self._traced = lru_cache(maxsize=None)(
+        self.judged = cache(self._judged)
+        self._near_holds = cache(self._holds_in_closed_form)
+        self._traced = cache(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
 
-    def among(self, choices: Sequence[DepthBuffer]) -> Outcome:
-        """Look for the best of some depth buffers, with one cut more at a time."""
-        finest = {choice: self.finest(choice) for choice in choices}
-        possible = [
-            choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= self.separation
+    def best(self) -> Outcome:
+        """Scan numbers of cuts upward, and return the best attempt with the fewest."""
+        able = [
+            one
+            for one in self.requirement.buffers
+            if self._finest(one) * SEPARATION_MARGIN <= self.separation
         ]
-        failed: list[Attempt] = []
-        holding: list[Attempt] = []
-        # Where not even the smallest near behind the lowest cut keeps to the tolerance, nothing is
-        # tried.
+        found = Outcome(holding=0, able=bool(able))
         lowest = round_number(self.lowest)
-        for cuts in range(MAX_CUTS + 1 if possible and self._tolerable(lowest, (lowest,)) else 0):
-            attempts = [self.attempt(choice, cuts) for choice in possible]
-            holding = sorted((one for one in attempts if one.holds), key=lambda one: one.price)
+        if not able or not self._near_holds(lowest, (lowest,)):
+            return found
+        for cuts in range(MAX_CUTS + 1):
+            attempts = [self.attempt(one, cuts) for one in able]
+            holding = [one for one in attempts if one.holds]
             if holding:
-                break
-            failed = attempts
-        return Outcome(choices=choices, finest=min(finest.values()), holding=holding, failed=failed)
+                cheapest = min(one.price for one in holding)
+                pairs = [(self._with_margin(one), one) for one in holding if one.price == cheapest]
+                best, largest = min(
+                    pairs, key=lambda pair: (pair[0].missing, -pair[0].settings.near)
+                )
+                return replace(
+                    found, holding=len(holding), best=best, largest_near=largest.settings.near
+                )
+            found = replace(found, failed=min(attempts, key=lambda one: one.excess))
+        return found
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
-        """Return at most so many heights, ascending, as near to the plate as the separation allows."""
+        """Return at most so many heights, ascending, as near to the plate as a separation allows."""
         cuts: list[float] = []
         highest = self.highest
         while len(cuts) < count and highest >= self.lowest:
             outer = cuts[-1] if cuts else None
 
-            def fine_enough(height: float, outer: float | None = outer) -> bool:
+            def ordered(height: float, outer: float | None = outer) -> bool:
                 return self.separation_between(buffer, height, outer) <= separation
 
-            index = smallest_index(self.lowest, highest, fine_enough)
+            index = smallest_index(self.lowest, highest, ordered)
             cuts.append(round_number(index))
             highest = index - 1
         return tuple(reversed(cuts))
 
     def separation_between(self, buffer: DepthBuffer, low: float, high: float | None) -> float:
         """Return the smallest separation at the farthest surface seen between cuts, or up to the reach."""
-        ends = [
-            (camera, low, reach if high is None else min(high, reach))
-            for camera, reach in self._sides
-        ]
+        ends = [(camera, low, min(high or reach, reach)) for camera, reach in self._sides]
         return self._separation_in(buffer, ends)
 
-    def finest(self, buffer: DepthBuffer) -> float:
-        """Return the smallest separation at each camera's farthest surface, in a slab made for it alone."""
+    def _finest(self, buffer: DepthBuffer) -> float:
+        """Return the smallest separation at each camera's farthest surface, in a slab of its own."""
         ends = []
         for camera, reach in self._sides:
             if (far := self._views.farthest(camera)) > 0:
@@ -202,49 +197,64 @@ class Search:
     def _separation_in(
         self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]
     ) -> float:
-        """Return the largest of the smallest separations in slabs of cameras that stand in the aperture."""
         settings, found = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
         for camera, low, high in ends:
-            if low < high:
+            if low < high:  # outside of the first slab cameras stand in the aperture
                 slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
                 found.append(self._views.separation_in(slab, settings))
         return max(found)
 
     def attempt(self, buffer: DepthBuffer, cuts: int) -> Attempt:
-        """Return the settings with so many cuts that hold with the largest near, or come nearest to it."""
-        best: tuple[float, tuple[float, ...]] | None = None
-        target = self.separation / SEPARATION_MARGIN
+        """Return the attempt with so many cuts that holds with the largest near, or the best failure."""
+        failures, target = list[Attempt](), self.separation / SEPARATION_MARGIN
         for _ in range(MAX_TARGETS if cuts else 1):
             heights = self.cuts(buffer, cuts, target)
-            wrong = separation = 0.0
-            if heights:
-                # With near as large as may be, depth is best off.
-                settings = self._settings(buffer, heights[0], heights)
-                wrong = self._views.depth_wrong(settings) / self.requirement.max_wrong
-                separation = self._separation_excess(self._views.separation(settings))
-            if max(wrong, separation) <= 1:
-                one = self._with_largest_near(buffer, heights)
-                if one.holds:
-                    return one
-                wrong, separation = (
-                    one.predicted.depth_wrong / self.requirement.max_wrong,
-                    one.excess,
-                )
-            if best is None or max(wrong, separation) < best[0]:
-                best = max(wrong, separation), heights
-            # Shallower outer slabs help only what is wrong by depth, at the cost of the first one.
-            if wrong <= 1:
+            # Depth is best off with near as large as may be: hopeless cuts cost no search for near.
+            trial = self._depth_alone(buffer, heights)
+            one = self._with_largest_near(buffer, heights) if trial <= 1 else None
+            if one is not None and one.holds:
+                return one
+            failures.append(one or self.judged(self._settings(buffer, heights[0], heights)))
+            # Shallower outer slabs help pixels wrong by depth alone, at the cost of the first slab.
+            if failures[-1].predicted.depth_wrong <= self.requirement.max_wrong:
                 break
             target *= TARGET_RATIO
-        assert best is not None
-        return self._with_largest_near(buffer, best[1])
+        return min(failures, key=lambda one: one.depth_excess)
+
+    def _depth_alone(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> float:
+        """Return the excess of depth with near at the first cut; 0 without cuts."""
+        if not heights:
+            return 0.0
+        settings = self._settings(buffer, heights[0], heights)
+        wrong = self._views.depth_wrong(settings) / self.requirement.max_wrong
+        return max(wrong, self._separation_excess(self._views.separation(settings)))
+
+    def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
+        """Return the attempt with cuts at some heights whose near is the largest that pixels and eyes allow."""
+
+        def judged(near: float) -> Attempt:
+            return self.judged(self._settings(buffer, near, heights))
+
+        highest = index_below(heights[0]) if heights else self.highest
+        index = largest_index(
+            self.lowest, highest, lambda near: self._near_holds(near, heights[:1])
+        )
+        if index is None:
+            return judged(round_number(self.lowest))
+        # Offset cameras see more beside the film than the truth: rarely, a smaller near is needed. It
+        # is found by octaves, since depth alone makes wrong surfaces at much smaller nears.
+        above = index
+        while index > self.lowest and judged(round_number(index)).near_excess > 1:
+            above, index = index, max(index - INDICES_PER_OCTAVE, self.lowest)
+        larger = largest_index(index, above - 1, lambda near: judged(near).near_excess <= 1)
+        return judged(round_number(index if larger is None else larger))
 
     def _judged(self, settings: DoubleFrustum) -> Attempt:
+        """Return the attempt with some settings, its offset cameras traced where closed forms hold."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
-        if not attempt.holds or self.requirement.SEEN_BY_EYES:
+        if not attempt.holds or not self.requirement.pixels_count:
             return attempt
-        # Only now: the model is traced, which takes as long as everything else together.
         moved, wrong = self._traced(settings.near, settings.slabs)
         moved = max(predicted.displacement_p99_px, moved)
         wrong += predicted.depth_wrong
@@ -252,32 +262,16 @@ class Search:
             settings, replace(predicted, displacement_p99_px=moved, surface_fraction=wrong)
         )
 
-    def most_robust(self, holding: Sequence[Attempt]) -> Attempt:
-        """Return the cheapest attempt that holds with the largest margin, its near moved to that end."""
-        cheapest = min(one.price for one in holding)
-        cheap = [one for one in holding if one.price == cheapest]
-        # What eyes see of near holds for all hogels, looked at or not, and depth gains by a larger
-        # near.
-        balanced = (
-            cheap if self.requirement.SEEN_BY_EYES else [self._with_margin(one) for one in cheap]
-        )
-        return min(balanced, key=lambda one: (one.missing, -one.settings.near))
-
-    def without_cuts(self, choices: Sequence[DepthBuffer]) -> Attempt | None:
-        """Return the best attempt without cuts if no sheets need to be ordered; None where none holds."""
-        lax = replace(self.requirement, separation=self._views.scene.frustum.longest_reach)
-        search = Search(self._views, lax)
-        holding = [one for one in (search.attempt(choice, 0) for choice in choices) if one.holds]
-        return search.most_robust(holding) if holding else None
-
     def _with_margin(self, largest: Attempt) -> Attempt:
-        """Return an attempt with the largest near that does no more than a tenth of what is allowed.
+        """Return an attempt with the largest near whose errors are a tenth of their limits.
 
-        Where depth would then be worse off, it is the near at which both have the same margin.
+        Where depth would then be worse off, it is the near at which both have the same margin. Where
+        eyes alone judge, near stays: their limits hold for all hogels, scanned or not.
         """
+        if not self.requirement.pixels_count:
+            return largest
         low, high, best = self.lowest, index_below(largest.settings.near), largest
-        # Displacement grows with near, and what depth gets wrong falls with it: the interval is
-        # halved.
+        # Displacement grows with near, and errors of depth fall with it: the interval is halved.
         while low < high:
             middle = (low + high) // 2
             one = self.judged(replace(largest.settings, near=round_number(middle)))
@@ -295,87 +289,20 @@ class Search:
         return DoubleFrustum(near=near, slabs=heights, depth=buffer[0], mapping=buffer[1])
 
     def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
-        by_pixels, by_eyes = (
-            self.requirement.by_pixels(predicted),
-            self.requirement.by_eyes(settings),
-        )
         wrong = predicted.depth_wrong / self.requirement.max_wrong
-        ordered = self._separation_excess(predicted.separation)
         return Attempt(
             settings=settings,
             predicted=predicted,
-            near_excess=max(by_pixels, by_eyes),
-            depth_excess=max(wrong, ordered),
+            near_excess=self.requirement.near_excess(predicted, settings),
+            depth_excess=max(wrong, self._separation_excess(predicted.separation)),
         )
 
     def _separation_excess(self, separation: float) -> float:
         return separation * SEPARATION_MARGIN / self.separation
 
-    def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
-        """Return settings with cuts at some heights, and the largest near that holds or else displaces.
-
-        Where near may be as large as the first cut, both are as large as may be, up to the second
-        cut.
-        """
-        first, others = (heights[0] if heights else None), heights[1:]
-
-        def with_near(near: float) -> DoubleFrustum:
-            return self._settings(buffer, near, heights)
-
-        def tolerable(settings: DoubleFrustum) -> bool:
-            return self._tolerable(settings.near, settings.slabs[:1])
-
-        highest = index_below(first) if first else self.highest
-        largest = self._largest(with_near, tolerable, self.lowest, highest)
-        if not largest.holds or largest.settings.near != first:
-            return largest
-
-        def with_first_cut(height: float) -> DoubleFrustum:
-            return self._settings(buffer, height, (height, *others))
-
-        def may_hold(settings: DoubleFrustum) -> bool:
-            ordered = self._views.separation(settings) * SEPARATION_MARGIN <= self.separation
-            return ordered and tolerable(settings)
-
-        highest = index_below(others[0], strictly=True) if others else self.highest
-        raised = self._largest(with_first_cut, may_hold, index_below(first), highest)
-        return raised if raised.holds else largest
-
-    def _largest(
-        self,
-        settings_with: Callable[[float], DoubleFrustum],
-        may_hold: Callable[[DoubleFrustum], bool],
-        low: int,
-        high: int,
-    ) -> Attempt:
-        """Return an attempt with the largest length that holds, or else one; `may_hold` is cheap."""
-
-        def judged(length: float) -> Attempt:
-            return self.judged(settings_with(length))
-
-        def small_enough(length: float) -> bool:
-            # It holds, or depth alone fails, which no smaller length would mend.
-            one = judged(length)
-            return one.holds or (one.depth_excess > 1 and one.settings.near <= farthest)
-
-        farthest = max(self._views.farthest(camera) for camera, _ in self._sides)
-        found = largest_index(low, high, lambda length: may_hold(settings_with(length)))
-        index = above = low if found is None else found
-        largest = judged(round_number(index))
-        # A smaller near displaces less, and helps depth only where n is larger than any |z|, and
-        # rounds w.
-        while index > low and not small_enough(round_number(index)):
-            above, index = index, max(index - INDICES_PER_OCTAVE, low)
-        found = largest_index(index, above - 1, small_enough)
-        attempt = largest if found is None else judged(round_number(found))
-        return attempt if attempt.holds else largest
-
-    def _displaces_little(self, near: float, first_cut: tuple[float, ...]) -> bool:
-        """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
-        # The depth buffer and the other cuts do not matter.
-        settings, tolerance = (
-            DoubleFrustum(near=near, slabs=first_cut),
-            self.requirement.tolerance_px,
-        )
-        unnoticed = self.requirement.by_eyes(settings) <= 1
+    def _holds_in_closed_form(self, near: float, first_cut: tuple[float, ...]) -> bool:
+        """Return whether displacement and eyes allow a near; depth buffer and outer cuts do not matter."""
+        settings = DoubleFrustum(near=near, slabs=first_cut)
+        viewer, tolerance = self.requirement.viewer, self.requirement.tolerance_px
+        unnoticed = viewer is None or viewer.excess(settings) <= 1
         return unnoticed and self._views.displaced(settings, tolerance) <= tolerance

@@ -14,7 +14,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     camera_of(plate, column, row)            the camera of a hogel of a stored plate -> HogelCamera
     make_report(scene, folder, ReportOptions(..))  a sweep over settings, as a page  -> ReportFiles
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
-    plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
+    plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin -> PlanReport
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView

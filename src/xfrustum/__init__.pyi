@@ -2,8 +2,7 @@
 
 from .compare.metrics.comparison import Comparison as Comparison
 from .compare.metrics.comparison import compare_images as compare_images
-from .compare.planning.plan import Plan as Plan
-from .compare.planning.views import Requirement as Requirement
+from .compare.planning.requirement import Requirement as Requirement
 from .compare.run import Evaluator as Evaluator
 from .compare.run import JudgedDrawing as JudgedDrawing
 from .compare.run import JudgedHogel as JudgedHogel
@@ -21,7 +20,7 @@ from .reports.exchange.cameras import write_cameras as write_cameras
 from .reports.exchange.convert import Conversion as Conversion
 from .reports.exchange.convert import ConversionOptions as ConversionOptions
 from .reports.exchange.convert import convert as convert
-from .reports.planning import make_plan as make_plan
+from .reports.planning import PlanReport as PlanReport
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles
 from .reports.plate.plate import write_plate as write_plate

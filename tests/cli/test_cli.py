@@ -247,7 +247,6 @@ BAD = [
     ("plan asymmetric --aperture 1,1 --apertures 3", "--aperture"),
     ("plan boxes.toml --ipd=60", "give --viewer too"),
     ("plan boxes.toml --viewer=600mm --aperture=1,1", "leave out"),
-    ("plan boxes.toml --viewer=600mm --tolerance-px=1", "leave out"),
     ("plan boxes.toml --viewer=far", "such as 600"),
     ("plan boxes.toml --viewer=600parsec", "not known"),
     ("plan boxes.toml --viewer=5mm --quiet", "larger distance"),
@@ -325,7 +324,7 @@ BAD = [
     ("trace boxes.toml --decided-by mitsuba --tracer embree --out x.exr", "--decided-by mitsuba"),
     ("convert boxes.toml out --to polaroid", "'polaroid' is not one of"),
     ("convert nowhere out --to views", "no such file or folder"),
-    ("recommend boxes.toml --display=1m --quiet", "hogels are wider than the plate"),
+    ("recommend car", "replaced by `xfrustum plan`"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]

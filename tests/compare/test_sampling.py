@@ -18,7 +18,7 @@ from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.judging.verdict import Limits
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.planning.measure import HogelResult
-from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.compare.sampling import (
     GrowingSample,
     RandomSample,

@@ -9,9 +9,9 @@ import pytest
 
 from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
-from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.research import noticeable
 from xfrustum.research.noticeable import FULL, QUICK, Cell, Row
+from xfrustum.research.replays import ReplayWorkbench
 from xfrustum.research.sweep import read_rows
 
 DATA = CHECKOUT / "docs" / "noticeable.parquet"

@@ -14,7 +14,7 @@ USES = {
     "Begin with a scene": ("scene", "scenes new check"),
     "Answer for one aperture": ("aperture", "trace raster"),
     "Compare and explain": ("comparing", "report compare budget"),
-    "Plan settings": ("planning", "recommend plan cost"),
+    "Plan settings": ("planning", "plan cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
     "State what a renderer does": ("conformance", "conformance"),
@@ -24,7 +24,7 @@ USES = {
 }
 """Module of `commands` and names of commands by use, in the order in which people need them."""
 
-REPLACED = {"explain": "check", "figure7": "study figure7"}
+REPLACED = {"recommend": "plan", "explain": "check", "figure7": "study figure7"}
 """Commands of earlier versions, and the command that replaces each."""
 
 MODULES = {name: module for module, names in USES.values() for name in names.split()}

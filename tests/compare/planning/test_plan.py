@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,20 +14,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.long_tail import kept, thinned
-from tests.support.scene_file import film, part
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.cli.main import main
 from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.error_maps import displacement
+from xfrustum.compare.planning.limits import buffer_limits
 from xfrustum.compare.planning.measure import measured, misordered
-from xfrustum.compare.planning.plan import PlatePlanner, depth_buffers, plan
+from xfrustum.compare.planning.plan import Cause, PlatePlanner, plan_apertures
+from xfrustum.compare.planning.requirement import DepthBuffer, Requirement, depth_buffers
 from xfrustum.compare.planning.search import (
     SEPARATION_MARGIN,
     Search,
     index_below,
     round_number,
 )
-from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
+from xfrustum.compare.planning.views import Views, displacement_bound
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.scout import scout
 from xfrustum.raster import Rasterizer
@@ -54,6 +50,7 @@ from xfrustum.scenes.model.device_model import safe_model
 SMALL = (96, 72)  #: pixels, where a scene's own resolution does not matter
 
 D16, D24 = (DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.STANDARD)
+FINE = (DepthFormat.D32F, DepthMapping.REVERSED)
 
 
 def traced(scene: Scene, apertures: Sequence[Aperture] | None = None) -> Views:
@@ -66,10 +63,11 @@ def views_of(name: str, index: tuple[int, int] | None = None) -> Views:
     return traced(scene, None if index is None else [scene.plate.aperture(*index)])
 
 
-def planned(
-    views: Views, requirement: Requirement, buffer: tuple[DepthFormat, DepthMapping]
-) -> DoubleFrustum:
-    return Search(views, requirement).among([buffer]).holding[0].settings
+def planned(views: Views, requirement: Requirement, *buffers: DepthBuffer) -> DoubleFrustum:
+    """Return the cheapest settings with the largest near that are predicted to hold."""
+    outcome = Search(views, replace(requirement, choices=buffers)).best()
+    assert outcome.best is not None and outcome.largest_near is not None
+    return replace(outcome.best.settings, near=outcome.largest_near)
 
 
 def holds(views: Views, settings: DoubleFrustum, requirement: Requirement) -> bool:
@@ -92,7 +90,7 @@ SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossi
 def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | None) -> None:
     """At the scene's own resolution, for any depth buffer; of a recentered frustum at a corner too."""
     scene = view(name, size)
-    made = plan(scene, scene.default_apertures()[:2])
+    made = plan_apertures(scene, scene.default_apertures()[:2], Requirement())
     assert made.within, made
     assert made.near is not None and made.near == round_number(index_below(made.near))
 
@@ -102,7 +100,7 @@ def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | Non
 def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
     """A depth buffer of 16 bits is too coarse for any of these without cuts."""
     scene = view(name)
-    made = plan(scene, [scene.plate.middle], choices=[D16])
+    made = plan_apertures(scene, [scene.plate.middle], Requirement(choices=(D16,)))
     assert made.slabs and made.within, made
     assert all(height == round_number(index_below(height)) for height in made.slabs)
 
@@ -120,7 +118,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
     assert displacement_bound(truth, scene.frustum, wide) < requirement.tolerance_px
     _, found, _ = measured(traced(scene), wide, requirement, smallest=False)
     assert found.displacement_p99_px > requirement.tolerance_px
-    made = plan(scene, [scene.plate.middle], requirement, [D16])
+    made = plan_apertures(scene, [scene.plate.middle], replace(requirement, choices=(D16,)))
     assert made.within, made
     assert made.near is not None and made.near < near
 
@@ -129,16 +127,16 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
 def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_would_do() -> None:
     """The cameras draw only the part of such a surface that is closer than n: no n is small enough."""
     scene, requirement = view("crossing", SMALL), Requirement()
-    made = plan(scene, [scene.plate.middle])
+    made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert (made.near, made.slabs, made.settings, made.within) == (None, (), None, False)
-    assert "lies in the aperture itself" in made.reason
+    assert made.cause is Cause.IN_APERTURE
     views = views_of("crossing")
     for near in 150 * np.array([1e-2, 1e-5, 1e-8]):
         for slabs in ((), (3.0, 30.0)):
             settings = DoubleFrustum(near=float(near), slabs=slabs, mapping=DepthMapping.REVERSED)
             _, found, _ = measured(views, settings, requirement, smallest=False)
             assert found.displacement_p99_px > 100
-    beside = plan(scene, [scene.plate.aperture(31, 17)])
+    beside = plan_apertures(scene, [scene.plate.aperture(31, 17)], requirement)
     assert beside.within, beside
 
 
@@ -179,7 +177,7 @@ NEEDING_CUTS = [
 
 @pytest.mark.parametrize(("name", "buffer", "separation"), kept(NEEDING_CUTS, NEEDING_CUTS[3:4]))
 def test_with_one_slab_less_it_does_not_hold(
-    name: str, buffer: tuple[DepthFormat, DepthMapping], separation: float | None
+    name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
     """Neither the best that the planner itself can do with one cut less, nor the plan without one of its.
 
@@ -189,10 +187,6 @@ def test_with_one_slab_less_it_does_not_hold(
     settings = planned(views, requirement, buffer)
     assert settings.slabs
     assert holds(views, settings, requirement)
-    # Where sheets alone ask for the cuts, and only there, other settings would do.
-    uncut = Search(views, requirement).without_cuts([buffer])
-    lax = replace(requirement, separation=views.scene.frustum.longest_reach)
-    assert (uncut is not None) == (not planned(views, lax, buffer).slabs)
     best = Search(views, requirement).attempt(buffer, len(settings.slabs) - 1)
     assert not best.holds
     slabs = settings.slabs
@@ -207,7 +201,7 @@ def test_with_one_slab_less_it_does_not_hold(
 @pytest.mark.parametrize("name", thinned(["car", "asymmetric", "teapot-recentered"], 3))
 def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None:
     views, requirement = views_of(name), Requirement()
-    settings = Search(views, requirement).among(depth_buffers()).holding[0].settings
+    settings = planned(views, requirement)
     assert not settings.slabs and holds(views, settings, requirement)
     doubled = replace(settings, near=2 * settings.near)
     _, found, _ = measured(views, doubled, requirement, smallest=False)
@@ -253,27 +247,18 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     ("name", "buffer", "separation"), thinned([("car", D24, None), *NEEDING_CUTS[:3]], 2)
 )
 def test_no_larger_near_is_predicted_to_hold(
-    name: str, buffer: tuple[DepthFormat, DepthMapping], separation: float | None
+    name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
-    """Up to the first cut, wherever between the plate and the second that is."""
+    """Up to the first cut."""
     views, requirement = views_of(name), Requirement(separation=separation)
     searched = Search(views, requirement)
     settings = planned(views, requirement, buffer)
     assert searched.judged(settings).holds
-    reach, index = views.scene.frustum.longest_reach, index_below(settings.near)
-    larger = [round_number(index + 1), round_number(index + 2)]
-    larger += [float(near) for near in np.geomspace(settings.near * 1.02, 0.9 * reach, 8)]
-    cuts: list[tuple[float, ...]] = [()]
-    if settings.slabs:
-        end = settings.slabs[1] if settings.slabs[1:] else reach
-        firsts = np.geomspace(settings.near, 0.999 * end, 8)
-        cuts = [(float(first), *settings.slabs[1:]) for first in firsts]
-    for slabs, near in product(cuts, larger):
-        if not slabs or near <= slabs[0]:
-            assert not searched.judged(replace(settings, near=near, slabs=slabs)).holds, (
-                near,
-                slabs,
-            )
+    index, end = index_below(settings.near), 0.9 * views.scene.frustum.longest_reach
+    end = settings.slabs[0] if settings.slabs else end
+    larger = [round_number(index + 1), *map(float, np.geomspace(settings.near * 1.02, end, 8))]
+    possible = [replace(settings, near=near) for near in larger if settings.near < near <= end]
+    assert not any(searched.judged(one).holds for one in possible)
 
 
 # It does not depend on what it should not depend on.
@@ -297,13 +282,13 @@ def test_no_larger_near_is_predicted_to_hold(
     ),
 )
 def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
-    name: str, requirement: Requirement, choices: list[tuple[DepthFormat, DepthMapping]]
+    name: str, requirement: Requirement, choices: Sequence[DepthBuffer]
 ) -> None:
     scene = view(name, SMALL)
     plans = []
     for levels in range(3):
         views = traced(refine(scene, levels))
-        plans.append(Search(views, requirement).among(choices).holding[0].settings)
+        plans.append(planned(views, requirement, *choices))
     assert plans[0] == plans[1] == plans[2]
 
 
@@ -328,7 +313,7 @@ def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
 
 
 @pytest.mark.parametrize("buffer", [D16, D24])
-def test_a_plan_grows_with_the_scene(buffer: tuple[DepthFormat, DepthMapping]) -> None:
+def test_a_plan_grows_with_the_scene(buffer: DepthBuffer) -> None:
     """Eight times as large, which no float rounds: eight times the near, to three digits."""
     scene = view("asymmetric-recentered", SMALL)
     plate, frustum, screen = scene.plate, scene.frustum, scene.frustum.screen
@@ -358,7 +343,8 @@ def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str
         for requirement in harder:
             after = planned(views, requirement, D16)
             assert len(after.slabs) >= len(before.slabs)
-            if len(after.slabs) == len(before.slabs):
+            # A near at the first cut lies in an empty slab, and displaces nothing.
+            if len(after.slabs) == len(before.slabs) and after.near not in after.slabs:
                 assert after.near <= before.near
             before = after
 
@@ -418,118 +404,55 @@ def test_rounding_down_to_three_digits(length: float) -> None:
     assert round_number(index_below(round_number(index), strictly=True)) == round_number(index - 1)
 
 
-KEYS = ["displacement_p99_px", "surface_fraction", "depth_wrong", "misordered", "separation"]
+# Depth buffers
 
 
 def test_a_separation_that_no_float_resolves_leaves_no_plan() -> None:
-    scene = view("asymmetric", SMALL)
-    made = plan(scene, [scene.plate.middle], Requirement(separation=1e-6))
-    assert not made.within and made.settings is None
-    assert "want of digits" in made.reason
-    assert list(made.summary()["predicted"]) == list(made.summary()["measured"]) == KEYS
-
-
-@pytest.mark.slow
-def test_too_many_slabs_are_no_plan_and_the_reason_says_what_comes_nearest() -> None:
-    scene = view("sheets", (64, 48))
-    made = plan(scene, [scene.plate.middle], Requirement(separation=1e-4), [D16])
-    assert not made.within and made.settings is None
-    assert (made.depth, made.mapping) == D16
-    assert "No plan with up to 16 cuts" in made.reason and "sheets out of order" in made.reason
-    lengths = re.findall(r"(?:near|cut at|order that are) [-+.e\d]+(?: \S+)?", made.reason)
-    assert len(lengths) == 3
-    assert all(length.split()[-1].rstrip(",") == scene.units for length in lengths)
+    views = traced(view("asymmetric", SMALL))
+    outcome = Search(views, Requirement(separation=1e-6, choices=(D16, FINE))).best()
+    assert outcome.best is None and not outcome.able
 
 
 @pytest.mark.slow
 def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
-    scene = view("car", SMALL)
-    every = plan(scene, [scene.plate.middle])
-    assert (every.depth, every.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)
-    assert "the cheapest" in every.reason
-    sixteen = plan(scene, [scene.plate.middle], choices=depth_buffers(DepthFormat.D16))
-    # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first, then the larger
-    # margin.
-    assert sixteen.slabs == () and sixteen.mapping is DepthMapping.LOGARITHMIC
-    assert "the most robust" in sixteen.reason
+    views = views_of("car")
+    best = Search(views, Requirement()).best().best
+    assert (best.settings.depth, best.settings.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)
+    # Depth that fragments write needs no cut in 16 bits: fewer slabs count before cheaper buffers.
+    sixteen = Search(views, Requirement(choices=depth_buffers(DepthFormat.D16))).best().best
+    assert sixteen.settings.slabs == () and sixteen.settings.mapping is DepthMapping.LOGARITHMIC
 
 
 @pytest.mark.slow
 def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
     scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
-    made = plan(scene, [scene.plate.middle], Requirement(device=safe_model()), buffer)
+    requirement = Requirement(device=safe_model(), choices=buffer)
+    made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert made.settings is not None and made.predicted is not None
-    # Two of its steps are one of those that a device takes which stores the nearest.
+    # Two steps of this device are one of a device that stores the nearest step.
     assert made.predicted.separation == pytest.approx(
         2 * traced(scene).separation(made.settings), rel=0.01
     )
-    whole = PlatePlanner(
-        reference=Reference(scene),
-        scouted=scout(scene),
-        requirement=Requirement(device=safe_model()),
-        choices=buffer,
-    )
-    assert whole.first_views().device == safe_model()
+    planner = PlatePlanner(reference=Reference(scene), scan=scout(scene), requirement=requirement)
+    assert planner.first_views().device == safe_model()
 
 
-@pytest.fixture(scope="module")
-def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
-    file = tmp_path_factory.mktemp("scene") / "small.toml"
-    size = film(
-        (40.0, 30.0), hogels=(5, 4), resolution=(24, 18), fov_deg=(60.0, 50.0), reach=(100.0, 100.0)
-    )
-    file.write_text(size + part("torus", 30.0, (2.0, 1.0, -40.0)))
-    return str(file)
+def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on() -> None:
+    views, requirement = views_of("asymmetric-recentered"), Requirement()
+    coarse, usual, fine = buffer_limits(views, requirement)
+    assert coarse.smallest_near is not None and usual.smallest_near is not None and fine.any_near
+    assert coarse.smallest_near > 10 * usual.smallest_near
 
+    def keeps(near: float) -> bool:
+        settings = DoubleFrustum(near=near, depth=coarse.depth, mapping=coarse.mapping)
+        allowed = requirement.separation_in(views.scene.frustum) / SEPARATION_MARGIN
+        ordered = views.separation(settings) <= allowed
+        return ordered and views.depth_wrong(settings) <= requirement.max_wrong
 
-def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["plan", small_scene, "--json", "--quiet"]
-    assert main([*asked, "--depth", "d16", "--mapping", "gl", "--sample", "2"]) == 0
-    made = json.loads(capsys.readouterr().out)
-    names = "near slabs depth mapping predicted measured within reason plate device_model"
-    assert list(made) == [*names.split(), "largest", "without_cuts", "apertures"]
-    assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
-    assert list(made["predicted"]) == list(made["measured"]) == KEYS
-    assert made["within"] is True and made["depth"] == "d16" and made["mapping"] == "gl"
-    assert all(isinstance(height, float) for height in made["slabs"])
-    assert main([*asked, "--aperture", "2,1", "--separation", "1e-7"]) == 0
-    none = json.loads(capsys.readouterr().out)
-    assert none["near"] is None and none["slabs"] == [] and none["within"] is False
-
-
-def test_the_table_ends_in_a_command_that_draws_so(
-    small_scene: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
-    assert main(["plan", small_scene, *asked.split()]) == 0
-    text = capsys.readouterr().out
-    command = shlex.split(text.splitlines()[-1])
-    assert command[:2] == ["xfrustum", "raster"] and "--slabs" in command
-    monkeypatch.chdir(tmp_path)
-    assert main(command[1:]) == 0
-    assert "holds" in text
+    assert keeps(coarse.smallest_near) and not keeps(coarse.smallest_near / 1.01)
 
 
 def test_a_requirement_checks_itself() -> None:
     for name, wrong in (("tolerance_px", math.nan), ("separation", -1.0), ("max_wrong", 0.0)):
         with pytest.raises(InputError):
             replace(Requirement(), **{name: wrong})  # type: ignore[arg-type]
-    scene = open_scene("car")
-    assert Requirement().separation_in(scene.frustum) == pytest.approx(0.15)
-
-
-def test_apertures_all_over_the_plate() -> None:
-    scene: Scene = open_scene("car")
-    many = spread_apertures(scene.plate, 40)
-    columns, rows = scene.plate.hogels
-    assert many[0] == scene.plate.middle
-    assert {a.index for a in many[1:5]} == {(c, r) for c in (0, columns - 1) for r in (0, rows - 1)}
-    assert len({a.index for a in many}) == 40
-    assert many[:7] == spread_apertures(scene.plate, 7)
-    quarters = {(a.column < columns / 2, a.row < rows / 2) for a in many[5:13]}
-    assert len(quarters) == 4
-    tiny = replace(scene.plate, hogels=(2, 1))
-    assert {a.index for a in spread_apertures(tiny, 9)} == {(0, 0), (1, 0)}

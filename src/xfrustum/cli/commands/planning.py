@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -20,43 +21,17 @@ if TYPE_CHECKING:
 
 
 def _eyes(**given: Any) -> dict[str, Any]:
-    """Return what options say of a viewer; they are refused without a distance, or beside single hogels."""
-    said = options.present(**given)
-    if said and "viewer" not in said:
+    """Return the properties of a viewer; InputError for some without a distance."""
+    stated = options.present(**given)
+    if stated and "viewer" not in stated:
         raise click.UsageError(
-            f"{options.flag_of(next(iter(said)))} describes a viewer: give --viewer too"
+            f"{options.flag_of(next(iter(stated)))} describes a viewer: give --viewer too"
         )
-    for own in map(
-        options.flag_of, filter(options.is_given, ("aperture", "apertures", "tolerance_px"))
-    ):
-        if said:
-            about = f"{own} is about hogels, and a viewer sees all of them at once"
-            raise click.UsageError(f"{about}: leave out {own} or --viewer")
-    return said
+    return stated
 
 
-class _Planned(options.Measured):
+class _Plan(options.Measured):
     scene = options.scene_argument
-    depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
-    mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
-    sample = option(
-        options.COUNT_FROM_1,
-        "Random hogels that a plate's plan is measured at.",
-        default=SAMPLED_HOGELS,
-    )
-    seed = options.seed_option
-
-    def how(self) -> dict[str, Any]:
-        """Return what may be chosen from, and how the plan is measured."""
-        from xfrustum.compare.planning.plan import depth_buffers
-        from xfrustum.compare.sampling import RandomSample
-
-        sample = RandomSample(hogels=self.sample, seed=self.seed)
-        choices = depth_buffers(self.depth, self.mapping)
-        return {"choices": choices, "sample": sample, "progress": self.progress}
-
-
-class _Plan(_Planned):
     aperture = option(
         options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]"
     )
@@ -64,7 +39,10 @@ class _Plan(_Planned):
         or_auto(options.COUNT), "Plan for so many: middle, corners, then between; auto: the worst."
     )
     required = several(
-        tolerance_px=options.tolerance_option,
+        tolerance_px=option(
+            options.POSITIVE,
+            "Displacement that 99 % may have.  [default: 0.5; with --viewer any]",
+        ),
         separation=option(
             options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"
         ),
@@ -76,116 +54,88 @@ class _Plan(_Planned):
     eyes = group(
         _eyes,
         viewer=option(
-            options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."
+            options.LENGTH, "Viewing distance, such as 600mm: near that eyes do not notice."
         ),
         acuity_arcmin=option(
-            options.POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]", "--acuity"
+            options.POSITIVE, "Visual acuity, arc minutes.  [default: 1]", "--acuity"
         ),
         stereo_acuity_arcsec=option(
-            options.POSITIVE,
-            "Arc seconds of disparity that he tells.  [default: 20]",
-            "--stereo-acuity",
+            options.POSITIVE, "Stereo acuity, arc seconds.  [default: 20]", "--stereo-acuity"
         ),
-        eyes_apart_mm=option(
-            options.POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"
-        ),
-        pupil_mm=option(options.POSITIVE, "Millimeters of his pupils.  [default: 4]", "--pupil"),
+        eyes_apart_mm=option(options.POSITIVE, "Distance of the eyes, mm.  [default: 65]", "--ipd"),
+        pupil_mm=option(options.POSITIVE, "Diameter of the pupils, mm.  [default: 4]", "--pupil"),
     )
+    depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
+    mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
+    sample = option(
+        options.COUNT_FROM_1,
+        "Random hogels at which the plan of a plate is measured.",
+        default=SAMPLED_HOGELS,
+    )
+    seed = options.seed_option
+    out = option(options.FOLDER, "Folder for the page and plan.json.")
 
     def chosen(self, scene: Scene) -> Sequence[Aperture] | AutoApertures | None:
-        """Return the apertures to plan for; None for the whole plate."""
+        """Return the apertures of the plan; None for the whole plate."""
         from xfrustum.reports.planning import spread_apertures
 
-        if isinstance(self.apertures, str):
-            return options.auto_apertures(scene, progress=self.progress)
+        if self.aperture is not None and self.apertures is not None:
+            raise click.UsageError(options.ONE_OR_MANY)
         if self.aperture is None and self.apertures is None:
             return None
+        if self.eyes:
+            raise click.UsageError(
+                "a viewer sees all hogels at once: leave out --viewer, or --aperture and --apertures"
+            )
+        if isinstance(self.apertures, str):
+            return options.auto_apertures(scene, progress=self.progress)
         one = options.chosen_aperture(scene, self.aperture)
         chosen = [one] if self.apertures is None else spread_apertures(scene.plate, self.apertures)
         options.look_at(scene, chosen)
         return chosen
 
 
-@options.command("xfrustum plan asymmetric --apertures 3")
+@options.command("xfrustum plan asymmetric --viewer 400mm --out plan")
 def plan(asked: _Plan) -> None:
-    """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
+    """Plan the fewest slabs and the most robust near, and name what binds near.
 
-    The plan is made from the worst apertures of the plate, and measured at these and at a random
-    sample. With --aperture or --apertures it is made for these alone. With --viewer near may be as
-    large as eyes at that distance do not notice, whatever becomes of hogels' pixels.
-    """
-    if asked.aperture is not None and asked.apertures is not None:
-        raise click.UsageError(options.ONE_OR_MANY)
-    opened = options.open_scene(asked.scene)
-    from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.scout import AutoApertures
-    from xfrustum.raster import require_room
-    from xfrustum.reports.planning import make_plan, table
-
-    requirement = Requirement(**asked.required)
-    # The plan is measured by drawing it, but only after a search that traces and predicts for long.
-    require_room(opened)
-    if asked.eyes:
-        from xfrustum.compare.eye.noticeable import Viewer, scene_length
-        from xfrustum.reports.planning import make_viewer_plan, planned_table, scouted_plate
-
-        distance = scene_length(asked.eyes.pop("viewer"), opened)
-        viewer, scouted = (
-            Viewer(distance=distance, **asked.eyes),
-            scouted_plate(opened, asked.progress),
-        )
-        options.warn_of(opened)
-        seen = make_viewer_plan(scouted, viewer, requirement, **asked.how())
-        # The last line is the command that draws so, as in all plans.
-        planned = table(
-            seen.plan, opened, [opened.plate.middle], seen.requirement, seen.record.exceeded
-        )
-        asked.tell(seen.summary, lambda: f"{planned_table(seen.record, opened.units)}\n\n{planned}")
-        return
-    chosen = asked.chosen(opened)
-    made = make_plan(opened, chosen, requirement, **asked.how())
-    if chosen is None:
-        # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel
-        # sees.
-        options.warn_of(opened)
-    drawn = (
-        chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
-    )
-    asked.tell(made.summary, lambda: table(made, opened, drawn, requirement))
-
-
-class _Recommend(_Planned):
-    viewer = option(options.LENGTH, "Distance of who looks at the display, such as 600mm.")
-    display = option(
-        options.LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]"
-    )
-    tolerance_px = option(
-        options.POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]"
-    )
-    out = option(options.FOLDER, "Folder for the page and recommend.json.")
-
-
-@options.command("xfrustum recommend asymmetric --viewer 400mm --out recommend")
-def recommend(asked: _Recommend) -> None:
-    """Say how to draw a plate, and what decides it: the depth buffer, the pixels or the eye.
-
-    Joins what `plan` finds for hogels' pixels and for a viewer with what depth buffers ask for,
-    says which of them binds, whether to split, and what a coarser choice costs, and draws the map
-    of the largest near that each hogel allows.
+    Pixels of hogels bound near from above, and with --viewer the eyes at that distance; depth
+    buffers bound it from below. The plan is made from the worst apertures of the plate, and
+    measured at these and at a random sample. With --aperture or --apertures it is made for these
+    alone. With --viewer and --tolerance-px both eyes and pixels count.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.compare.eye.noticeable import Viewer, scene_length
-    from xfrustum.reports import recommend as recommending
+    from xfrustum.compare.planning.requirement import Requirement, depth_buffers
+    from xfrustum.compare.sampling import RandomSample
+    from xfrustum.raster import require_room
+    from xfrustum.reports import planning
 
-    options.check_out(asked.out, recommending.FILES)
-    if asked.display is not None:
-        opened = recommending.for_display(opened, scene_length(asked.display, opened))
-    viewer = None if asked.viewer is None else Viewer(distance=scene_length(asked.viewer, opened))
-    found = recommending.recommend(opened, viewer, asked.tolerance_px, **asked.how())
-    options.warn_of(opened)
+    options.check_out(asked.out, planning.FILES)
+    # OpenGL is needed only after a search of minutes: fail early.
+    require_room(opened)
+    viewer = None
+    if asked.eyes:
+        distance = scene_length(asked.eyes.pop("viewer"), opened)
+        viewer = Viewer(distance=distance, **asked.eyes)
+    required = options.present(**asked.required)
+    if viewer is not None:
+        required.setdefault("tolerance_px", math.inf)
+    chosen = asked.chosen(opened)
+    found = planning.plan(
+        opened,
+        chosen,
+        Requirement(**required, choices=depth_buffers(asked.depth, asked.mapping)),
+        viewer=viewer,
+        sample=RandomSample(hogels=asked.sample, seed=asked.seed),
+        progress=asked.progress,
+    )
+    if chosen is None:
+        # The middle may see nothing of what other hogels do; the scan refuses empty plates.
+        options.warn_of(opened)
     if asked.out is not None:
-        recommending.write_recommendation(found, asked.out)
-    asked.tell(found.summary, lambda: recommending.table(found))
+        planning.write_plan(found, asked.out)
+    asked.tell(found.summary, found.table)
 
 
 class _Cost(options.OneOrAuto):

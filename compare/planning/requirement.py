@@ -1,0 +1,145 @@
+"""Limits that a picture must keep, and errors that are held against them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import TYPE_CHECKING
+
+from xfrustum.compare.beyond import is_beyond
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.scenes.arguments import real, settle
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from xfrustum.compare.planning.viewer import ViewerRequirement
+
+SEPARATION_PER_REACH = 1e-3  #: default separation of ordered sheets, share of the longest reach
+
+
+DepthBuffer = tuple[DepthFormat, DepthMapping]
+
+
+def depth_buffers(
+    depth: DepthFormat | None = None, mapping: DepthMapping | None = None
+) -> tuple[DepthBuffer, ...]:
+    """Return the depth buffers of a format and a mapping; None for all formats, or all mappings."""
+    return tuple(product([depth] if depth else DepthFormat, [mapping] if mapping else DepthMapping))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Errors of settings at a hogel, or at the worst of several: measured, or predicted at most."""
+
+    displacement_p99_px: float  #: 0 where nothing is displaced, infinite where it is undefined
+    surface_fraction: float  #: share of judged pixels with the wrong surface
+    depth_wrong: float  #: share whose wrong surface is charged to depth, by the unluckiest order
+
+    def beyond(self, tolerance_px: float) -> bool:
+        """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
+        return is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
+
+
+def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
+    """Return the worst of each error of some hogels, by the name of its field."""
+    some = list(results)
+    return {one.name: max(getattr(found, one.name) for found in some) for one in fields(Errors)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality(Errors):
+    """Errors at the worst of some apertures, with those of sheets at the farthest visible surface."""
+
+    misordered: float  #: share of pixels that show the wrong one of two sheets a separation apart
+    #: smallest separation of which at most `MAX_MISORDERED_FRACTION` is wrong, scene units; 0
+    #: where no two surfaces can be misordered
+    separation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Requirement:
+    """Limits of a plan; InputError for numbers out of range."""
+
+    #: largest 99th percentile of displacement, pixels; infinite where a viewer's eyes alone judge
+    tolerance_px: float = TOLERANCE_PX
+    #: distance of ordered sheets, scene units; None for `SEPARATION_PER_REACH` of the reach
+    separation: float | None = None
+    max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
+    device: DeviceModel | None = None  #: device that draws; None for the one at hand
+    viewer: ViewerRequirement | None = None  #: limits of a viewer's eyes
+    choices: tuple[DepthBuffer, ...] = ()  #: depth buffers to choose from; empty for all
+
+    def __post_init__(self) -> None:
+        tolerance, share = real(self.tolerance_px), real(self.max_wrong)
+        separation = None if self.separation is None else real(self.separation)
+        if not tolerance > 0:
+            raise InputError(
+                f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}"
+            )
+        if separation is not None and not (math.isfinite(separation) and separation > 0):
+            raise InputError(f"separation must be a positive length, not {self.separation!r}")
+        if not 0 < share < 1:
+            raise InputError(
+                f"the largest share of wrong pixels must lie between 0 and 1, not {share!r}"
+            )
+        settle(self, tolerance_px=tolerance, separation=separation, max_wrong=share)
+
+    @property
+    def buffers(self) -> tuple[DepthBuffer, ...]:
+        """Depth buffers to choose from."""
+        return self.choices or depth_buffers()
+
+    @property
+    def pixels_count(self) -> bool:
+        """Whether displacement and wrong surfaces of hogels' pixels limit near."""
+        return math.isfinite(self.tolerance_px)
+
+    @property
+    def beyond_px(self) -> float:
+        """Displacement from which on a hogel is beyond, pixels; the usual one where eyes judge."""
+        return self.tolerance_px if self.pixels_count else TOLERANCE_PX
+
+    def separation_in(self, frustum: Frustum) -> float:
+        """Return the separation in scene units."""
+        return self.separation or SEPARATION_PER_REACH * frustum.longest_reach
+
+    def ratios(self, found: Errors) -> dict[str, float]:
+        """Return the ratio of each error to its limit, by the name of its field."""
+        moved, wrong = found.displacement_p99_px / self.tolerance_px, 0.0
+        if self.pixels_count:
+            wrong = found.surface_fraction / MAX_WRONG
+        return {
+            "displacement_p99_px": moved if self.pixels_count else 0.0,
+            "surface_fraction": wrong,
+            "depth_wrong": found.depth_wrong / self.max_wrong,
+        }
+
+    def worst_measure(self, found: Errors) -> str:
+        """Return the name of the error with the largest ratio to its limit."""
+        ratios = self.ratios(found)
+        return max(ratios, key=ratios.__getitem__) if any(ratios.values()) else "surface_fraction"
+
+    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
+        """Return the largest ratio to their limits of the errors that grow with near."""
+        pixels = self.ratios(found)
+        eyes = 0.0 if self.viewer is None else self.viewer.excess(settings)
+        return max(pixels["displacement_p99_px"], pixels["surface_fraction"], eyes)
+
+    def excess(self, found: Errors) -> float:
+        """Return the largest ratio of errors to their limits; infinite where one is undefined."""
+        return max(self.ratios(found).values())
+
+    def missed_by(self, found: Errors) -> bool:
+        """Return whether a hogel exceeds a limit."""
+        return self.excess(found) > 1
+
+    def met_by(self, found: Quality) -> bool:
+        """Return whether measured errors keep all limits."""
+        return not self.missed_by(found) and found.misordered <= MAX_MISORDERED_FRACTION

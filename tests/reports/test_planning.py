@@ -1,0 +1,90 @@
+"""`xfrustum plan`: its JSON object, its page, and the commands that it names."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.scene_file import film, part
+from xfrustum.cli.main import main
+
+KEYS = ["displacement_p99_px", "surface_fraction", "depth_wrong", "misordered", "separation"]
+
+
+@pytest.fixture(scope="module")
+def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("scene") / "small.toml"
+    size = film(
+        (40.0, 30.0), hogels=(5, 4), resolution=(24, 18), fov_deg=(60.0, 50.0), reach=(100.0, 100.0)
+    )
+    file.write_text(size + part("torus", 30.0, (2.0, 1.0, -40.0)))
+    return str(file)
+
+
+def planned(line: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert main(["plan", *line.split(), "--json", "--quiet"]) == 0
+    made: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return made
+
+
+def test_json_and_page_are_as_promised(
+    small_scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = planned(f"{small_scene} --depth d16 --mapping gl --sample 2 --out {tmp_path}", capsys)
+    names = "near near_range slabs split depth mapping within sentence reason binds limits command confirm"
+    rest = "predicted measured plate apertures buffers hogels device_model"
+    assert list(made) == [*names.split(), *rest.split()]
+    assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
+    assert list(made["predicted"]) == list(made["measured"]) == KEYS
+    assert made["within"] and (made["depth"], made["mapping"]) == ("d16", "gl")
+    least, largest = made["near_range"]
+    assert least <= largest == made["near"] and made["split"] == bool(made["slabs"])
+    assert list(made["hogels"].values()) == sorted(made["hogels"].values())
+    command, confirm = shlex.split(made["command"]), shlex.split(made["confirm"])
+    assert command[:2] == ["xfrustum", "plate"] and confirm[:2] == ["xfrustum", "survey"]
+    assert made == json.loads((tmp_path / "plan.json").read_text())
+    page = (tmp_path / "index.html").read_text()
+    assert made["sentence"] in page.replace("&#39;", "'") and "largest near that keeps" in page
+
+
+def test_without_a_plan_every_number_is_null(
+    small_scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    none = planned(f"{small_scene} --aperture 2,1 --separation 1e-7", capsys)
+    assert none["near"] is None and none["near_range"] is None and none["slabs"] == []
+    assert none["within"] is False and none["command"] is None
+    assert set(none["predicted"].values()) == {None}
+    assert none["sentence"].startswith("No plan: sheets")
+
+
+def test_the_text_ends_in_a_command_that_draws_so(
+    small_scene: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Coarse depth needs cuts for sheets so close: depth binds, and the frusta are split."""
+    asked = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
+    assert main(["plan", small_scene, *asked.split()]) == 0
+    text = capsys.readouterr().out
+    command = shlex.split(text.splitlines()[-1])
+    assert command[:2] == ["xfrustum", "raster"] and "--slabs" in command
+    assert "one pair of frusta is not enough" in " ".join(text.split()) and "binds" in text
+    monkeypatch.chdir(tmp_path)
+    assert main(command[1:]) == 0
+
+
+def test_a_surface_in_every_aperture_leaves_no_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    size = film(
+        (40.0, 30.0), hogels=(4, 3), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(60.0, 60.0)
+    )
+    (tmp_path / "flat.toml").write_text(size + part("square", 80.0, (0.0, 0.0, 0.0)))
+    made = planned(f"{tmp_path / 'flat.toml'} --sample 2", capsys)
+    assert made["sentence"].startswith("No plan: a surface lies in every aperture")
+    assert made["binds"] == "pixels" and made["near"] is None
+    assert made["plate"]["infeasible"] == np.prod([4, 3])
