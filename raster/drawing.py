@@ -1,4 +1,4 @@
-"""A scene on the GPU: materials, lights, textures, reflections, and its drawing (paper, sections 3 and 6)."""
+"""Materials, lights, textures and reflections of a scene on the GPU (paper, sections 3, 6)."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -34,7 +34,7 @@ BYTES_PER_TEXEL = 4  #: bytes of a texel: red, green, blue and alpha, of 8 bits 
 
 
 class Textures:
-    """All textures, (H, W, 4) uint8 sRGB, on the GPU; InputError where its largest block is too small."""
+    """All textures, (H, W, 4) uint8 sRGB, on the GPU; InputError if its block is too small."""
 
     def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
         largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
@@ -69,18 +69,18 @@ SURFACES, MATERIALS, LIGHTS = (
     8,
 )  #: bindings of storage blocks, as in surface.glsl and phong.glsl
 
+#: Bindings of uniform blocks, which hold materials and lights where they are large enough
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
-"""Bindings of uniform blocks, which hold materials and lights where they are large enough."""
 
+#: Names of the length of a uniform block in the shaders
 COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
-"""Names by which the shaders know the length of a uniform block."""
 
+#: Flags of a triangle beside the number of its material, as in surface.glsl
 IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
-"""Flags of a triangle beside the number of its material, as in surface.glsl."""
 
 
 class Shading:
-    """Materials, lights and textures as the shaders read them, uploaded once; textures if they are an effect.
+    """Materials, lights and, if they are an effect, textures for the shaders, uploaded once.
 
     `surfaces` has the material and texture of each triangle, `defines` the names that the shaders
     need.
@@ -128,25 +128,25 @@ def description(material: Material, strength: float) -> list[float]:
 
 
 def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
-    """Return the numbers of each triangle's material, with flags, and of its texture, plus 1: (F, 2)."""
+    """Return (F, 2) numbers of each triangle's material, with flags, and texture, plus 1."""
     number = {material: index for index, material in enumerate(materials)}
     of_object = np.array([number[material] for material in scene.materials], dtype=np.uint32)
-    found = np.zeros((len(scene.faces), 2), dtype=np.uint32)
-    found[:, 0] = of_object[scene.object_of_triangle]
+    numbers = np.zeros((len(scene.faces), 2), dtype=np.uint32)
+    numbers[:, 0] = of_object[scene.object_of_triangle]
     surface = scene.surface
     if surface.vertex_normals is not None:
         has_normal = np.asarray(np.isfinite(surface.vertex_normals).all(axis=1))
-        found[has_normal[scene.faces].all(axis=1), 0] |= IS_SMOOTH
+        numbers[has_normal[scene.faces].all(axis=1), 0] |= IS_SMOOTH
     if surface.vertex_colors is not None:
         has_color = np.asarray((surface.vertex_colors != 1).any(axis=1))
-        found[has_color[scene.faces].any(axis=1), 0] |= IS_COLORED
+        numbers[has_color[scene.faces].any(axis=1), 0] |= IS_COLORED
     if surface.texture_of_triangle is not None:
-        found[:, 1] = surface.texture_of_triangle + 1
-    return found
+        numbers[:, 1] = surface.texture_of_triangle + 1
+    return numbers
 
 
 def single(values: list[list[float]]) -> Singles:
-    """Return values as float32, clipped to finite ones, because zero times infinity would not be zero."""
+    """Return values as finite float32: zero times infinity would not be zero."""
     largest = float(np.finfo(np.float32).max)
     return np.clip(values, -largest, largest).astype(np.float32)
 
@@ -155,7 +155,7 @@ IDENTITIES, ENVIRONMENT = 0, 1  #: texture units, as in reflection.frag and envi
 
 
 class Environment:
-    """The environment map on the GPU, or black, and what reflects it; InputError where it is too large."""
+    """Environment map on the GPU, or black, and reflecting triangles; InputError if too large."""
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         environment = scene.appearance.environment
@@ -164,8 +164,8 @@ class Environment:
         limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
         if max(width, height) > limit:
             raise InputError(
-                f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x {limit}, "
-                f"not {width} x {height}; use a smaller one"
+                f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x "
+                f"{limit}, not {width} x {height}; use a smaller one"
             )
         # The first row is the top one: the shader fetches texels by number and counts rows from the
         # top.
@@ -189,18 +189,18 @@ def reflecting(scene: Scene) -> list[tuple[int, int]]:
     return [(int(start), int(end - start)) for start, end in changes.reshape(-1, 2)]
 
 
+#: Names of hogel.vert and hogel.frag for a picture without color
 NUMBERS_ALONE = {"NUMBERED": "1"}
-"""Names that hogel.vert and hogel.frag ask for where a picture has no color."""
 
+#: Fragment shader of a program, and the names that are defined in it
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
-"""Fragment shader of a program, and the names that are defined in it."""
 
+#: A program, and the mesh with the attributes that it reads; None where no triangle is to be drawn
 ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
-"""A program, and the mesh with the attributes that it reads; None where no triangle is to be drawn."""
 
 
 class Drawing:
-    """A scene's mesh and, once a picture in color is asked for, its materials and lights on the GPU.
+    """Mesh of a scene and, from its first picture in color on, materials and lights on the GPU.
 
     The scene has at least one triangle; the context is current now, and whenever something is
     drawn.
@@ -234,7 +234,7 @@ class Drawing:
         *,
         color: bool,
     ) -> None:
-        """Draw all cameras' pictures from the back, then reflections over them, into a cleared target.
+        """Draw all cameras from the back, then their reflections, into a cleared target.
 
         Shaders contain the effects that are simulated alone. Without `color` there are triangle
         numbers alone.
@@ -294,7 +294,7 @@ class Drawing:
             mesh.render(first=3 * first, vertices=3 * count)
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
-        """Set what pictures and reflections alike must know of a camera."""
+        """Set the camera uniforms of pictures and reflections."""
         set_facing(self._context, camera)
         self._mesh.bind()
         set_camera(shaders, number, camera, target.size)
@@ -302,7 +302,7 @@ class Drawing:
     def _drawn(
         self, fragment: str, defines: dict[str, str], side: int | None = None
     ) -> ProgramWithMesh:
-        """Return a program and the mesh for it: with numbers of its own for some side, if one is given."""
+        """Return a program and its mesh, with numbers of its own for a `side` of the plate."""
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             self._programs[key] = program(self._context, fragment, defines)

@@ -34,9 +34,9 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+#: Points that are drawn at once. This bounds a target's memory, 28 bytes for each coverage sample
+#: of a point.
 POINTS_AT_ONCE = 1 << 21
-"""Points that are drawn at once. This bounds a target's memory, 28 bytes for each coverage sample of a
-point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class Tile:
 
 
 def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Tile]:
-    """Return tiles of one size that cover a film of W, H pixels, row by row; `largest` points in a row."""
+    """Yield tiles of one size over a film of W, H pixels, at most `largest` points wide."""
     width, height = film
     columns = min(width, max(1, min(largest, POINTS_AT_ONCE // supersample) // supersample))
     at_once = max(1, POINTS_AT_ONCE // (columns * supersample**2))
@@ -80,7 +80,7 @@ def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Til
 
 
 class Mean:
-    """The mean color of images of W, H pixels that are drawn in tiles, summed in double precision."""
+    """Mean color of images of W, H pixels drawn in tiles, summed in double precision."""
 
     def __init__(self, film: tuple[int, int]) -> None:
         self._sum = np.zeros((film[1], film[0], 3))
@@ -103,13 +103,11 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-SHOWN_CAMERAS = (
-    2  #: pairs of cameras whose points are kept: a sweep begins with the next before one is done
-)
+#: pairs of cameras whose points are kept: a sweep begins with the next before one is done
+SHOWN_CAMERAS = 2
 
-SINGLE_SAMPLE = (
-    Sampling()
-)  #: the sampling with one point a pixel, seen through the middle of the aperture
+#: the sampling with one point a pixel, seen through the middle of the aperture
+SINGLE_SAMPLE = Sampling()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,11 +120,11 @@ class Drawn:
 
 
 class Rasterizer(ContextOwner):
-    """A scene on the GPU, uploaded once in float32, ready to be drawn for any aperture and any settings.
+    """Scene on the GPU, uploaded once in float32, drawn for any aperture and settings.
 
     A context manager: leaving it frees the context. `effects` are those that are simulated, None
     for those that the scene calls for, more with settings whose near is so tiny that surfaces
-    beyond the reach are shown. `model` is that of the device, None for what is known of it. Raises
+    beyond the reach are shown. `model` is the model of the device, None for the known one. Raises
     InputError where there is no usable OpenGL, the scene is too large for it, or an effect is not
     one.
     """
@@ -175,13 +173,13 @@ class Rasterizer(ContextOwner):
             coverage, largest = most_samples(), largest_image()
         if sampling.multisample > coverage:
             raise InputError(
-                f"multisample {sampling.multisample} is too fine for {device}, which has at most {coverage} "
-                "coverage samples; choose fewer, or supersample"
+                f"multisample {sampling.multisample} is too fine for {device}, which has at most "
+                f"{coverage} coverage samples; choose fewer, or supersample"
             )
         if sampling.supersample > largest:
             raise InputError(
-                f"supersample {sampling.supersample} is too fine for {device}, which draws at most {largest} "
-                "points in a row; choose fewer"
+                f"supersample {sampling.supersample} is too fine for {device}, which draws at most "
+                f"{largest} points in a row; choose fewer"
             )
 
     def effects_for(self, settings: DoubleFrustum) -> frozenset[Effect]:
@@ -205,8 +203,8 @@ class Rasterizer(ContextOwner):
     ) -> HogelImage:
         """Return the hogel image of an aperture.
 
-        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` is that
-        of color, None for the scene's: triangles and positions are always those at the pixel's
+        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` applies
+        to color, None for the scene's: triangles and positions are always those at the pixel's
         center, seen through the middle of the aperture. Raises InputError where near is not smaller
         than the reach, or the device cannot sample so finely.
         """
@@ -234,8 +232,7 @@ class Rasterizer(ContextOwner):
             clock = GpuClock()
             with clock:
                 # A software renderer reads the clock once for each tile, when it works on that
-                # tile. The flush keeps the query that begins the stage out of the batch with the
-                # one that ends it.
+                # tile. The flush keeps both queries in different batches.
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             start = time.perf_counter()
@@ -277,15 +274,15 @@ class Rasterizer(ContextOwner):
     def _position(
         self, target: Target, passes: Sequence[Pass], identity: NDArray[np.uint32]
     ) -> Singles:
-        """Return the surface points (H, W, 3) of what was drawn, NaN where nothing was.
+        """Return the surface points (H, W, 3) of a picture, NaN for none.
 
-        Depth buffers change what the same cameras show at few pixels: the other points are those of
-        the picture before.
+        Depth buffers change few pixels of the same cameras: all other points are copied from the
+        picture before.
         """
         position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
         if self._positions is None or not passes:
             return position
-        # Of a matrix, the row of depth does not matter here.
+        # The row of depth of a matrix does not matter here.
         cameras = tuple(
             (camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes
         )
@@ -304,7 +301,7 @@ class Rasterizer(ContextOwner):
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
     ) -> Singles:
-        """Return the color that the target shows or, where more samples are asked for, their mean."""
+        """Return the color of the target or, of several samples, their mean."""
         if sampling == SINGLE_SAMPLE:
             return target.read_color()
         film = self.scene.frustum.resolution

@@ -23,9 +23,9 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
+#: Points along each side of a pixel that integrate the box of multisampling. A straight edge along
+#: the rows or columns of points is off by at most half a row, 1/16 of the pixel; others by less.
 BOX_SIDE = 8
-"""Points along each side of a pixel that integrate the box of multisampling. A straight edge along
-the rows or columns of points is off by at most half a row, 1/16 of the pixel; others by less."""
 
 #: pixels whose sums are held at once, which bounds memory: 24 bytes a pixel
 AVERAGED_PIXELS = 1 << 22
@@ -75,15 +75,15 @@ def mean_color(
     return total / (len(apertures) * side * side)
 
 
+#: Number of independent estimates. Eight determine the standard error of a pixel to one part in
+#: sqrt(2 (8 - 1)), and of a picture, the root mean square over its pixels, far better.
 SCRAMBLINGS = 8
-"""Number of independent estimates. Eight determine the standard error of a pixel to one part in
-sqrt(2 (8 - 1)), and of a picture, the root mean square over its pixels, far better."""
 
+#: First number of points of each scrambling: estimates of fewer may all miss an edge, and agree
 FIRST_POINTS = 4
-"""First number of points of each scrambling: estimates of fewer may all miss an edge, and agree."""
 
+#: Default standard error, radiance: a quarter of an 8-bit step of full scale
 TOLERANCE = 1e-3
-"""Default standard error, radiance: a quarter of an 8-bit step of full scale."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -57,8 +57,8 @@ __all__ = [
     "vectors_on_device",
 ]
 
+#: Coordinates of vectors: arrays with a lane for each vector, or numbers for all lanes
 Vector = Sequence[Any]
-"""Coordinates of vectors: arrays with a lane for each vector, or numbers for all lanes."""
 
 Table = Callable[[Any], list[Any]]  #: function from indices of rows to the columns of these rows
 
@@ -72,11 +72,11 @@ _KINDS = {
 
 _INT32 = np.iinfo(np.int32)
 
+#: Addend of `product` on CUDA. It lies in memory, because a literal zero would be folded away.
 _MINUS_ZERO = dr.opaque(Float64, -0.0) if ARRAYS == "cuda" else None
-"""Addend of `product` on CUDA. It lies in memory, because a literal zero would be folded away."""
 
+#: Lock for recording kernels, one at a time per process; a kernel uses all processors
 _RECORDER = threading.RLock()
-"""Lock for recording kernels, one at a time per process; a kernel uses all processors."""
 
 
 @contextmanager

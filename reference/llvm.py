@@ -21,26 +21,26 @@ from typing import Any
 
 from xfrustum.scenes.errors import InputError
 
+#: Environment variable that Dr.Jit reads first. Where it is set, no other library is considered.
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
-"""Environment variable that Dr.Jit reads first. Where it is set, no other library is considered."""
 
 CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder of compiled kernels
 
+#: Oldest version in use: Dr.Jit refuses 14; its minimum and maximum abort with 15 and 16
 OLDEST_LLVM = 17
-"""Oldest version in use: Dr.Jit refuses 14; its minimum and maximum abort with 15 and 16."""
 
 TESTED_LLVM = 19  #: version that is preferred; of the others, the nearest to it
 
+#: Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could
 FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
-"""Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could."""
 
+#: Environment variable with the largest number of threads of a process, a share of the machine for
+#: each of several workers. Pools of ray tracers ignore the CPUs that a process may run on.
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
-"""Environment variable with the largest number of threads of a process, a share of the machine for
-each of several workers. Pools of ray tracers ignore the CPUs that a process may run on."""
 
+#: Environment variable for the device of Dr.Jit's arrays, and its values; `auto`, the default,
+#: takes CUDA where Dr.Jit has a card
 DEVICE_VARIABLE, DEVICES = "XFRUSTUM_DEVICE", ("auto", "llvm", "cuda")
-"""Environment variable for the device of Dr.Jit's arrays, and its values; `auto`, the default,
-takes CUDA where Dr.Jit has a card."""
 
 Version = tuple[int, int, int]
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+#: Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each
 BAND_PIXELS = 1 << 19
-"""Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each."""
 
 PIXEL_BYTES = 400  #: approximate memory for each pixel of a band that is being made
 
+#: Pixels of a band of an image that is kept whole: joining smaller bands would cost more time. A
+#: band adds some 80 bytes a pixel to the image's own 70.
 WHOLE_PIXELS = 1 << 22
-"""Pixels of a band of an image that is kept whole: joining smaller bands would cost more time.
-A band adds some 80 bytes a pixel to the image's own 70."""
 
 
 def bands(width: int, rows: range, pixels: int = BAND_PIXELS) -> Iterator[range]:
@@ -23,12 +23,12 @@ def bands(width: int, rows: range, pixels: int = BAND_PIXELS) -> Iterator[range]
         yield range(start, min(start + size, rows.stop))
 
 
+#: Values behind the end of an array that kernels may read: they load vectors of up to 16 lanes and
+#: gather single bytes four at a time; NumPy's arrays end where their last value does
 PADDING = 64
-"""Values behind the end of an array that kernels may read: they load vectors of up to 16 lanes and
-gather single bytes four at a time; NumPy's arrays end where their last value does."""
 
+#: Alignment of arrays, bytes: Dr.Jit compiles a kernel for each mix of alignments
 ALIGNMENT = 64
-"""Alignment of arrays, bytes: Dr.Jit compiles a kernel for each mix of alignments."""
 
 
 def padded(values: NDArray[Any], kind: DTypeLike) -> NDArray[Any]:

@@ -42,8 +42,8 @@ from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
+#: Smallest squared area as a divisor, in place of zero for a triangle without area
 MIN_SQUARED_AREA = 2.0**-1000
-"""Smallest squared area as a divisor, in place of zero for a triangle without area."""
 
 
 class Table:
@@ -241,22 +241,22 @@ def _between_texels(texel: Callable[[Any, Any], Any], down: Any, right: Any) -> 
 
 SINGLE = 2.0**-24  #: unit roundoff of float32
 
+#: Distance of rays' starts from their surface, in roundings of the scene's largest coordinate, on
+#: the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
+#: start to float32 moves them against each other by up to 2 sqrt(3). From corners relative to the
+#: start, up to 2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6
+#: roundings. The sum is 25, and 64 leaves a factor of two. A shadow that begins nearer to its
+#: caster than this is lost: some 4e-6 of the scene's size.
 CLEARANCE = 64
-"""Distance of rays' starts from their surface, in roundings of the scene's largest coordinate, on
-the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
-start to float32 moves them against each other by up to 2 sqrt(3). From corners relative to the
-start, up to 2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6
-roundings. The sum is 25, and 64 leaves a factor of two. A shadow that begins nearer to its caster
-than this is lost: some 4e-6 of the scene's size."""
 
+#: Bounces of every path, and largest chance to go on after them (Russian roulette)
 FREE_BOUNCES, MAX_CHANCE = 3, 0.95
-"""Bounces of every path, and largest chance to go on after them (Russian roulette)."""
 
+#: Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308
 MIN_LOGARITHM = -700.0
-"""Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308."""
 
+#: Largest number of bounces. Light scattered more often is left out: at albedo 0.9, 1e-6 of it.
 MAX_BOUNCES = 128
-"""Largest number of bounces. Light scattered more often is left out: at albedo 0.9, 1e-6 of it."""
 
 
 class LightPaths:

@@ -44,12 +44,12 @@ from xfrustum.scenes.representation import counted, digits, percent
 
 PAGE, DATA = "index.html", "view.json"
 
+#: Titles of an eye's pictures by the stem of their files
 NAMES = {
     "true": "the true view",
     "replayed": "the replayed truth",
     "drawn": "the renderer's hogels",
 }
-"""Titles of an eye's pictures by the stem of their files."""
 
 SEEN_ARCMIN = 1.0  #: displacement in full color on a loss map, arc minutes: acuity of a good eye
 MAX_SHOWN_EYES = 4  #: largest number of eyes with pictures in a notebook

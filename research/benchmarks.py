@@ -42,8 +42,8 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
+#: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
 Record = dict[str, Any]
-"""The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
 
 RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fraction of the reach
 
@@ -155,6 +155,7 @@ def report(
 # The truth, next to tracers that prove nothing
 # ------------------------------------------------------------
 
+#: All contestants, as those of the other benchmarks, in the order in which they are listed
 TRUTH_MEANINGS = {
     "mitsuba": "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
     "embree": "Embree through embreex, robust, rays from NumPy: triangle numbers",
@@ -162,10 +163,9 @@ TRUTH_MEANINGS = {
     "certified": "certified triangle, place along the line and certainty, with all set-up",
     "truth": "the whole true image: also points, normals and colors, without a second opinion",
 }
-"""All contestants, as those of the other benchmarks, in the order in which they are listed."""
 
+#: Pairs of contestants, here and below; the rate of the first is divided by that of the second
 TRUTH_RATIOS = [(one, other) for one in ("certified", "truth") for other in ("mitsuba", "trimesh")]
-"""Pairs of contestants, here and below; the rate of the first is divided by that of the second."""
 
 
 _TRACING = {"embree": "processors", "trimesh": "processors"}

@@ -19,9 +19,8 @@ from xfrustum.scenes.library.car import car
 REACH = 1000.0
 #: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.
 FARTHEST = 0.999 * REACH
-CAR_RATIO = (
-    1.5  #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
-)
+#: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
+CAR_RATIO = 1.5
 #: Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that
 #: come nearer than about this lie beside the film of the middle aperture.
 SHIFT_PER_REACH = 0.05

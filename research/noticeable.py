@@ -29,14 +29,14 @@ from xfrustum.scenes.representation import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
-USUAL_DISTANCE = (
-    600.0  # that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
-)
+#: that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
+USUAL_DISTANCE = 600.0
 SEEN_ARCSEC = 1.0  # from which on replay and closed form are compared: a twentieth of stereo acuity
 
+#: Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and
+#: Pearson at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong,
+#: 2,995 would do.
 PIXELS = 4742
-"""Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and Pearson
-at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong, 2,995 would do."""
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,17 @@ class Row(Replay, Cell):
     crack_arcmin: float | None  #: of a surface that runs through the plate, if there is one
     crack_hidden_arcmin: float  #: width of one that is not noticed
     crack_hidden_by: str
-    ordered_separation: (
-        float  #: smallest that the depth buffer orders at the farthest visible surfaces
-    )
+    #: smallest that the depth buffer orders at the farthest visible surfaces
+    ordered_separation: float
     resolved_separation: float  #: smallest that the viewer, or the display, tells apart there
     resolved_by: str
-    pixels_median: (
-        float | None
-    )  #: p99 of displacement, pixels; None where surfaces pass through the aperture
+    #: p99 of displacement, pixels; None where surfaces pass through the aperture
+    pixels_median: float | None
     pixels_worst: float | None
     pixels_beyond: float  #: share of the apertures that are displaced by more than `TOLERANCE_PX`
     asked_separation: float  #: what `plan` asks for without a viewer
-    nearest_distance: (
-        float  #: from the eyes to the nearest surface before the plate, or to the plate
-    )
+    #: from the eyes to the nearest surface before the plate, or to the plate
+    nearest_distance: float
     sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
 
     @property

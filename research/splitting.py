@@ -49,9 +49,8 @@ SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # distances of two sheets
 ASKED_SEPARATION = 1e-3  # distance of two surfaces at the far end that a depth buffer must order
 
 SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4  # along each side of the film of sheets, and of a cell
-SHEET_PHASE = (
-    0.05  # heights of a sheet's cells differ so much, so that not all their depths round alike
-)
+#: heights of a sheet's cells differ so much, so that not all their depths round alike
+SHEET_PHASE = 0.05
 SHEET_HEIGHT = FARTHEST / (
     1 + SHEET_PHASE
 )  # mean |z|: the cells of the farther one end at the farthest surface
@@ -177,6 +176,8 @@ class Grid:
 Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest down, and grids
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
+#: Depth buffers of the other families: those that devices store without a fragment's help, and one
+#: that a fragment writes. Depth is that of the first family, for the same |z| and near.
 _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -184,8 +185,6 @@ _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D32F, DepthMapping.REVERSED),
     (DepthFormat.D24, DepthMapping.LOGARITHMIC),
 )
-"""Depth buffers of the other families: those that devices store without a fragment's help, and one that a
-fragment writes. Depth is that of the first family, for the same |z| and near."""
 
 _FIRST = Grid(
     Family.ONE_SIDE, SIDES, _DEPTHS, tuple(product(DepthFormat, DepthMapping)), (128, 256, 512)
@@ -308,8 +307,8 @@ def _camera(sheets: Cell) -> tuple[Camera, float]:
     return sheets.side, 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
+#: What this process has measured of sheets: cells of many pictures share them
 _MISORDERED: dict[Cell, tuple[float, ...]] = {}
-"""What this process has measured of sheets: cells of many pictures share them."""
 
 
 def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
@@ -450,9 +449,8 @@ class Outcome(NamedTuple):
     """What is enough in a case."""
 
     nears: tuple[float, ...]  # with any of which one pair of frusta is enough, largest first
-    slabs: (
-        tuple[float, ...] | None
-    )  # heights of the fewest slabs that were enough; None where none were
+    #: heights of the fewest slabs that were enough; None where none were
+    slabs: tuple[float, ...] | None
 
 
 def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
@@ -687,13 +685,14 @@ def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[st
     return list(columns.values()), lines
 
 
+#: Colors of the maps, of Okabe and Ito's palette, which color-blind readers tell apart; and
+#: meanings
 COLORS = {
     Suitability.ENOUGH: ("#009E73", "one pair is enough"),
     Suitability.BENT: ("#E69F00", "bent by the near plane"),
     Suitability.STARVED: ("#56B4E9", "starved of depth"),
     Suitability.BOTH: ("#5b5b5b", "both"),
 }
-"""Colors of the maps, of Okabe and Ito's palette, which color-blind readers tell apart; and meanings."""
 
 
 def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:

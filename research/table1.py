@@ -25,23 +25,23 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import studio
 from xfrustum.scenes.model.scene import read_only
 
+#: Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of
+#: them are drawn one by one, with antialiasing and without: each takes longer
 COLUMNS, ANTIALIASED_COLUMNS = 12, 4
-"""Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of them are
-drawn one by one, with antialiasing and without: each takes longer."""
 
+#: Antialiasing as it is measured: the largest number of coverage samples that Mesa's software
+#: renderer has. The paper does not say how many its hardware took.
 ANTIALIASED = Sampling(multisample=4)
-"""Antialiasing as it is measured: the largest number of coverage samples that Mesa's software renderer has.
-The paper does not say how many its hardware took."""
 
+#: The machines of the paper; antialiasing was on in the first
 REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
-"""The machines of the paper; antialiasing was on in the first."""
 
+#: Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the
+#: frames and the polygons a second
 PAPER = (
     (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
     (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),
 )
-"""Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the frames and
-the polygons a second."""
 
 
 def benchmark_table1(

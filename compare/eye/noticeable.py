@@ -65,19 +65,21 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
     return not frustum.recentered or straight or settings.offset is Offset.NONE
 
 
+#: Smallest angle that a good eye resolves, smallest difference of disparity that an ordinary
+#: observer tells from none, the best from a tenth of it, and distance of two eyes
+#: (docs/noticeable.md, "Which viewer")
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
-"""Smallest angle that a good eye resolves, smallest difference of disparity that an ordinary observer tells
-from none, the best from a tenth of it, and distance of two eyes (docs/noticeable.md, "Which viewer")."""
 
+#: Length of the units that are known by name
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
-"""Length of the units that are known by name."""
 
 GREEN_MM = 550e-6  #: a wavelength to which eyes are most sensitive
 
 ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
 
+#: Depths from the nearest to the farthest on a side at which disparity is looked at: it changes
+#: smoothly
 DEPTH_SAMPLES = 33
-"""Depths from the nearest to the farthest on a side at which disparity is looked at: it changes smoothly."""
 
 
 def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
@@ -130,9 +132,8 @@ class Display:
     size: tuple[float, float]  #: of the plate, scene units
     pitch: float  #: of the hogels, scene units
     pixel: float  #: slope between the directions of neighboring pixels of a hogel
-    diffraction: (
-        float  #: wavelength over pitch; 0 where the length of the scene's unit is not known
-    )
+    #: wavelength over pitch; 0 where the length of the scene's unit is not known
+    diffraction: float
     millimeters: float | None  #: length of the scene's unit; None where it is not known
 
     @classmethod
@@ -164,9 +165,8 @@ class DisplayLimits:
     """
 
     viewer: Viewer
-    pixel_arcmin: (
-        float  #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
-    )
+    #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
+    pixel_arcmin: float
     pitch_arcmin: float  #: angle under which a hogel is seen
     diffraction_arcmin: float | None  #: no hogel holds finer angles
     #: Depths of field: distances from the plate up to which the display shows as fine as its
@@ -174,9 +174,8 @@ class DisplayLimits:
     behind: float
     before: float
     rays_per_pupil: float | None  #: pixels of a hogel that a pupil catches along an axis
-    near_stereo: (
-        float | None
-    )  #: largest near whose gap changes disparity across the plate by stereo acuity
+    #: largest near whose gap changes disparity across the plate by stereo acuity
+    near_stereo: float | None
     #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a
     #: hogel, in surfaces that run through the plate, seen through its corners with pivot
     #: `aperture`; infinite where the corners are seen along the shear

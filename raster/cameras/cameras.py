@@ -1,4 +1,4 @@
-"""C and C* for OpenGL: depth formats, matrices with the step back by near, and passes (figures 4 to 6).
+"""C and C* for OpenGL: depth formats, matrices with the near offset, passes (figures 4 to 6).
 
 Matrices are named target-from-source and multiply column vectors. They are made in double
 precision and rounded once, to the float32 that OpenGL computes with.
@@ -29,12 +29,12 @@ from xfrustum.scenes.plate.double_frustum import (
 )
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
+#: OpenGL's name of each format of the depth buffer
 INTERNAL_FORMAT: dict[DepthFormat, int] = {
     DepthFormat.D16: GL.GL_DEPTH_COMPONENT16,
     DepthFormat.D24: GL.GL_DEPTH_COMPONENT24,
     DepthFormat.D32F: GL.GL_DEPTH_COMPONENT32F,
 }
-"""OpenGL's name of each format of the depth buffer."""
 
 
 Ends = tuple[float, float]  #: clip depth over w at a camera's near and far plane
@@ -55,13 +55,13 @@ class Mapping:
 
 _HYPERBOLIC = 0.0, 1.0
 
+#: Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it
+#: only has to clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces
+#: before the far plane, or keep some behind it.
 _REVERSED = 1.0, 0.0
-"""Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it only has to
-clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far
-plane, or
-keep some behind it."""
 
 
+#: OpenGL's terms of each depth mapping
 MAPPINGS = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
     DepthMapping.GL: Mapping(ends=(-1.0, 1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
@@ -71,7 +71,6 @@ MAPPINGS = {
     ),
     DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
 }
-"""OpenGL's terms of each depth mapping."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,11 +106,10 @@ class FilmWindow:
 
 @dataclass(frozen=True, kw_only=True)
 class SlabCamera:
-    """One camera: where it stands, and what it keeps."""
+    """One camera: its position and its range of depth."""
 
-    orthoscopic: (
-        bool  #: True for C, which looks away from the viewer; False for C*, which looks back
-    )
+    #: True for C, which looks away from the viewer; False for C*, which looks back
+    orthoscopic: bool
     #: Distance by which the camera has stepped back from the plate, against its direction of view
     step: float
     #: near, far: Distances of the near and the far plane from the camera
@@ -138,8 +136,7 @@ def slab_cameras(
                 near=settings.near if touches_plate else low,
                 far=step + high,
                 heights=(low if step or not touches_plate else settings.near, high),
-                # The window at the fitted height is that of the true frustum, seen from n farther
-                # away.
+                # At the fitted height, the window from n farther away spans the true frustum.
                 scale=1.0 if fitted is None or not touches_plate else fitted / (fitted + step),
             )
         )
@@ -164,7 +161,7 @@ def clip_from_scene(
 
 
 def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: float) -> Floats:
-    """Return the shear about a plane z = fixed_height that straightens the frustum's axis (figure 6)."""
+    """Return the shear about z = fixed_height that straightens the frustum's axis (figure 6)."""
     matrix = np.eye(4)
     for row, (slope, origin) in enumerate(zip(window.axis, (aperture.x, aperture.y), strict=True)):
         matrix[row, 2] = -slope
@@ -173,7 +170,7 @@ def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: flo
 
 
 def eye_from_sheared(camera: SlabCamera) -> Floats:
-    """Return the matrix to eye coordinates, in which the camera stands at the origin and looks to -z.
+    """Return the matrix to eye coordinates, with the camera at the origin looking to -z.
 
     Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
     because lines that cross at the aperture leave it on the other side of the axis. These two flips
@@ -216,12 +213,12 @@ class Pass:
 
     @property
     def line_of_pixel(self) -> Floats:
-        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
+        """(3, 3) directions of film points (u, v, 1) away from the camera, scene axes, v upward."""
         return lines_of_pixels(self.clip_from_scene)
 
 
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
-    """Return (.., 3, 3) directions away from cameras (.., 4, 4), scene axes, of film points (u, v, 1) upward.
+    """Return (.., 3, 3) directions of film points (u, v, 1) away from cameras (.., 4, 4).
 
     Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d
     from it has (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes
@@ -236,9 +233,9 @@ def drawing_order(
     settings: DoubleFrustum,
     effects: frozenset[Effect] = ALL_EFFECTS,
 ) -> list[Pass]:
-    """Return the passes of an image, from the back: each is nearer to the viewer than those before it.
+    """Return the passes of an image from the back, each nearer to the viewer than the last.
 
-    The slabs of C come first, from the outermost inward, then those of C*, from the innermost
+    The slabs of C come first, from the outermost inward, then the slabs of C*, from the innermost
     outward. Slabs in which the scene has nothing are left out, and so are cameras that are not
     among the effects.
     """
@@ -249,7 +246,7 @@ def drawing_order(
 def cameras_in_order(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
 ) -> list[SlabCamera]:
-    """Return the cameras of every image, from the back; they are the same for all apertures of the plate."""
+    """Return the cameras of every image, from the back: the same for all apertures."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
@@ -274,7 +271,7 @@ def kept_heights(camera: SlabCamera) -> tuple[float, float]:
 def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
     """Return one camera's share of an aperture's image."""
     mapping = MAPPINGS[settings.mapping]
-    # Faces that are turned away from the viewer are left out; C* faces him.
+    # Faces turned away from the viewer are culled; C* looks at the viewer.
     away = "back" if camera.orthoscopic else "front"
     smaller_wins = camera.orthoscopic == (mapping.stored_near < mapping.stored_far)
     return Pass(

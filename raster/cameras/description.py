@@ -1,6 +1,6 @@
-"""The cameras C and C* of any settings and aperture, described for renderers that somebody else writes.
+"""Description of the cameras C and C* of any settings and aperture for other renderers.
 
-`cameras_of` says all of it; glTF and Mitsuba have cameras of their own, made from that description.
+`cameras_of` has all of it; cameras of glTF and Mitsuba are made from that description.
 """
 
 import math
@@ -20,6 +20,8 @@ from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, S
 
 Record = dict[str, Any]  #: a JSON object, or a part of it
 
+#: Stored depth at distance w from a camera with near plane n and far plane f (CONVENTIONS.md,
+#: "Depth")
 DEPTH_FUNCTIONS = {
     DepthMapping.STANDARD: "f (w - n) / (w (f - n))",
     DepthMapping.GL: "f (w - n) / (w (f - n))",
@@ -27,20 +29,21 @@ DEPTH_FUNCTIONS = {
     DepthMapping.LOGARITHMIC: "ln(w/n) / ln(f/n)",
     DepthMapping.LINEAR: "(w - n) / (f - n)",
 }
-"""Stored depth at distance w from a camera with near plane n and far plane f (CONVENTIONS.md, "Depth")."""
 
+#: Conventions for readers of the file, as in CONVENTIONS.md
 CONVENTIONS = (
-    "Scene coordinates are right-handed: the plate is z = 0, +z points to the viewer, x right, y up.",
+    "Scene coordinates are right-handed: the plate is z = 0, +z points to the viewer, x right, y "
+    "up.",
     "Matrices are row-major, named target-from-source, and multiply column vectors.",
-    "Clip x/w and y/w are the film coordinates u (to the right) and v (up), both in [-1, 1]; the flips of "
-    "C* are in its matrix. The center of pixel (column c, row r; row 0 at the top) is u = (2c + 1)/W - 1, "
-    "v = 1 - (2r + 1)/H.",
-    "Clip w is the distance from the camera along its axis. Only points with near <= w <= far are drawn.",
-    "Passes are drawn in the order given, each with its depth buffer cleared to `clear`, over those before "
-    "it. Depth tests are strict: of equal depths the one drawn first stays. Nothing is culled unless "
-    "`culled_face` says so.",
+    "Clip x/w and y/w are the film coordinates u (to the right) and v (up), both in [-1, 1]; the "
+    "flips of C* are in its matrix. The center of pixel (column c, row r; row 0 at the top) is u "
+    "= (2c + 1)/W - 1, v = 1 - (2r + 1)/H.",
+    "Clip w is the distance from the camera along its axis. Only points with near <= w <= far are "
+    "drawn.",
+    "Passes are drawn in the order given, each with its depth buffer cleared to `clear`, over "
+    "those before it. Depth tests are strict: of equal depths the one drawn first stays. Nothing "
+    "is culled unless `culled_face` says so.",
 )
-"""What a reader of the file must know, in the words of CONVENTIONS.md."""
 
 
 def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]) -> Record:
@@ -119,32 +122,33 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
 # glTF and Mitsuba
 
+#: Largest relative deviation of a pixel's width from its height at which it counts as square. A
+#: film 1e4 pixels wide then ends within 1e-5 pixels of where it should.
 MAX_PIXEL_ASPECT_DEVIATION = 1e-9
-"""Largest relative deviation of a pixel's width from its height at which it counts as square. A film 1e4
-pixels wide then ends within 1e-5 pixels of where it should."""
 
+#: Quaternion (x, y, z, w) of the rotation that makes a camera look to +z
 HALF_TURN_ABOUT_Y = (0.0, 1.0, 0.0, 0.0)
-"""Quaternion (x, y, z, w) of the rotation that makes a camera look to +z."""
 
+#: Conventions for readers of the glTF file
 GLTF_NOTE = (
-    "A glTF camera has neither an off-axis film nor a film that is flipped: each camera here is the "
-    "smallest ordinary one that contains the film. From its picture (x to the right, y up, both from -1 to "
-    "1) cut the rectangle `film`, and reverse the rows where `rows_reversed` says so. In passes where the "
-    "farthest surface wins, reverse the depth test and clear depth to the near plane."
+    "A glTF camera has neither an off-axis film nor a film that is flipped: each camera here is "
+    "the smallest ordinary one that contains the film. From its picture (x to the right, y up, "
+    "both from -1 to 1) cut the rectangle `film`, and reverse the rows where `rows_reversed` says "
+    "so. In passes where the farthest surface wins, reverse the depth test and clear depth to the "
+    "near plane."
 )
-"""What a reader of the glTF file must know."""
 
 
 def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
-    """Yield every camera, and what entries of both formats say of it."""
-    for one in cameras["apertures"]:
-        for number, camera in enumerate(one["passes"]):
-            told = {
-                "aperture": one["aperture"],
+    """Yield every camera and its notes in both formats."""
+    for entry in cameras["apertures"]:
+        for number, camera in enumerate(entry["passes"]):
+            notes = {
+                "aperture": entry["aperture"],
                 "pass": number,
                 "rows_reversed": camera["film_flipped"],
             }
-            yield camera, told | {"wins": camera["wins"]}
+            yield camera, notes | {"wins": camera["wins"]}
 
 
 def gltf(cameras: Record) -> Record:
@@ -156,17 +160,17 @@ def gltf(cameras: Record) -> Record:
     """
     lenses: list[Record] = []
     nodes: list[Record] = []
-    for camera, told in _passes(cameras):
+    for camera, notes in _passes(cameras):
         (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
         across, up = abs(kx) + tx, abs(ky) + ty
         middle = -ky if camera["film_flipped"] else ky
         sides = ((kx - tx) / across, (kx + tx) / across, (middle - ty) / up, (middle + ty) / up)
-        column, row = told["aperture"]
-        name = f"{camera['camera']} {column},{row} pass {told['pass']}"
+        column, row = notes["aperture"]
+        name = f"{camera['camera']} {column},{row} pass {notes['pass']}"
         ends = {"znear": camera["near"], "zfar": camera["far"]}
         perspective = {"yfov": 2 * math.atan(up), "aspectRatio": across / up, **ends}
         film = dict(zip(("left", "right", "bottom", "top"), sides, strict=True))
-        extras = told | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
+        extras = notes | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
         node = {
             "name": name,
             "camera": len(lenses),
@@ -194,12 +198,12 @@ def mitsuba(cameras: Record) -> Record:
     """
     width, height = cameras["frustum"].resolution
     sensors = []
-    for camera, told in _passes(cameras):
+    for camera, notes in _passes(cameras):
         (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
         if abs(ty * width / (tx * height) - 1) > MAX_PIXEL_ASPECT_DEVIATION:
             raise InputError(
-                f"a pixel of this film is {tx / width / (ty / height):.6g} times as wide as high, and "
-                "Mitsuba's sensors have square pixels; choose another resolution, or --for json"
+                f"a pixel of this film is {tx / width / (ty / height):.6g} times as wide as high, "
+                "and Mitsuba's sensors have square pixels; choose another resolution, or --for json"
             )
         to_world = np.eye(4)
         # In the sensor's own coordinates z points forward, y up and x to the left.
@@ -223,5 +227,5 @@ def mitsuba(cameras: Record) -> Record:
                 "rfilter": {"type": "box"},
             },
         }
-        sensors.append(told | {"camera": camera["camera"], "sensor": sensor})
+        sensors.append(notes | {"camera": camera["camera"], "sensor": sensor})
     return {"scene": cameras["scene"], "units": cameras["units"], "sensors": sensors}

@@ -1,9 +1,9 @@
-"""The OpenGL device: context, room, targets, programs, meshes, time.
+"""OpenGL without a display: contexts, framebuffers, shaders, and a scene's triangles on the GPU.
 
-context    The one place that makes an OpenGL context: which devices there are, what fits, and times
-fingerprint  Draws triangles, writes depths and filters a texture: how the device rounds mesh
-A scene's triangles on the GPU, in float32, with their numbers positions  The surface point that
-each pixel shows, found by a compute pass over the triangle numbers programs   Shaders of the folder
-`shaders`, put together, and what they are told of a camera targets    Framebuffers with the depth
-formats that moderngl does not offer
+* context: the EGL context, device names, and checks of its limits
+* programs: shaders of the folder `shaders` for some effects, and their camera uniforms
+* targets: framebuffers with depth formats that moderngl does not offer
+* mesh: triangles on the GPU in float32
+* positions: surface points of pixels by a compute pass
+* fingerprint: triangles, depths and texels that show how a device rounds
 """

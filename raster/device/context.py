@@ -22,41 +22,42 @@ from OpenGL.platform.egl import EGLPlatform
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
-REQUIRED_VERSION = (
-    450  #: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
-)
-OLDEST_VERSION = 330  #: OpenGL 3.3: the oldest that moderngl can say anything about
+#: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
+REQUIRED_VERSION = 450
+OLDEST_VERSION = 330  #: OpenGL 3.3: the oldest version of moderngl
 
 _HELP = (
-    "install an EGL driver (Debian and Ubuntu: libegl1 and libgl1-mesa-dri, which draws in software), "
-    "or run where there is one"
+    "install an EGL driver (Debian and Ubuntu: libegl1 and libgl1-mesa-dri, which draws in "
+    "software), or run where there is one"
 )
 
 
 def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
-    """Return a new context of at least some version of OpenGL, without a window; InputError without one.
+    """Return a new context of at least some version of OpenGL; InputError without any.
 
     Warns with SoftwareWarning where it draws on the processor although the machine has a card.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
-            "PyOpenGL was imported for another platform before xfrustum.raster: import xfrustum.raster "
-            "first, or set the environment variable PYOPENGL_PLATFORM=egl"
+            "PyOpenGL was imported for another platform before xfrustum.raster: import "
+            "xfrustum.raster first, or set the environment variable PYOPENGL_PLATFORM=egl"
         )
     try:
         context = _context(version)
     except Exception as error:
         # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
         reason = " ".join(str(error).split())
-        found = [f"OpenGL {one.version} of {one.renderer}" for one in egl_devices() if one.renderer]
-        has = f"this machine has {', '.join(found) or 'no OpenGL at all'}"
+        devices = [
+            f"OpenGL {each.version} of {each.renderer}" for each in egl_devices() if each.renderer
+        ]
+        has = f"this machine has {', '.join(devices) or 'no OpenGL at all'}"
         helps = overlooked_card() or _HELP
         raise InputError(
             f"no OpenGL {version / 100:.1f} through EGL ({reason}); {has}: {helps}"
         ) from error
     renderer = context.info["GL_RENDERER"]
-    if is_software(renderer) and (told := overlooked_card()):
-        warnings.warn(f"{renderer} draws in software: {told}", SoftwareWarning, stacklevel=2)
+    if is_software(renderer) and (advice := overlooked_card()):
+        warnings.warn(f"{renderer} draws in software: {advice}", SoftwareWarning, stacklevel=2)
     return context
 
 
@@ -65,8 +66,8 @@ class SoftwareWarning(UserWarning):
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
-    """Return a context of at least some version: drivers such as NVIDIA's give exactly what is asked for."""
-    # moderngl's own annotation asks for a dictionary where its code takes a name.
+    """Return a context of at least some version; drivers such as NVIDIA's give exactly that one."""
+    # moderngl annotates a dictionary where its code takes a name.
     backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
 
@@ -82,7 +83,7 @@ class EglDevice:
 
 def egl_devices() -> tuple[EglDevice, ...]:
     """Return all devices that EGL lists, each with the newest OpenGL that it has."""
-    found = []
+    devices = []
     for index in range(_device_count()):
         reason, context = "", None
         for version in (REQUIRED_VERSION, OLDEST_VERSION):
@@ -92,43 +93,43 @@ def egl_devices() -> tuple[EglDevice, ...]:
             except Exception as error:
                 reason = " ".join(str(error).split())
         if context is None:
-            found.append(EglDevice(index=index, renderer="", version=reason))
+            devices.append(EglDevice(index=index, renderer="", version=reason))
             continue
         names = describe(context)
-        found.append(EglDevice(index=index, renderer=names["renderer"], version=names["version"]))
+        devices.append(EglDevice(index=index, renderer=names["renderer"], version=names["version"]))
         context.release()
-    return tuple(found)
+    return tuple(devices)
 
 
+#: List of cards of NVIDIA's kernel driver, also of cards that EGL does not list
 NVIDIA_CARDS = Path("/proc/driver/nvidia/gpus")
-"""Where NVIDIA's kernel driver lists its cards, whether or not EGL knows of them."""
 
 VENDORS_ASKED = "__EGL_VENDOR_LIBRARY_FILENAMES"
 VENDOR_FOLDERS = tuple(
     Path(folder) / "glvnd/egl_vendor.d" for folder in ("/etc", "/usr/share", "/usr/local/share")
 )
+#: Environment variables that make Mesa draw in software, or in another way than it would by itself
 SOFTWARE_ASKED = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER_OVERRIDE")
-"""Environment variables that make Mesa draw in software, or in another way than it would by itself."""
 
 
 def overlooked_card() -> str | None:
-    """Return what to do about a card that the machine has, and EGL does not draw on; None without one."""
+    """Return advice about a card of the machine that EGL does not draw on; None without one."""
     models = [_card_name(card) for card in sorted(NVIDIA_CARDS.glob("*/information"))]
     if gpu_indices():
-        asked = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
+        set_by_user = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
         return (
-            f"this machine has a card, and {asked[0]} keeps EGL from it; unset that"
-            if asked
+            f"this machine has a card, and {set_by_user[0]} keeps EGL from it; unset that"
+            if set_by_user
             else None
         )
     if not models:
         return None
     named = os.environ.get(VENDORS_ASKED, "")
-    files = [Path(one) for one in named.split(os.pathsep)] if named else []
+    files = [Path(name) for name in named.split(os.pathsep)] if named else []
     if not named:
         files = [file for folder in VENDOR_FOLDERS for file in sorted(folder.glob("*nvidia*.json"))]
     if any(file.is_file() and "nvidia" in file.name for file in files):
-        return f"this machine has {models[0]}, and EGL does not list it; see whether its libraries are there"
+        return f"this machine has {models[0]}, and EGL does not list it; check its libraries"
     return (
         f"this machine has {models[0]}, which is not registered with EGL: put 10_nvidia.json, with "
         '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}, into '
@@ -150,7 +151,7 @@ def is_software(renderer: str) -> bool:
 
 
 def describe(context: moderngl.Context) -> dict[str, str]:
-    """Return the names of the device that draws: vendor, renderer, version and subpixel bits, for reports."""
+    """Return vendor, renderer, version and subpixel bits of the device, for reports."""
     return {
         "vendor": str(context.info["GL_VENDOR"]),
         "renderer": str(context.info["GL_RENDERER"]),
@@ -160,7 +161,7 @@ def describe(context: moderngl.Context) -> dict[str, str]:
 
 
 class ContextOwner(ABC):
-    """An object with an OpenGL context of its own: a context manager that releases it at its end."""
+    """Owner of an OpenGL context: a context manager that releases it at its end."""
 
     def __enter__(self) -> Self:
         return self
@@ -178,15 +179,14 @@ class ContextOwner(ABC):
         """Free the context and everything in it."""
 
 
+#: Extension of devices that draw in software (registry of EGL, EGL_MESA_device_software)
 SOFTWARE = b"EGL_MESA_device_software"
-"""Extension of devices that draw in software (registry of EGL, EGL_MESA_device_software)."""
 
 
 def gpu_indices() -> tuple[int, ...]:
-    """Return the indices of the EGL devices that are no software; none where EGL does not tell.
+    """Return the indices of the EGL devices that are no software; none where EGL has no list.
 
-    No context is made. The order is that of eglQueryDevicesEXT, in which moderngl counts devices
-    too.
+    No context is made. Indices count the devices of eglQueryDevicesEXT, as in moderngl.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         return ()
@@ -197,7 +197,7 @@ def gpu_indices() -> tuple[int, ...]:
             if SOFTWARE not in extensions.split()
         )
     except error.Error:
-        # The driver has no such extension: nobody can choose a device then.
+        # The driver has no such extension: devices cannot be chosen.
         return ()
 
 
@@ -208,16 +208,16 @@ def cuda_index(device: int) -> int | None:
     """
     number = EGL.EGLAttrib()
     try:
-        found = eglQueryDeviceAttribEXT(
+        known = eglQueryDeviceAttribEXT(
             _devices()[device], EGL_CUDA_DEVICE_NV, ctypes.byref(number)
         )
     except (error.Error, IndexError):
         return None
-    return int(number.value) if found else None
+    return int(number.value) if known else None
 
 
 def _device_count() -> int:
-    """Return the number of devices that EGL lists; one where it does not tell."""
+    """Return the number of devices that EGL lists; one where it has no list."""
     try:
         return len(_devices())
     except error.Error:
@@ -266,25 +266,24 @@ class GpuClock:
         return max(results[1].value - results[0].value, 0) * NANOSECOND
 
 
+#: Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each
 POSITION_BYTES = 24
-"""Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
 
+#: Largest number of triangles: shaders index three values of each with signed 32-bit integers
 MAX_TRIANGLES = (1 << 31) // 3
-"""Largest number of triangles: shaders index three values of each with signed 32-bit integers."""
 
+#: Bytes of memory that a pixel takes from the first drawing until its image is written: 28 on the
+#: device (identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the
+#: numbers, positions, normals and colors that are read back; and the channels of the file. Measured
+#: with llvmpipe: 185 at 2048 x 2048.
 PIXEL_BYTES = 190
-"""Bytes of memory that a pixel takes from the first drawing until its image is written: 28 on the device
-(identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the numbers,
-positions, normals and colors that are read back; and the channels of the file. Measured with
-llvmpipe: 185 at
-2048 x 2048."""
 
+#: Internal format, layout and type of the textures that an image is drawn into (see `targets`)
 _TARGETS = (
     (GL.GL_RG32UI, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT),
     (GL.GL_RGBA32F, GL.GL_RGBA, GL.GL_FLOAT),
     (GL.GL_DEPTH_COMPONENT32F, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT),
 )
-"""Internal format, layout and type of the textures that an image is drawn into (see `targets`)."""
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
@@ -299,8 +298,8 @@ def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
     needed = max(vertex_bytes * len(scene.vertices), 12 * len(scene.faces))
     if needed > block:
         raise InputError(
-            f"{scene.name}: {len(scene.faces):,} triangles on {len(scene.vertices):,} vertices need "
-            f"{needed >> 20} MiB in one block, {device} has {block >> 20}; draw a smaller mesh"
+            f"{scene.name}: {len(scene.faces):,} triangles on {len(scene.vertices):,} vertices "
+            f"need {needed >> 20} MiB in one block, {device} has {block >> 20}; draw a smaller mesh"
         )
 
 
@@ -311,7 +310,7 @@ def _check_image(size: tuple[int, int], device: str) -> None:
     limit = min(int(GL.glGetIntegerv(side)) for side in sides)
     if max(size) > limit or not _can_store(size):
         stores = range(limit, 0, -1)
-        side = limit - bisect_left(stores, 1, key=lambda one: _can_store((one, one)))
+        side = limit - bisect_left(stores, 1, key=lambda n: _can_store((n, n)))
         raise InputError(
             f"{device} draws at most {limit} pixels along a side, and {side} x {side} at once, "
             f"not {width} x {height}; choose a smaller frustum.resolution"
@@ -319,13 +318,13 @@ def _check_image(size: tuple[int, int], device: str) -> None:
     needed, free = PIXEL_BYTES * width * height, free_memory()
     if free is not None and needed > free:
         raise InputError(
-            f"an image of {width} x {height} pixels needs about {needed / 2**30:.1f} GiB of memory, "
-            f"{free / 2**30:.1f} GiB are free; choose a smaller frustum.resolution"
+            f"an image of {width} x {height} pixels needs about {needed / 2**30:.1f} GiB of "
+            f"memory, {free / 2**30:.1f} GiB are free; choose a smaller frustum.resolution"
         )
 
 
 def _can_store(size: tuple[int, int]) -> bool:
-    """Return whether the current context's device can store the textures of an image; none is stored."""
+    """Return whether the device of the current context can store the textures of an image."""
     for internal, layout, kind in _TARGETS:
         GL.glTexImage2D(GL.GL_PROXY_TEXTURE_2D, 0, internal, *size, 0, layout, kind, None)
         if not int(GL.glGetTexLevelParameteriv(GL.GL_PROXY_TEXTURE_2D, 0, GL.GL_TEXTURE_WIDTH)):
@@ -334,7 +333,7 @@ def _can_store(size: tuple[int, int]) -> bool:
 
 
 def free_memory() -> int | None:
-    """Return the bytes that a process can still take without swapping; None where the system does not say."""
+    """Return the bytes available without swapping; None where the system has no figure."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:

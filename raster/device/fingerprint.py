@@ -1,7 +1,7 @@
-"""Draws triangles, writes depths and filters a texture, so that a device shows how it rounds.
+"""Triangles, depths and texels that show how a device rounds.
 
-It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw
-hogels; without clip control all clip depth runs from -1 to 1.
+OpenGL 3.3 is enough, so that devices too old to draw hogels can be measured; without clip control
+all clip depth runs from -1 to 1.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from xfrustum.raster.device.targets import framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
-SIZE = 64  #: pixels along each side of what is drawn
+SIZE = 64  #: pixels along each side of the pictures
 TRIANGLES, EDGES = (
     240,
     160,
@@ -34,6 +34,7 @@ UPRIGHT, FARTHEST = (
 SEED = 11  #: of the random triangles; the recorded fingerprints have the same ones
 EMPTY = -9.0  #: what pixels hold at which no fragment was drawn
 
+#: First depth that fragments write, and the step from one to the next in units in the last place
 WRITTEN = (
     (0.96, 101),
     (0.5, 1021),
@@ -43,7 +44,6 @@ WRITTEN = (
     (1e-6, 65537),
     (0.9999, 1),
 )
-"""First depth that fragments write, and the step from one to the next in units in the last place."""
 
 _READ: dict[DepthFormat, tuple[int, type]] = {
     DepthFormat.D16: (GL.GL_UNSIGNED_SHORT, np.uint16),
@@ -69,21 +69,23 @@ void main() {{
 }}"""
 
 _FILTERS = f"""{_OUT}uniform sampler2D t;
-void main() {{ {_PLACE} o = texture(t, vec2((0.5 + (float(n) + 0.5) / 4096.0) / 2.0, 0.5)); q = o; }}"""
+void main() {{
+    {_PLACE}
+    o = texture(t, vec2((0.5 + (float(n) + 0.5) / 4096.0) / 2.0, 0.5)); q = o;
+}}"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fingerprint:
-    """What a device drew: `vertices` (T, 3, 4) in clip coordinates, pictures with row 0 at the bottom."""
+    """Pictures drawn by a device, row 0 at the bottom; `vertices` (T, 3, 4) in clip coordinates."""
 
     device: dict[str, str]
     vertices: Singles
     zero_to_one: NDArray[np.bool_]  #: (T,) whether clip depth runs from 0 to 1, not from -1
     varyings: Singles  #: (T, 3, 2) of the corners
     stored: dict[DepthFormat, NDArray[Any]]  #: stored depths, in steps of D16 and D24
-    fragment: (
-        Singles  #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
-    )
+    #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
+    fragment: Singles
     others: Singles  #: likewise, noperspective varyings, then flat ones
     #: stored depths of each format by those that fragments wrote, float32
     written: dict[DepthFormat, tuple[Singles, NDArray[Any]]]
@@ -100,25 +102,25 @@ class Fingerprint:
     @classmethod
     def read(cls, path: Path) -> Fingerprint:
         """Read a recorded fingerprint; D24 is recorded in the upper 24 bits."""
-        with np.load(path) as found:
-            names = json.loads(str(found["device"]))
+        with np.load(path) as arrays:
+            names = json.loads(str(arrays["device"]))
             at = [f"{base:g}" for base, _ in WRITTEN]
 
             def of(depth: DepthFormat, what: str) -> NDArray[Any]:
-                return np.concatenate([found[f"written|{depth}|{base}|{what}"] for base in at])
+                return np.concatenate([arrays[f"written|{depth}|{base}|{what}"] for base in at])
 
-            steps = {depth: _in_steps(depth, found[depth.value]) for depth in DepthFormat}
+            steps = {depth: _in_steps(depth, arrays[depth.value]) for depth in DepthFormat}
             written = {d: (of(d, "float"), _in_steps(d, of(d, "stored"))) for d in DepthFormat}
             return cls(
                 device={name: str(value) for name, value in names.items()},
-                zero_to_one=found["zero_to_one"] != 0,
+                zero_to_one=arrays["zero_to_one"] != 0,
                 stored=steps,
                 written=written,
-                fragment=found["frag"],
-                others=found["flat"],
-                filtered=found["filter|f4"],
-                covered=np.unpackbits(found["covered"], axis=-1) != 0,
-                **{name: found[name] for name in ("vertices", "varyings", "edge_vertices")},
+                fragment=arrays["frag"],
+                others=arrays["flat"],
+                filtered=arrays["filter|f4"],
+                covered=np.unpackbits(arrays["covered"], axis=-1) != 0,
+                **{name: arrays[name] for name in ("vertices", "varyings", "edge_vertices")},
             )
 
 
@@ -128,7 +130,7 @@ def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
 
 
 def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
-    """Yield clip coordinates (3, 4) and varyings (3, 2) of corners: of every size, near one depth, askew."""
+    """Yield clip coordinates (3, 4) and varyings (3, 2) of triangles of every size and slope."""
     rng = np.random.default_rng(SEED)
     for k in range(TRIANGLES):
         kind = k % 6
@@ -146,7 +148,7 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 
 
 def edge_triangles() -> Iterator[Singles]:
-    """Yield corners (3, 4) at pixel centers, so that ties decide, and at odd multiples of 1/512 pixel.
+    """Yield corners (3, 4) at pixel centers, which tie, and at odd multiples of 1/512 pixel.
 
     Then some with two sides along rows and columns, half a subpixel beside their centers, with 8
     bits or 4, so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
@@ -159,8 +161,8 @@ def edge_triangles() -> Iterator[Singles]:
         for k in range(EDGES)
     ]
     for _ in range(UPRIGHT):
-        beside = rng.choice((0, 2.0**-9, -(2.0**-9), 2.0**-5, -(2.0**-5)), (2, 2))
-        (left, right), (bottom, top) = np.sort(rng.integers(-31, 31, (2, 2)) + 0.5 + beside)
+        shift = rng.choice((0, 2.0**-9, -(2.0**-9), 2.0**-5, -(2.0**-5)), (2, 2))
+        (left, right), (bottom, top) = np.sort(rng.integers(-31, 31, (2, 2)) + 0.5 + shift)
         places.append(
             np.array([(left, bottom), (right, bottom), (left, top)])[:: rng.choice((-1, 1))]
         )
@@ -177,7 +179,7 @@ def edge_triangles() -> Iterator[Singles]:
 
 
 class _Canvas:
-    """Two float32 pictures, and a depth buffer of each format that goes with them, in the current context."""
+    """Two float32 pictures with a depth buffer of each format, in the current context."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -204,7 +206,7 @@ class _Canvas:
     def draw(
         self, program: moderngl.Program, corners: Singles, depth: DepthFormat, content: str
     ) -> None:
-        """Draw corners with what `content` says is with each, into cleared pictures."""
+        """Draw corners with the attributes of `content` into cleared pictures."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[depth])
         GL.glViewport(0, 0, SIZE, SIZE)
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -220,7 +222,7 @@ class _Canvas:
         buffer.release()
 
     def depth(self, depth: DepthFormat) -> NDArray[Any]:
-        """Return what the depth buffer that was drawn into last holds, in steps of its format."""
+        """Return the depths of the last target, in steps of its format."""
         kind, dtype = _READ[depth]
         into: NDArray[Any] = np.empty((SIZE, SIZE), dtype)
         GL.glReadPixels(0, 0, SIZE, SIZE, GL.GL_DEPTH_COMPONENT, kind, into)
@@ -235,7 +237,7 @@ class _Canvas:
 
 
 def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Fingerprint:
-    """Draw the fingerprint of the device whose context is current; it takes a second or two in software."""
+    """Draw the fingerprint of the current context's device: one or two seconds in software."""
     canvas, clip_control = _Canvas(context), bool(GL.glClipControl)
     program = context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
     vertices, varyings, zero_to_one = [], [], []
@@ -251,8 +253,8 @@ def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Finge
         for depth, pictures in stored.items():
             canvas.draw(program, np.concatenate([corners, values], axis=1), depth, "4f 2f")
             pictures.append(canvas.depth(depth))
-        for pictures, one in ((fragment, 0), (others, 1)):
-            pictures.append(canvas.picture(one))
+        for pictures, number_of in ((fragment, 0), (others, 1)):
+            pictures.append(canvas.picture(number_of))
         vertices.append(corners)
         varyings.append(values)
         zero_to_one.append(from_zero)
@@ -284,9 +286,9 @@ _WHOLE_VERTEX = "#version 330\nin vec4 p; void main() { gl_Position = p; }"
 def _written(
     context: moderngl.Context, canvas: _Canvas
 ) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
-    """Return depths that fragments wrote, and what each format kept of them."""
+    """Return depths written by fragments, and the depths stored by each format."""
     program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_WRITES)
-    found = {}
+    depths = {}
     for depth in DepthFormat:
         pairs = []
         for base, step in WRITTEN:
@@ -294,8 +296,8 @@ def _written(
             canvas.draw(program, _WHOLE, depth, "4f")
             pairs.append((canvas.picture(0)[..., 0].ravel(), canvas.depth(depth).ravel()))
         wrote, kept = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-        found[depth] = (wrote, kept)
-    return found
+        depths[depth] = (wrote, kept)
+    return depths
 
 
 def _filtered(context: moderngl.Context, canvas: _Canvas) -> Singles:

@@ -1,4 +1,4 @@
-"""A scene's triangles on the GPU, in float32: corners, attributes, and numbers of triangles in vertices."""
+"""Triangles of a scene on the GPU in float32: corners, attributes, numbers in vertices."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +18,9 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 class NumberedMesh:
     """A mesh's triangles over more vertices, in the same order and with the same first corners.
 
-    A shader that asks for `gl_PrimitiveID` gets a number that starts again with every draw, and
-    costs Mesa's software pipeline three vertices a triangle. The last corner of a triangle is the
-    one that a flat varying comes from: with a vertex of its own there, the vertex's number is the
-    triangle's.
+    `gl_PrimitiveID` starts again with every draw, and costs Mesa's software pipeline three vertices
+    a triangle. A flat varying comes from the last corner of a triangle: with a vertex of its own
+    there, the vertex's number is the triangle's.
     """
 
     #: (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The
@@ -30,7 +29,7 @@ class NumberedMesh:
     faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-        """Return values of triangles (F, ..) as values of the vertices that end them (N, ..), others zero."""
+        """Return values of triangles (F, ..) at the vertices that end them (N, ..), others zero."""
         others = np.zeros((len(self.source) - len(values), *values.shape[1:]), values.dtype)
         return np.concatenate((values, others))
 
@@ -70,19 +69,19 @@ def number_triangles(faces: Indices) -> NumberedMesh:
 
 NORMALS = 0  #: binding of the triangles' own normals, as in surface.glsl
 
+#: Numbers per vertex of each attribute of hogel.vert
 ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
-"""Numbers per vertex of each attribute of hogel.vert."""
 
+#: Slack of heights by which a triangle is taken for one that lies on one side of the plate alone,
+#: relative to the largest length along z. Clip depth is a sum of two products in float32, each
+#: within some 2^-22 of that length, and grows with the same factor as the distance to the near
+#: plane does. A triangle all of whose corners lie this far before that plane is clipped whole by
+#: any device; the plane is the plate, or lies beyond it.
 SIDE_SLACK = 2.0**-10
-"""Slack of heights by which a triangle is taken for one that lies on one side of the plate alone, relative to
-the largest length along z. Clip depth is a sum of two products in float32, each within some 2^-22
-of that length, and grows with the same factor as the distance to the near plane does. A triangle
-all of whose corners
-lie this far before that plane is clipped whole by any device; the plane is the plate, or lies beyond it."""
 
 
 class Mesh:
-    """Corners, indices and normals of triangles, uploaded once; other attributes when first asked for.
+    """Corners, indices and normals of triangles, uploaded once; other attributes on first use.
 
     In float32, a texture of W texels is looked up at coordinate U to within about U W 2^-24 of a
     texel.
@@ -104,11 +103,11 @@ class Mesh:
 
     @staticmethod
     def side_of(heights: tuple[float, float]) -> int:
-        """Return where a camera keeps what is between two z: 1 above the plate, -1 below, 0 for both."""
+        """Return the side of the plate between two z: 1 before it, -1 behind it, 0 for both."""
         return -1 if heights[1] <= 0 else 1 if heights[0] >= 0 else 0
 
     def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
-        """Return a mesh whose triangles have the numbers of their last vertices, with positions alone.
+        """Return a mesh of positions whose triangles have the numbers of their last vertices.
 
         Triangles on the other side of the plate (`side_of`) are left out; None where these are all.
         """
@@ -153,16 +152,16 @@ class Mesh:
 
 
 def attribute_of(scene: Scene, name: str) -> Singles:
-    """Return one of `ATTRIBUTES` of all vertices; zero at vertices without it, which no triangle reads."""
+    """Return one of `ATTRIBUTES` of all vertices; zero at vertices without it, which are unused."""
     if name == "in_position":
         return scene.vertices.astype(np.float32)
     surface = scene.surface
-    found = {
+    arrays = {
         "in_normal": surface.vertex_normals,
         "in_color": surface.vertex_colors,
         "in_uv": surface.uv,
     }
-    values = found[name]
+    values = arrays[name]
     if values is None:
         return np.zeros((len(scene.vertices), ATTRIBUTES[name]), dtype=np.float32)
     return np.ascontiguousarray(np.nan_to_num(values, nan=0.0).astype(np.float32))

@@ -1,4 +1,4 @@
-"""The surface points that pixels show, found by a compute pass over the triangle numbers."""
+"""Surface points of pixels by a compute pass over the triangle numbers."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -16,8 +16,8 @@ GROUP = 256  #: pixels of a work group, as in position.comp
 
 MAX_GROUPS = 65535  #: number of work groups that every device runs at a time
 
+#: Bytes of a point, three float32. Points are read in as many parts as they need storage blocks.
 BYTES_PER_POINT = 12
-"""Bytes of a point, three float32. Points are read in as many parts as they need storage blocks."""
 
 
 class Identified(Protocol):
@@ -32,7 +32,7 @@ class Identified(Protocol):
 
 
 class Positions:
-    """A scene's triangles, at least one, in double precision on the GPU, and the pass that finds points."""
+    """Triangles of a scene, at least one, in double precision on the GPU, and the compute pass."""
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         self._context = context
@@ -43,19 +43,21 @@ class Positions:
         self._program["nothing"] = float("nan")
 
     def read(self, target: Identified, drawn: Sequence[Pass], pixels: Indices) -> Singles:
-        """Return surface points (3, N) of what was drawn, in scene units, NaN where nothing was.
+        """Return surface points (3, N) of a picture, scene units, NaN for none.
 
         `pixels` (N,) are numbers of pixels, row by row from the top.
         """
         program = self._program
         most = min(self._largest_block // BYTES_PER_POINT, MAX_GROUPS * GROUP)
         target.bind_identity(0)
-        found = np.empty((3, len(pixels)), np.float32)
+        result = np.empty((3, len(pixels)), np.float32)
         for start in range(0, len(pixels), most):
             part = pixels[start : start + most]
-            asked = self._context.buffer(part.astype(np.uint32).tobytes())
+            numbers = self._context.buffer(part.astype(np.uint32).tobytes())
             points = self._context.buffer(reserve=BYTES_PER_POINT * len(part))
-            for binding, buffer in enumerate((self._vertices, self._faces, points, asked), start=1):
+            for binding, buffer in enumerate(
+                (self._vertices, self._faces, points, numbers), start=1
+            ):
                 buffer.bind_to_storage_buffer(binding)
             program["count"] = len(part)
             for number, camera in enumerate(drawn):
@@ -65,7 +67,7 @@ class Positions:
             # The pass writes one coordinate of all points after the other.
             GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
             read = np.frombuffer(points.read(), dtype=np.float32)
-            found[:, start : start + most] = read.reshape(3, -1)
+            result[:, start : start + most] = read.reshape(3, -1)
             points.release()
-            asked.release()
-        return found
+            numbers.release()
+        return result

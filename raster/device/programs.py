@@ -1,4 +1,4 @@
-"""Shaders of the folder `shaders`, put together for the effects that are asked for."""
+"""Shaders of the folder `shaders`, assembled for some effects."""
 
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
@@ -9,6 +9,8 @@ from xfrustum.raster.cameras.cameras import Mapping as OpenGLMapping
 from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.scenes.model.effects import Effect
 
+#: The effects that are parts of the picture's shaders; the others are cameras and passes of their
+#: own
 SHADING = (
     Effect.SMOOTH_NORMALS,
     Effect.VERTEX_COLORS,
@@ -17,11 +19,8 @@ SHADING = (
     Effect.DIFFUSE,
     Effect.SPECULAR,
 )
-"""The effects that are parts of the picture's shaders; the others are cameras and passes of their own."""
 
-Defines = Mapping[
-    str, str
-]  #: names that a shader asks for with `#ifdef`, and the text that replaces each
+Defines = Mapping[str, str]  #: names that a shader tests with `#ifdef`, and their text
 
 
 def shader(name: str) -> str:
@@ -44,18 +43,18 @@ def defined(source: str, defines: Defines) -> str:
 
 def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
     """Return the names that switch effects on in the shaders, for the effects of `SHADING`."""
-    asked = frozenset(effects)
-    return {effect.name: "1" for effect in SHADING if effect in asked}
+    chosen = frozenset(effects)
+    return {effect.name: "1" for effect in SHADING if effect in chosen}
 
 
 def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
-    """Return the names that hogel.frag asks for: the depth it stores, and its effects; None for no color."""
+    """Return the names of hogel.frag: its depth and its effects, None for no color."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
 
 
 def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names that reflection.frag asks for: whether normals are smooth."""
+    """Return the names of reflection.frag, for smooth normals."""
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 
@@ -68,14 +67,14 @@ def program(context: moderngl.Context, fragment: str, defines: Defines) -> moder
 
 
 def assign(program: moderngl.Program, **uniforms: object) -> None:
-    """Set those of the uniforms that the program has; the compiler drops what no effect in use reads."""
+    """Set the uniforms that the program has; the compiler drops unused ones."""
     for name, value in uniforms.items():
         if name in program:
             program[name] = value
 
 
 def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
-    """Set a program's uniforms for a camera, its number in drawing order, and an image of W, H pixels."""
+    """Set the uniforms of a camera, its number in drawing order, and an image of W, H pixels."""
     near, far = camera.planes
     assign(
         program,
@@ -91,7 +90,7 @@ def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple
 
 
 def set_facing(context: moderngl.Context, camera: Pass) -> None:
-    """Tell OpenGL which winding faces a camera, and which faces are left out."""
+    """Set the winding of faces turned to a camera, and the culled faces."""
     context.front_face = camera.front_face
     if camera.culled_face is None:
         context.disable(moderngl.CULL_FACE)

@@ -1,6 +1,6 @@
-"""Framebuffers with the depth formats that moderngl does not offer, made, bound and freed through PyOpenGL.
+"""Framebuffers with depth formats that moderngl does not offer, through PyOpenGL.
 
-moderngl draws into whichever framebuffer is bound and need not know it. It could wrap one, but
+moderngl draws into whichever framebuffer is bound. It could wrap one, but
 without its attachments and without freeing it, and it cannot wrap a framebuffer of several samples.
 """
 
@@ -19,12 +19,13 @@ from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
+#: Numbers of the color attachments. The identity is the triangle number + 1 and the number of the
+#: camera (uint); the color is linear radiance (float32).
 IDENTITY, COLOR = 0, 1
-"""Numbers of the color attachments. The identity is the triangle number + 1 and the number of the camera
-(uint); the color is linear radiance (float32)."""
 
 _FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
 
+#: States switched off for every picture
 _OFF = (
     GL.GL_SCISSOR_TEST,
     GL.GL_STENCIL_TEST,
@@ -39,13 +40,12 @@ _OFF = (
     GL.GL_DITHER,
     *(GL.GL_CLIP_DISTANCE0 + number for number in range(8)),
 )
-"""What no picture is drawn with."""
 
 
 def forget_history() -> None:
-    """Set all that pictures depend on and that no draw sets for itself, so that none depends on another.
+    """Reset all state of pictures that draws do not set, so that no picture depends on another.
 
-    What a draw sets for itself: its framebuffer and viewport, depth test and function, blending,
+    A draw sets its framebuffer and viewport, depth test and function, blending,
     culling and the facing of faces, clip control, programs, buffers and textures.
     """
     for state in _OFF:
@@ -58,7 +58,7 @@ def forget_history() -> None:
     GL.glProvokingVertex(GL.GL_LAST_VERTEX_CONVENTION)
     GL.glBlendEquation(GL.GL_FUNC_ADD)
     GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
-    for unit in range(2):  # samplers would stand above what textures say of themselves
+    for unit in range(2):  # samplers would override the parameters of textures
         GL.glBindSampler(unit, 0)
     for name in (GL.GL_PACK_ROW_LENGTH, GL.GL_PACK_SKIP_ROWS, GL.GL_PACK_SKIP_PIXELS):
         GL.glPixelStorei(name, 0)
@@ -73,12 +73,12 @@ _SAMPLE_LIMITS = (
 
 
 def most_samples() -> int:
-    """Return the largest number of coverage samples of the current context's device, for all attachments."""
+    """Return the largest number of coverage samples of the device for all attachments."""
     return min(int(GL.glGetIntegerv(limit)) for limit in _SAMPLE_LIMITS)
 
 
 def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: bool = True) -> int:
-    """Return a framebuffer of textures by their attachment, whose shaders have outputs of some numbers.
+    """Return a framebuffer of textures by attachment for shaders with some outputs.
 
     An output without a texture is dropped.
     """
@@ -104,11 +104,10 @@ def look_up_single_texels(kind: int, texture: int) -> None:
 
 
 class Target:
-    """One framebuffer of W, H pixels and a depth format in the current context, reused from image to image.
+    """Framebuffer of W, H pixels and a depth format in the current context, reused by images.
 
     Color is the mean over several coverage samples; identities cannot be read then, for a pixel has
-    several. A device may store more samples than are asked for: the attribute `samples` is the
-    number that it stores.
+    several. A device may store more samples than requested: `samples` is the number stored.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -124,7 +123,7 @@ class Target:
         # Triangle numbers alone are drawn without a color to clear and to write.
         self._numbers = framebuffer(self._textures, [IDENTITY])
         # Reflections read the identities, which therefore must not be attached; reflection.frag
-        # says how it does without a depth buffer.
+        # needs no depth buffer.
         self._reflection = framebuffer(self._textures, [COLOR], depth=False)
         self._resolved = None if samples == 1 else Target(size, depth)
 
@@ -149,7 +148,7 @@ class Target:
         return texture
 
     def begin(self, *, color: bool = True) -> None:
-        """Draw here from now on, on an empty image: number 0 and, unless no color is wanted, black."""
+        """Draw here from now on, on an empty image: number 0 and, with color, black."""
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture if color else self._numbers)
         GL.glViewport(0, 0, *self.size)
@@ -172,7 +171,7 @@ class Target:
         GL.glBindTexture(self._kind, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
     def read_identity(self) -> NDArray[np.uint32]:
-        """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 where nothing is."""
+        """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 for none."""
         return self._read(IDENTITY, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT, 2, np.uint32)
 
     def read_color(self) -> Singles:

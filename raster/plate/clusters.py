@@ -21,31 +21,31 @@ from xfrustum.raster.device.mesh import ATTRIBUTES, NumberedMesh, attribute_of, 
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, read_only
 
+#: Consecutive triangles that are drawn or left out together. Smaller clusters leave out more
+#: triangles, and need more draws.
 TRIANGLES_PER_CLUSTER = 16
-"""Consecutive triangles that are drawn or left out together. Smaller clusters leave out more triangles,
-and need more draws."""
 
+#: Relative error allowed to x, y, z, w of a vertex in clip coordinates, in units of sum |m_j|
+#: |p_j|.
+#:
+#: Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 +
+#: 3 u) of that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section
+#: 3.1). Twice that bound also covers this module's own roundings in double precision, which are
+#: 2^29 times smaller.
 TRANSFORM_ROUNDING = 8 * 2.0**-24
-"""Relative error allowed to x, y, z, w of a vertex in clip coordinates, in units of sum |m_j| |p_j|.
 
-Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 + 3
-u) of that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section 3.1).
-Twice that bound also covers this module's own roundings in double precision, which are 2^29 times
-smaller.
-"""
-
+#: Linear forms of (x, y, z, w) that are not negative inside the left, right, bottom and top clip
+#: plane, and inside the start and end of the range of depth
 _PLANES = np.array(
     [(1, 0, 0, 1), (-1, 0, 0, 1), (0, 1, 0, 1), (0, -1, 0, 1), (0, 0, 1, 0), (0, 0, -1, 1)],
     dtype=np.float64,
 )
-"""Linear forms of (x, y, z, w) that are not negative inside the left, right, bottom and top clip plane, and
-inside the start and end of the range of depth."""
 
+#: Clip planes that move from hogel to hogel, and those that are the same for all
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
-"""Clip planes that move from hogel to hogel, and those that are the same for all."""
 
+#: Term that OpenGL's own range of depth, which starts at -w instead of 0, adds to these forms
 _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 1)
-"""Term that OpenGL's own range of depth, which starts at -w instead of 0, adds to these forms."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,8 +61,8 @@ class Boxes:
         """Return the boxes with given corners, (N, 3) each, scene units."""
         # Halves first: the sum of two huge coordinates may overflow.
         center, extent = lowest / 2 + highest / 2, highest / 2 - lowest / 2
-        one = np.ones((len(center), 1))
-        columns = np.hstack([center, one, extent, np.abs(center) + extent, one]).T
+        ones = np.ones((len(center), 1))
+        columns = np.hstack([center, ones, extent, np.abs(center) + extent, ones]).T
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
@@ -72,7 +72,7 @@ WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])  #: least and largest u, then v, o
 def clip_planes(
     matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM
 ) -> tuple[Floats, Floats]:
-    """Return the clip planes of clip-from-scene matrices (.., 4, 4), and what bounds rounding there.
+    """Return the clip planes of clip-from-scene matrices (.., 4, 4) and magnitudes for rounding.
 
     `clip_control` is the range of clip depth that OpenGL keeps, `windows` (.., 4) the least and
     largest u and v that the planes at the sides of each film keep. Both results are (.., 6, 4):
@@ -92,7 +92,7 @@ def clip_planes(
 
 
 def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
-    """Return which of N boxes may have a vertex that the device finds inside, for every plane (.., P, 4).
+    """Return which of N boxes may have a vertex inside every plane (.., P, 4) on the device.
 
     The mask (.., N) is False only where all of a box lies outside one of the planes, roundings
     included.
@@ -110,12 +110,12 @@ def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
 def triangles_in_depth(
     vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats
 ) -> Indices:
-    """Return the ascending numbers of triangles between a camera's near and far plane, for all apertures."""
-    found = [np.zeros(0, dtype=np.int64)]
+    """Return the triangles between a camera's near and far plane, ascending, for all apertures."""
+    numbers = [np.zeros(0, dtype=np.int64)]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE):
         boxes = boxes_of(vertices, faces[start : start + TRIANGLES_AT_ONCE], 1)
-        found.append(start + np.flatnonzero(reached(planes, magnitudes, boxes)))
-    return np.concatenate(found)
+        numbers.append(start + np.flatnonzero(reached(planes, magnitudes, boxes)))
+    return np.concatenate(numbers)
 
 
 def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
@@ -131,7 +131,7 @@ def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
 
 
 def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
-    """Return row, first column and end column of every run in a mask of visible clusters (L, N), row by row.
+    """Return row, first and end column of every run in a mask of visible clusters (L, N).
 
     A single hidden cluster between two visible ones joins them: drawing it costs less than a second
     draw.
@@ -147,17 +147,17 @@ def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     return row, first, end
 
 
+#: moderngl's format of each vertex attribute of hogel.vert, but for the number of the hogel
 FORMATS = {
     **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
     "in_flat_normal": "3f",
     "in_flat_surface": "2u4",
 }
-"""moderngl's format of each vertex attribute of hogel.vert, but for the number of the hogel."""
 
+#: Layout of an indirect draw as OpenGL reads it; the base instance is the number of its hogel
 DRAW_COMMAND = np.dtype(
     [("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base_vertex", "i4"), ("hogel", "u4")]
 )
-"""Layout of an indirect draw as OpenGL reads it; the base instance is the number of its hogel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,10 +174,10 @@ class PassGeometry:
 class PlateGeometry:
     """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
 
-    `passes` are the cameras as they are for any one aperture; only what all apertures share is
-    used. `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects
-    (F,). `surfaces` and `reflections` are the triangles that each camera draws, and the reflective
-    ones among them.
+    `passes` are the cameras of any aperture; only properties shared by all apertures are used.
+    `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects (F,).
+    `surfaces` and `reflections` are the triangles that each camera draws, and the reflective ones
+    among them.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class PlateGeometry:
 
         def seen_by_each(triangles: Indices) -> list[PassGeometry]:
             """Sort triangles by the cameras that may see them from anywhere on the plate."""
-            found = []
+            geometries = []
             for camera in passes:
                 matrix = camera.clip_from_scene.astype(np.float32)
                 planes, magnitudes = clip_planes(matrix, clip_control)
@@ -207,9 +207,9 @@ class PlateGeometry:
                 seen = triangles[within]
                 boxes = boxes_of(vertices, scene.faces[seen], TRIANGLES_PER_CLUSTER)
                 first = 3 * sum(len(part) for part in indices)
-                found.append(PassGeometry(first=first, count=len(seen), boxes=boxes))
+                geometries.append(PassGeometry(first=first, count=len(seen), boxes=boxes))
                 indices.append(mesh.faces[seen])
-            return found
+            return geometries
 
         self.surfaces = seen_by_each(np.arange(len(scene.faces)))
         self.reflections = seen_by_each(np.flatnonzero(reflective))
@@ -220,7 +220,7 @@ class PlateGeometry:
         }
 
     def attribute(self, name: str) -> moderngl.Buffer:
-        """Return the buffer of a vertex attribute, see `mesh.attribute_of` and `flat_attributes`."""
+        """Return the buffer of a vertex attribute of `mesh.attribute_of` or `flat_attributes`."""
         if name not in self._attributes:
             values = attribute_of(self._scene, name)[self._mesh.source]
             self._attributes[name] = self._context.buffer(values.tobytes())
@@ -229,7 +229,7 @@ class PlateGeometry:
     def commands(
         self, geometry: PassGeometry, matrices: Singles, windows: Floats = WHOLE_FILM
     ) -> NDArray[np.void]:
-        """Return the draws of one pass for hogels (`clip_planes`): runs of clusters that they may reach."""
+        """Return the draws of one pass for hogels (`clip_planes`): runs of reachable clusters."""
         planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
         hogel, begin, end = runs(visible)
@@ -245,6 +245,6 @@ class PlateGeometry:
 def flat_attributes(
     scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
 ) -> dict[str, Singles | NDArray[np.uint32]]:
-    """Return the normals and materials of triangles, carried by the vertices that end them (surface.glsl)."""
+    """Return normals and materials of triangles at the vertices that end them (surface.glsl)."""
     normals = scene.normals.astype(np.float32)
     return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

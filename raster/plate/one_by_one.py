@@ -1,4 +1,4 @@
-"""Hogels drawn one after the other: with any sampling, averaged over sub-apertures, and as a plain loop."""
+"""Hogels drawn one by one: with any sampling, averaged over sub-apertures, as a plain loop."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -71,17 +71,17 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
 
 
 def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
-    """Return the images of a hogel in color that a plate stores, in the types in which it stores them."""
+    """Return the stored images of a hogel in the types of a plate."""
     assert image.color is not None
-    wanted = content.channels
-    normal = image.normal if Channel.NORMAL in wanted else None
+    channels = content.channels
+    normal = image.normal if Channel.NORMAL in channels else None
     return PlateHogel(
         aperture=image.camera.aperture,
         color=stored(image.color, content.color),
-        triangle=image.triangle if Channel.TRIANGLE in wanted else None,
-        height=image.height.astype("f4") if Channel.HEIGHT in wanted else None,
+        triangle=image.triangle if Channel.TRIANGLE in channels else None,
+        height=image.height.astype("f4") if Channel.HEIGHT in channels else None,
         normal=None if normal is None else normal.astype("f4"),
-        certainty=image.certainty if Channel.CERTAINTY in wanted else None,
+        certainty=image.certainty if Channel.CERTAINTY in channels else None,
     )
 
 
@@ -114,7 +114,7 @@ class OneByOne(ContextOwner):
 
 
 class PlainLoop(ContextOwner):
-    """The loop that anybody would write first, against which drawing many hogels at once is measured.
+    """Plain loop over hogels, the baseline of drawing many at once.
 
     Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`,
     triangles take their numbers from vertices, as in `PlateRenderer`: that is as fast as a loop
@@ -191,7 +191,7 @@ class PlainLoop(ContextOwner):
             GL.glFinish()
 
     def read_only(self, count: int) -> None:
-        """Read back the last images so many times, and draw nothing."""
+        """Read back the last images `count` times, and draw nothing."""
         with self._context:
             for _ in range(count):
                 self._target.start_reading()

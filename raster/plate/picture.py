@@ -1,4 +1,4 @@
-"""The pictures of several hogels: every camera's picture and, over them, every camera's reflections.
+"""Pictures of several hogels: the picture and, over it, the reflections of every camera.
 
 The programs are made of the same shaders as those that draw one hogel. A submission draws several
 hogels, and owns its target and buffers until it is read back.
@@ -38,16 +38,17 @@ from xfrustum.scenes.model.scene import Scene
 
 HOGELS_BINDING = 0  #: binding of the uniform block with the matrices of each hogel
 
+#: Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
-"""Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers."""
 
+#: Largest size of one submission's attachments, so that a software renderer finds them in its
+#: caches
 SUBMISSION_BYTES = 1 << 20
-"""Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
-ROUND_BYTES = (
-    1 << 25
-)  #: largest size of the attachments of one round of submissions, which bounds the memory
+#: largest size of the attachments of one round of submissions, which bounds the memory
+ROUND_BYTES = 1 << 25
+#: Largest number of hogels in a submission, and of submissions in a round; more do not save more
+#: time
 MAX_HOGELS = 4
-"""Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
 ROUNDS = 2  #: number of rounds: one is drawn while the one before it is read back
 
 PICTURE, REFLECTION = (
@@ -62,7 +63,7 @@ def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
 
 
 def many_defines(context: moderngl.Context, hogels: int) -> dict[str, str]:
-    """Return the names that shaders ask for where one submission draws up to so many hogels."""
+    """Return the names of shaders that draw up to `hogels` hogels in a submission."""
     layers = {"WITH_LAYERS": "1"} if lets_vertices_choose_layers(context) else {}
     return {"MANY": str(hogels), **layers}
 
@@ -81,7 +82,7 @@ def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
-    """A stream's submissions of hogels, which share clears and draws and have a layer each, and its rounds.
+    """Sizes of submissions, whose hogels share clears and draws, and of rounds of submissions.
 
     The submissions of a round are drawn one after the other, then read back together.
     """
@@ -91,11 +92,11 @@ class Batching:
 
     @classmethod
     def from_size(cls, size: tuple[int, int], form: TargetFormat, *, layered: bool) -> Batching:
-        """Return the batching of images of W, H pixels; `layered` devices draw on several layers at once."""
+        """Return the batching of images of W, H pixels, with layered draws or without."""
         hogel_bytes = form.bytes_per_pixel * size[0] * size[1]
 
-        def within(wanted: int) -> int:
-            return max(1, min(MAX_HOGELS, wanted))
+        def within(number: int) -> int:
+            return max(1, min(MAX_HOGELS, number))
 
         hogels = within(SUBMISSION_BYTES // hogel_bytes) if layered else 1
         return cls(hogels=hogels, submissions=within(ROUND_BYTES // (hogels * hogel_bytes)))
@@ -120,7 +121,7 @@ def make_rounds(
     make_target: Callable[[], LayeredTarget],
     counts: tuple[int, int],
 ) -> list[list[Slot]]:
-    """Return the slots of every round, for so many drawings and cameras."""
+    """Return the slots of every round; `counts` are the numbers of drawings and cameras."""
     drawings, cameras = counts
 
     def buffers(reserve: int) -> list[moderngl.Buffer]:
@@ -151,7 +152,7 @@ class PictureStyle:
 
 
 class PlateDrawing:
-    """The triangles that one program draws for each camera: all surfaces, or the reflective ones."""
+    """Triangles of one program for each camera: all surfaces, or the reflective ones."""
 
     def __init__(
         self,
@@ -176,11 +177,11 @@ class PlateDrawing:
     def commands(
         self, number: int, matrices: Singles, windows: Floats = WHOLE_FILM
     ) -> NDArray[np.void]:
-        """Return the draws of a camera for hogels with some matrices; see `PlateGeometry.commands`."""
+        """Return the draws of a camera for hogels; see `PlateGeometry.commands`."""
         return self._geometry.commands(self._cameras[number], matrices, windows)
 
     def draw(self, hogels: moderngl.Buffer, commands: moderngl.Buffer, draws: int) -> None:
-        """Draw so many commands for the hogels whose matrices are in a buffer."""
+        """Draw `draws` commands for hogels with matrices in a buffer."""
         if draws:
             hogels.bind_to_uniform_block(HOGELS_BINDING)
             self._mesh.render_indirect(commands, count=draws)
@@ -230,7 +231,7 @@ class PlatePicture:
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
     ) -> list[int]:
-        """Upload what a camera draws for hogels, and return the number of draws of each drawing."""
+        """Upload the draws of a camera for hogels; return their number by drawing."""
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
@@ -244,7 +245,7 @@ class PlatePicture:
         return counts
 
     def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
-        """Draw one camera's picture, as any one of the hogels has it, over those of the cameras before it."""
+        """Draw the picture of one camera over the pictures of the cameras before it."""
         slot.target.clear_depth(camera.clear)
         self._context.depth_func = camera.depth_function
         self._shading.bind(self.drawings[PICTURE].program)
@@ -253,7 +254,7 @@ class PlatePicture:
     def reflect(
         self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int
     ) -> None:
-        """Add every camera's reflections, if anything reflects, wherever its picture has stayed visible."""
+        """Add the reflections of every camera wherever its picture has stayed visible."""
         if self.environment is None:
             return
         self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
@@ -273,8 +274,8 @@ class PlatePicture:
 
 def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> Mask:
     """Return (F,) which triangles are drawn once more for their reflections."""
-    found = np.zeros(len(scene.faces), dtype=np.bool_)
+    mask = np.zeros(len(scene.faces), dtype=np.bool_)
     if Effect.REFLECTION in effects:
         for first, count in reflecting(scene):
-            found[first : first + count] = True
-    return found
+            mask[first : first + count] = True
+    return mask

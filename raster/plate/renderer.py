@@ -1,6 +1,6 @@
 """Many hogels per submission: the paper's double frustum for a whole plate, as a stream.
 
-docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
+docs/adr/0006 has the reasons. Images equal those by `Rasterizer`, bit for bit.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -56,12 +56,12 @@ FilmParts = Mapping[tuple[int, int], FilmPart]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameRequest:
-    """What is wanted of the hogels of one submission."""
+    """Requested parts of the films of one submission."""
 
     #: (L, 4) least and largest u and v of each part, with its pixels' borders; see
     #: `clusters.clip_planes`
     windows: Floats
-    #: First column, first row from the bottom, width and height in pixels of what holds all parts;
+    #: First column, first row from the bottom, width and height in pixels about all parts;
     #: None for whole films
     box: tuple[int, int, int, int] | None
 
@@ -69,7 +69,7 @@ class FrameRequest:
     def from_apertures(
         cls, apertures: Sequence[Aperture], parts: FilmParts | None, size: tuple[int, int]
     ) -> Self:
-        """Return what is wanted of some hogels whose films have a size W, H; all where `parts` is None."""
+        """Return the request of hogels with films of W, H pixels; whole films without `parts`."""
         if parts is None:
             return cls(windows=WHOLE_FILM, box=None)
         width, height = size
@@ -106,11 +106,11 @@ def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 
 
 class PlateRenderer(ContextOwner):
-    """A scene on the GPU, uploaded once, ready to be drawn from many apertures with the same settings.
+    """Scene on the GPU, uploaded once, drawn from many apertures with the same settings.
 
     A context manager; `content` are the images that are read back, and the effects that are
-    simulated. Raises InputError where the settings do not fit the frustum, the scene asks for more
-    than one sample a pixel beside sub-apertures, or the device cannot draw it.
+    simulated. Raises InputError where the settings do not fit the frustum, the scene has more
+    than one sample a pixel besides sub-apertures, or the device cannot draw it.
     """
 
     def __init__(
@@ -119,12 +119,12 @@ class PlateRenderer(ContextOwner):
         settings.check_against(scene.frustum)
         if scene.sampling != Sampling(aperture=scene.sampling.aperture):
             raise InputError(
-                f"{scene.name}: asks for several samples a pixel, and a plate is drawn with one; "
-                "say --supersample 1 --multisample 1, or draw its hogels with raster"
+                f"{scene.name}: has several samples a pixel, and a plate is drawn with one; "
+                "give --supersample 1 --multisample 1, or draw its hogels with raster"
             )
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
-        asked = self.content.effects
-        self.effects = needed(scene, Question(settings=(settings,))) if asked is None else asked
+        effects = self.content.effects
+        self.effects = needed(scene, Question(settings=(settings,))) if effects is None else effects
         self._cameras = cameras_in_order(scene, settings, self.effects)
         self._context = open_context()
         try:
@@ -182,10 +182,9 @@ class PlateRenderer(ContextOwner):
         """Draw apertures and yield their images in the same order, in bounded memory.
 
         While one round of submissions is drawn, the round before it is read back. Where the scene
-        asks for sub-apertures, each is drawn as a hogel of its own, and color is their mean.
-        `parts` are the parts of the films that are wanted, by column and row of the hogel: their
-        pixels are those of whole films, bit for bit, and take less time; those outside mean
-        nothing.
+        has sub-apertures, each is drawn as a hogel of its own, and color is their mean. `parts` are
+        the requested parts of the films, by column and row of the hogel: their pixels equal the
+        pixels of whole films, bit for bit, and take less time; pixels outside have no meaning.
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:
@@ -236,7 +235,7 @@ class PlateRenderer(ContextOwner):
             GL.glFinish()
 
     def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
-        """Count the triangles submitted for these apertures; the others lie outside their frusta."""
+        """Count the triangles submitted for some apertures: all others lie outside the frusta."""
         total = 0
         drawings = [] if self._picture is None else self._picture.drawings
         for aperture in apertures:
@@ -292,10 +291,10 @@ class PlateRenderer(ContextOwner):
                 )
 
     def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:
-        """Return the heights (H, W) of what a hogel shows, where they are wanted."""
-        wanted = Channel.HEIGHT in self.content.channels
+        """Return the heights (H, W) of a hogel; None where they are not a channel."""
+        measured = Channel.HEIGHT in self.content.channels
         # Sub-apertures give their color alone.
-        if not wanted or aperture != self.scene.plate.aperture(*aperture.index):
+        if not measured or aperture != self.scene.plate.aperture(*aperture.index):
             return None
         passes = self._passes(aperture)
         width, height = slot.target.size

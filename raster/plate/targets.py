@@ -46,7 +46,7 @@ class TargetFormat:
 
     @property
     def attachments(self) -> dict[int, int]:
-        """Internal format of each color attachment that is asked for; numbered as in `Target`."""
+        """Internal format of each color attachment; numbered as in `Target`."""
         color = {COLOR: _COLOR_FORMAT[self.content.color]}
         return {**color, IDENTITY: GL.GL_RG32UI} if self.identified or self.content.ids else color
 
@@ -71,7 +71,7 @@ class Layer:
 
 
 class LayeredTarget:
-    """One framebuffer of W, H pixels with a layer for each hogel of a submission, read through buffers.
+    """Framebuffer of W, H pixels with a layer for each hogel of a submission, read by buffers.
 
     moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current
     context.
@@ -118,7 +118,7 @@ class LayeredTarget:
         """Draw here from now on, on empty layers: number 0, black.
 
         `box` is the part of the films that is drawn and read: first column, first row from the
-        bottom, width and height; None for all. What lies outside reads as black.
+        bottom, width and height; None for all. All else reads as black.
         """
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
@@ -155,7 +155,7 @@ class LayeredTarget:
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def start_reading(self) -> None:
-        """Ask for everything that was drawn; a device that works in parallel returns at once."""
+        """Request all pixels; a device that works in parallel returns at once."""
         self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
         if self._content.ids:
             self._start(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT)
@@ -177,11 +177,11 @@ class LayeredTarget:
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
 
     def finish_color(self) -> NDArray[Any]:
-        """Wait for the linear RGB that was asked for and return it, (layers, H, W, 3), row 0 at the top."""
+        """Wait for the requested linear RGB, (layers, H, W, 3), row 0 at the top."""
         return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
 
     def finish_triangle(self) -> Numbers | None:
-        """Return triangle numbers, (layers, H, W), -1 where nothing was drawn; None if not wanted."""
+        """Return triangle numbers, (layers, H, W), -1 for none; None without that channel."""
         if not self._content.ids:
             return None
         return self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32) - 1

@@ -18,11 +18,11 @@ from xfrustum.reference.lines.lines import RayBundle, Vector
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
+#: Margin of every chord: a million times the rounding of unit vectors and distances, 1e-15
 CHORD_MARGIN = 1e-9
-"""Margin of every chord: a million times the rounding of unit vectors and distances, 1e-15."""
 
+#: Largest chord of a cap surely smaller than a half sphere, whose chord is sqrt(2)
 MAX_CHORD = 1.4
-"""Largest chord of a cap surely smaller than a half sphere, whose chord is sqrt(2)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

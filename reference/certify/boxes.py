@@ -33,8 +33,8 @@ from xfrustum.reference.certify.cone import (
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 
+#: Largest number of rows of all boxes of one `Boxes`: they are counted in 32 bits
 MAX_ROWS = 1 << 31
-"""Largest number of rows of all boxes of one `Boxes`: they are counted in 32 bits."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,13 +40,13 @@ from xfrustum.scenes.arrays import Floats
 
 UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounded operation in double precision, u
 
+#: Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4
+#: u for the rounding of the bound itself
 ROUNDING = 12 * UNIT_ROUNDOFF
-"""Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and
-4 u for the rounding of the bound itself."""
 
+#: Smallest double of full precision. Below it, the three quotients and products that make s and its
+#: bound are off by at most half a step each, 2^-1075, whatever their size; this number covers them.
 UNDERFLOW = 2.0**-1022
-"""Smallest double of full precision. Below it, the three quotients and products that make s and its
-bound are off by at most half a step each, 2^-1075, whatever their size; this number covers them."""
 
 EDGES = ((0, 1), (1, 2), (2, 0))  #: first and second corner of each edge of a triangle
 

@@ -29,8 +29,8 @@ def _fraction_bits(values: Floats) -> int:
     return int(max(0, (53 - trailing - exponent).max()))
 
 
+#: Number of scenes whose digits are cached: all apertures of a plate share them
 REMEMBERED_SCENES = 8
-"""Number of scenes whose digits are cached: all apertures of a plate share them."""
 
 _REMEMBERED: deque[tuple[ref[Floats], int]] = deque(maxlen=REMEMBERED_SCENES)
 

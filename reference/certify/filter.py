@@ -93,8 +93,8 @@ NO_PAIRS = Pairs(
 )
 
 
+#: Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone
 DOUBTFUL_WEIGHT = 2
-"""Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

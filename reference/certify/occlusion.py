@@ -56,9 +56,9 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 HALF_CELL = 0.5  #: distance, in pixels, of a cell's sides from its center
 
+#: Room for pairs of each point at first. Most points are hidden by nothing; for more pairs, the
+#: walk is repeated with room for all of them.
 PAIRS_PER_POINT = 1 / 8
-"""Room for pairs of each point at first. Most points are hidden by nothing; for more pairs, the
-walk is repeated with room for all of them."""
 
 MIN_PAIRS = 1 << 12  #: least room for pairs
 

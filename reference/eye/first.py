@@ -26,18 +26,18 @@ from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
+#: Pairs of a line and a triangle that are decided at once, about 1 kB each
 PAIRS_AT_ONCE = 1 << 19
-"""Pairs of a line and a triangle that are decided at once, about 1 kB each."""
 
 TRIANGLES_AT_ONCE = 1 << 13  #: triangles whose columns and rows are searched at once
 
+#: Margin of every comparison, relative to the sum of its absolute values: more than ten thousand
+#: roundings of 1e-16, for a few dozen operations
 MARGIN = 1e-11
-"""Margin of every comparison, relative to the sum of its absolute values: more than ten thousand
-roundings of 1e-16, for a few dozen operations."""
 
+#: Smallest distance below the eye, as a part of its height, at which corners are projected.
+#: Triangles that reach beside the eye or behind it may cross any line.
 BESIDE_THE_EYE = 1e-6
-"""Smallest distance below the eye, as a part of its height, at which corners are projected.
-Triangles that reach beside the eye or behind it may cross any line."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

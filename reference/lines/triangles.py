@@ -55,14 +55,14 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     return np.where(inside, from_plane, nearest_edge)
 
 
+#: Roundings of a determinant of differences, in 2^-53 of the sum of all products' magnitudes: one
+#: of each difference, in three factors, one of each of two products and four sums. Shewchuk (1997),
+#: section 4.3, proves 7 and a term of second order.
 DETERMINANT_ROUNDINGS = 8
-"""Roundings of a determinant of differences, in 2^-53 of the sum of all products' magnitudes: one
-of each difference, in three factors, one of each of two products and four sums. Shewchuk (1997),
-section 4.3, proves 7 and a term of second order."""
 
+#: Magnitude above which underflow cannot change the sign of a determinant of three factors: its
+#: errors are some 2^-1074 times coordinates, which are smaller than 2^128 as floats of 32 bits
 SMALLEST_SURE = 2.0**-900
-"""Magnitude above which underflow cannot change the sign of a determinant of three factors: its
-errors are some 2^-1074 times coordinates, which are smaller than 2^128 as floats of 32 bits."""
 
 
 def facing(triangles: Floats, bundle: RayBundle) -> Numbers:

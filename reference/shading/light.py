@@ -37,8 +37,8 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
 _SRGB = np.arange(256) / 255.0
+#: Linear light of each 8-bit sRGB value (IEC 61966-2-1)
 LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4)
-"""Linear light of each 8-bit sRGB value (IEC 61966-2-1)."""
 
 
 class Textures:
@@ -154,14 +154,14 @@ def _bounded(index: Any, last: Any) -> Any:
 
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")  #: names of a material's coefficients
 
+#: Smallest logarithm to base 2 of a power. `exp2` of Dr.Jit 1.5, and with it `power`, returns minus
+#: infinity for some results below the smallest double of full precision, 2^-1022. Against radiance,
+#: 2^-1000 is nothing.
 MIN_LOG2 = -1000.0
-"""Smallest logarithm to base 2 of a power. `exp2` of Dr.Jit 1.5, and with it `power`, returns minus
-infinity for some results below the smallest double of full precision, 2^-1022. Against radiance,
-2^-1000 is nothing."""
 
+#: Largest number of binary digits of whole exponents for which squarings outrun a logarithm. Their
+#: roundings add up to 2^10 2^-53 at most, far below the rounding of a float32.
 MAX_SQUARING_DIGITS = 10
-"""Largest number of binary digits of whole exponents for which squarings outrun a logarithm. Their
-roundings add up to 2^10 2^-53 at most, far below the rounding of a float32."""
 
 
 class LightModel:

@@ -13,8 +13,8 @@ from xfrustum.scenes.model.effects import ALL_EFFECTS, FAR_MARGIN, Effect, neede
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
+#: Effects that can make a gray material colored
 COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
-"""Effects that can make a gray material colored."""
 
 
 class Shader:

@@ -17,9 +17,9 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
+#: Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock:
+#: several calls run on several threads.
 RAYS_PER_CALL = 1 << 16
-"""Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock:
-several calls run on several threads."""
 
 
 def embree_versions() -> dict[str, str]:

@@ -17,11 +17,11 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 
+#: Pixels of a second opinion traced at once, which bounds memory: some 200 bytes each
 OPINION_PIXELS = 1 << 18
-"""Pixels of a second opinion traced at once, which bounds memory: some 200 bytes each."""
 
+#: Distance of rays' origins from the scene's box, a share of its diagonal far above rounding
 CLEARANCE = 2.0**-6
-"""Distance of rays' origins from the scene's box, a share of its diagonal far above rounding."""
 
 
 def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Floats]:

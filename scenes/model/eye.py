@@ -40,9 +40,8 @@ class Eye:
     ]  #: center of the pupil, scene units; z > 0, before the plate
     resolution: tuple[int, int] = RESOLUTION  #: W, H in pixels
     pupil: float = 0.0  #: its diameter, scene units; 0 for a pinhole
-    focus: float = (
-        0.0  #: height z, below the eye, of the plane in focus; without a pupil it has no effect
-    )
+    #: height z, below the eye, of the plane in focus; without a pupil it has no effect
+    focus: float = 0.0
     beam: Beam = Beam.BOX
 
     def __post_init__(self) -> None:
@@ -108,9 +107,8 @@ class HogelPixels(ShortRepr):
 class Replay(ShortRepr):
     """All pixels of hogels that an eye is shown."""
 
-    shown: (
-        HogelPixels  #: those that say which surface: nearest to the rays through the pupil's center
-    )
+    #: those that say which surface: nearest to the rays through the pupil's center
+    shown: HogelPixels
     colors: tuple[HogelPixels, ...]  #: those whose weighted sum is what the eye sees
 
     @property
@@ -129,14 +127,12 @@ class EyeImage(SurfaceImage):
     """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     eye: Eye
-    triangle: (
-        Numbers  #: surface on the ray through the pupil's center, `NOTHING` where there is none
-    )
+    #: surface on the ray through the pupil's center, `NOTHING` where there is none
+    triangle: Numbers
     object: Numbers  #: likewise
     position: Floats  #: surface point, scene units; NaN where there is none or it is not known
-    color: Singles | None = (
-        None  #: linear RGB, averaged over the pupil and over beams; None if not known
-    )
+    #: linear RGB, averaged over the pupil and over beams; None if not known
+    color: Singles | None = None
     certainty: Bytes | None = None  #: uint8 `Certainty` per pixel; None where nothing was certified
 
     @property
