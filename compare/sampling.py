@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from xfrustum.scenes.arguments import settle, whole
+from xfrustum.scenes.arguments import real, settle, whole
 from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
@@ -170,3 +170,141 @@ def clean_sample(share: float, hogels: int, risk: float) -> int:
     while size < hogels and share_beyond(0, size, hogels, risk) > share:
         size += 1
     return size
+
+
+DEFAULT_SAMPLE = 300
+"""Default size of a sample, hogels: if none of them is beyond the limits, at most 1 % of all are, with
+a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleRequest:
+    """Number of hogels to judge: all, a sample, or growing samples until a bound is reached."""
+
+    sample: int | None = DEFAULT_SAMPLE  #: hogels of a sample, >= 1; None for all
+    #: Share of the plate, 0 to 1, at which growing samples stop. The first sample is the smallest
+    #: that bounds this share if none of its hogels is beyond the limits.
+    until: float | None = None
+    seed: int = 0  #: start of the random numbers
+
+    def __post_init__(self) -> None:
+        if self.until is not None and not 0 < real(self.until) < 1:
+            raise InputError(f"--until must be a share between 0 and 100 %, not {self.until}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateSample:
+    """Hogels of a plate to judge: a whole population, or samples that grow from look to look."""
+
+    hogels: int  #: hogels of the plate
+    population: Indices | range  #: places on the path of `aperture_at`; all others show nothing
+    growing: GrowingSample | None  #: samples of the population; None for all of it
+    until: float | None  #: share of the plate at which growing samples stop
+    claims: int = 1  #: settings with a bound of their own; all bounds hold together
+
+    @classmethod
+    def from_request(
+        cls,
+        hogels: int,
+        request: SampleRequest,
+        population: Indices | range | None = None,
+        claims: int = 1,
+    ) -> PlateSample:
+        """Return the sample of a plate, or of a part of it outside of which nothing is visible."""
+        population, first = range(hogels) if population is None else population, request.sample
+        if request.until is not None:
+            share = min(1.0, request.until * hogels / len(population))
+            first = clean_sample(share, len(population), risk_of_claim(claims, look=0))
+        growing = None
+        if first is not None and first < len(population):
+            growing = GrowingSample(hogels=len(population), first=first, seed=request.seed)
+        return cls(
+            hogels=hogels,
+            population=population,
+            growing=growing,
+            until=request.until,
+            claims=claims,
+        )
+
+    @property
+    def looks(self) -> int:
+        """Largest number of samples, each of which contains the one before."""
+        return 1 if self.growing is None or self.until is None else self.growing.looks
+
+    @property
+    def first_size(self) -> int:
+        """Number of hogels of the first sample."""
+        return len(self.population) if self.growing is None else self.growing.first
+
+    @property
+    def description(self) -> dict[str, int | float | None]:
+        """Numbers that decide the hogels, in JSON's types."""
+        seed = None if self.growing is None else self.growing.seed
+        sizes = {"hogels": self.hogels, "population": len(self.population)}
+        return {**sizes, "first": self.first_size, "until": self.until, "seed": seed}
+
+    def new_places(self, look: int) -> Sequence[int]:
+        """Return the places that a look adds to the one before."""
+        if self.growing is not None:
+            chosen = np.asarray(self.population)[self.growing.new_places(look)]
+            return chosen.tolist()  # type: ignore[no-any-return]
+        # A range stays one: plates have millions of hogels.
+        return self.population if isinstance(self.population, range) else self.population.tolist()
+
+    def extent(self, judged: int, look: int = 0, *, complete: bool = True) -> SampleExtent:
+        """Return what the hogels that have been judged allow to claim."""
+        return SampleExtent(sample=self, judged=judged, look=look, complete=complete)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleExtent:
+    """Hogels judged so far, and the bounds on shares of the plate that they allow."""
+
+    sample: PlateSample
+    judged: int  #: hogels
+    look: int  #: number of the latest look, >= 0
+    complete: (
+        bool  #: whether all hogels of the look are judged; parts of a job array may be missing
+    )
+
+    @property
+    def everything(self) -> bool:
+        """Whether every hogel of the plate was judged or shows nothing."""
+        return self.judged == len(self.sample.population)
+
+    @property
+    def confidence(self) -> float:
+        """Probability that all bounds hold together; 1 where every hogel was judged."""
+        return 1.0 if self.everything else CONFIDENCE
+
+    @property
+    def looks(self) -> int | None:
+        """Number of looks that share the risk; None for a single sample and for all hogels."""
+        grows = self.sample.growing is not None and self.sample.until is not None
+        return self.look + 1 if grows else None
+
+    def at_most(self, beyond: int) -> float | None:
+        """Return the upper bound on the share of the plate beyond the limits; None if incomplete."""
+        seeing, hogels = len(self.sample.population), self.sample.hogels
+        if self.everything:
+            return beyond / hogels
+        if not self.complete:
+            return None
+        return share_beyond(beyond, self.judged, seeing, self._risk) * seeing / hogels
+
+    def decides(self, beyond: int) -> bool:
+        """Return whether the share surely keeps the limit `until`, or surely exceeds it.
+
+        Stopping where a share surely exceeds the limit costs no risk: the claims are the upper
+        bounds, and these hold at all looks together.
+        """
+        bound, limit = self.at_most(beyond), self.sample.until
+        if limit is None or bound is None or self.everything or bound <= limit:
+            return limit is None or bound is not None
+        seeing = len(self.sample.population)
+        least = share_beyond_at_least(beyond, self.judged, seeing, self._risk)
+        return least * seeing / self.sample.hogels > limit
+
+    @property
+    def _risk(self) -> float:
+        return risk_of_claim(self.sample.claims, None if self.looks is None else self.look)

@@ -403,7 +403,7 @@ def _begin(stopped: Connection[Any, Any], environments: Any, job: bytes) -> None
     def end() -> None:
         # The pipe is closed at the end of the work, and by the system if the command was killed.
         stopped.poll(None)
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
 
     threading.Thread(target=end, daemon=True).start()
 

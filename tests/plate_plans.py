@@ -13,10 +13,11 @@ from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.requirement import Requirement
+from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.plan_text import reason as reason_of
 from xfrustum.reports.planning import plan
-from xfrustum.reports.survey.survey import Chosen, survey
+from xfrustum.reports.survey.survey import survey
 from xfrustum.scenes import InputError, Scene, open_scene
 
 SEED = 20261122
@@ -72,7 +73,7 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
     except InputError as error:
         reason = str(error)
     if made is not None and made.settings is not None:
-        chosen, engine = Chosen(sample=hogels, seed=SEED), Engine(workers=1)
+        chosen, engine = SampleRequest(sample=hogels, seed=SEED), Engine(workers=1)
         with tempfile.TemporaryDirectory() as folder:
             done = survey(
                 scene,
@@ -82,7 +83,7 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
                 tolerance_px=requirement.tolerance_px,
                 engine=engine,
             )
-            found = done.shares[0][1]
+            found = done.answers[0]
     return Trial(plan=made, survey=found, reason=reason)
 
 

@@ -1,9 +1,8 @@
-"""Surveys: hogels judged all over a plate, what that says of all, and where it is worst.
+"""Surveys: hogels judged all over a plate, the bound on the share beyond a tolerance, the worst.
 
-answer  The answer of a survey: counts and bounds for each setting, the sentence, the JSON object,
-the page rows    What a survey judges, block by block; a row for each hogel and setting, in bounded
-memory survey  `xfrustum survey`: which share of a plate's hogels is beyond a tolerance, and where
-it is worst
+survey  `xfrustum survey`, from the request to the files
+rows    Work in blocks, a row for each hogel and setting, and statistics in bounded memory
+answer  Record of the answer, its sentence, its JSON object and its page
 
 The bounds are those of `compare.sampling`.
 """

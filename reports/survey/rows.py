@@ -1,13 +1,13 @@
-"""What a survey judges, block by block; a row for each hogel and setting; and all rows in bounded memory.
+"""Work of a survey: hogels judged in blocks, a row for each hogel and setting, and its statistics.
 
-Rows are read part by part. Of maps and distributions as much is kept of a large plate as of a small
-one: a map has at most `MAX_MAP_CELLS` cells along a side, in which the worst hogel counts.
+Statistics are accumulated part by part in bounded memory: a map has at most `MAX_MAP_CELLS` cells
+along a side, and a cell shows its worst hogel.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 
@@ -16,13 +16,10 @@ import pyarrow as pa
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.judging.judged import HogelNumbers
-from xfrustum.compare.judging.verdict import Hogel, Limits
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import lengths
-from xfrustum.compare.run import Evaluator, JudgedDrawing, JudgedFrame
+from xfrustum.compare.run import Evaluator, JudgedDrawing
 from xfrustum.compare.sampling import aperture_at
-from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, device_index
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
@@ -30,45 +27,53 @@ from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.scout import plate_cells
-from xfrustum.reports.verification.sources import ForeignRenderer, named_as_given
-from xfrustum.reports.verification.verification import Run
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats
 
+#: Ends of the bins of |z| as fractions of the reach: half decades, for displacement goes as n/|z|
+#: and so changes by a factor of about three from bin to bin; the first bin begins at the plate.
 DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
-"""Ends of the bins of |z|, as fractions of the reach: half decades, for displacement goes as n/|z|, so that
-from bin to bin it changes by a factor of about three; the first bin goes down to the plate."""
 
-WORST_HOGELS = 6  # number of the worst hogels of each setting that are named, and shown on the page
-P99, SURFACE, FRACTION = "displacement_px_p99", "surface_fraction", "fraction"
-"""Columns that decide which hogels are worst; images that name no surfaces have the last one alone."""
+WORST_HOGELS = 6  #: number of the worst hogels of each setting that are named and shown
+P99, SURFACE = "displacement_px_p99", "surface_fraction"  #: columns that rank the worst hogels
 
+#: Smallest displacement in the distribution, far below the resolution of 32-bit positions; and
+#: largest number of its points.
 MIN_SHOWN_PX, SHOWN_QUANTILES = 1e-6, 500
-"""Smallest displacement of the distribution, far below what 32-bit positions can show; and largest number of
-its points."""
 
+#: Columns that are mapped where they have values, and their captions; columns of causes follow.
 MAP_COLUMNS = {
     P99: "displacement (p99), px",
     SURFACE: "share of wrong surfaces",
-    FRACTION: "share of wrong pixels",
     "height_rms": "error of height (rms)",
     "radiance_rms": "error of radiance (rms)",
     "unexplained": "unexplained pixels",
 }
-"""Columns that are mapped where they have values, in words; columns of causes are found by their names."""
+
+MAX_PICTURE_PX = 512  #: longest side of a picture on the page
+
+#: Pixels that are drawn and judged in a block, with the overhead of each hogel: 10 to 60 s of one
+#: core, while a task costs a scheduler a few milliseconds.
+PIXELS_PER_BLOCK = 1 << 22
+
+#: Overhead of a hogel in pixels: the triangles of the car, transformed for each drawing and each
+#: link of the error budget, take as long as 256 x 256 pixels.
+PIXELS_PER_HOGEL = 1 << 16
+
+MIN_BLOCKS = 16  #: number of blocks even of a small sample, so that several workers have work
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthBins:
-    """Displacement by depth of content: for each bin of |z|, over all pixels that show a surface there."""
+    """Displacement by depth of content: values for each bin of |z|."""
 
     pixels: tuple[int, ...]
-    squares_px2: tuple[float, ...]  # sums of squared displacements
+    squares_px2: tuple[float, ...]  #: sums of squared displacements
     max_px: tuple[float, ...]
 
     @classmethod
     def from_image(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
-        """Sort the pixels of a drawing, displaced (H, W, 2) in pixels, by the height of what they show."""
+        """Bin the displacements (H, W, 2), pixels, of a drawing by the height of its surfaces."""
         moved = lengths(displacement)
         shown = np.isfinite(moved)
         moved, depth = moved[shown], np.abs(drawn.height[shown].astype(np.float64))
@@ -85,28 +90,28 @@ class DepthBins:
 
 @dataclass(frozen=True)
 class Device:
-    """The device that drew a hogel: the name of its OpenGL renderer, and its index among EGL's devices."""
+    """Device that drew a hogel."""
 
-    renderer: str
-    index: int
+    renderer: str  #: name of its OpenGL renderer
+    index: int  #: index among EGL's devices
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnRow:
-    """One hogel that our rasterizer drew with one setting: what `report` measures, and error by depth.
+class SurveyRow:
+    """One hogel drawn with one setting: the measures of `report`, and the error by depth.
 
-    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement alone does not see depth
-    fighting or a lost object, for all that is shown may be where it belongs.
+    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement does not show depth
+    fighting or a lost object, for every visible point may be where it belongs.
     """
 
     column: int
     row: int
-    setting: int
+    setting: int  #: number of the setting, from 0
     beyond: bool
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
     causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
-    unexplained: int
+    unexplained: int  #: pixels
     depth: DepthBins
     device: Device
 
@@ -118,12 +123,12 @@ class DrawnRow:
         drawing: JudgedDrawing,
         tolerance_px: float,
         device: Device,
-    ) -> DrawnRow:
+    ) -> SurveyRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
         assert isinstance(comparison, Comparison) and drawn is not None
         assert drawing.causes is not None and drawing.unexplained is not None
-        assert comparison.surface is not None, "a judge has the scene at hand"
+        assert comparison.surface is not None, "an evaluator has the scene at hand"
         return cls(
             column=aperture.column,
             row=aperture.row,
@@ -141,211 +146,139 @@ class DrawnRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoundingCauses:
-    """Number of wrong pixels by the kind of rounding that can have made them wrong."""
-
-    edge: int
-    order: int
-    lost: int
-    unexplained: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForeignNumbers(HogelNumbers):
-    """The numbers of one image, as `verify` finds them, with columns for its causes in any case."""
-
-    causes: RoundingCauses | None  # type: ignore[assignment]
-
-    @classmethod
-    def from_numbers(cls, one: HogelNumbers | None) -> ForeignNumbers | None:
-        """Return the numbers with the causes as columns."""
-        causes = None if one is None or one.causes is None else RoundingCauses(**one.causes)
-        return None if one is None else cls(**{**vars(one), "causes": causes})
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForeignRow:
-    """One hogel of another renderer, judged as `verify` does, as found and corrected for the diagnosis."""
-
-    column: int
-    row: int
-    setting: int = 0
-    beyond: bool  # it is missing, for the reason `problem`, or exceeds a limit
-    verdict: str
-    problem: str | None
-    as_found: ForeignNumbers | None = field(metadata=named_columns("{}"))
-    corrected: ForeignNumbers | None
-
-    @classmethod
-    def from_hogel(cls, hogel: Hogel) -> ForeignRow:
-        """Return the row of a hogel that was verified."""
-        return cls(
-            column=hogel.aperture.column,
-            row=hogel.aperture.row,
-            beyond=not hogel.passed,
-            verdict=hogel.verdict,
-            problem=hogel.problem,
-            as_found=ForeignNumbers.from_numbers(hogel.as_found),
-            corrected=ForeignNumbers.from_numbers(hogel.corrected),
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
 class WorstHogel:
-    """A hogel by how bad it is: whether it is beyond, then by displacement, then by its wrong surfaces."""
+    """Hogel by its badness: beyond the limits, then displacement, then wrong surfaces."""
 
+    aperture: tuple[int, int]  #: column and row
+    displacement_p99_px: float | None  #: None where it is undefined
+    surface_fraction: float
     beyond: bool
-    badness: (
-        float  # p99 of displacement: infinite where it is unknown of a hogel beyond, 0 of others
-    )
-    surface_fraction: (
-        float | None
-    )  # wrong pixels of images that name no surfaces; None for a missing hogel
-    aperture: tuple[int, int]
-    displacement_p99_px: float | None
+
+    @property
+    def badness(self) -> float:
+        """Displacement, pixels: infinite where it is undefined beyond the limits, else 0."""
+        if self.displacement_p99_px is None:
+            return math.inf if self.beyond else 0.0
+        return self.displacement_p99_px
+
+    @property
+    def order(self) -> tuple[object, ...]:
+        """Sort key, the worst first; equal hogels by their place, however parts are read."""
+        return not self.beyond, -self.badness, -self.surface_fraction, self.aperture[::-1]
 
 
 class SettingStats:
-    """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many hogels."""
+    """Counts, maps and the worst hogels of the rows of one setting."""
 
     def __init__(self, hogels: tuple[int, int]) -> None:
-        self._hogels = hogels
-        self.judged = self.beyond = self.empty = 0
-        self.looked = np.zeros((1, 1), dtype=bool)  #: cells of maps in which a hogel was judged
+        self._hogels = hogels  # columns and rows of the plate
+        self.judged = self.beyond = 0
+        self.empty = 0  #: hogels within the limits that show nothing
+        self.known = np.zeros((1, 1), dtype=bool)  #: cells of maps with a judged hogel
         self.worst: list[WorstHogel] = []  #: the worst first
-        #: By column: (rows, columns) of cells, the largest value in each; NaN where there is none
+        #: By column: the largest value in each cell (rows, columns); NaN where there is none.
         self.maps: dict[str, Floats] = {}
         self._moved_px: list[Floats] = []
-        #: Sums and maxima of `DepthBins` over all hogels
+        #: Sums and maxima of `DepthBins` over all hogels.
         self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros(
             (3, len(DEPTH_ENDS) - 1)
         )
 
     def add(self, rows: pa.Table) -> None:
-        """Count some rows, of this setting alone."""
-        columns, lines = (_numbers(rows, name).astype(np.int64) for name in ("column", "row"))
-        beyond, moved, surface = (_numbers(rows, name) for name in ("beyond", P99, SURFACE))
-        self.judged += len(columns)
-        self.beyond += int((beyond > 0).sum())
-        # Of our drawings the truth's surfaces are counted, of images their own too.
-        shown = np.fmin(_numbers(rows, "covered"), _numbers(rows, "shown"))
-        self.empty += int(((shown == 0) & (beyond == 0)).sum())
-        surface = np.where(np.isfinite(surface), surface, _numbers(rows, FRACTION))
-        found = [
+        """Count some rows of this setting."""
+        places = np.stack([_numbers(rows, name) for name in ("column", "row")], -1).astype(np.int64)
+        beyond, moved = _numbers(rows, "beyond") > 0, _numbers(rows, P99)
+        self.judged += len(places)
+        self.beyond += int(beyond.sum())
+        self.empty += int(((_numbers(rows, "covered") == 0) & ~beyond).sum())
+        columns = places.tolist(), moved.tolist(), _numbers(rows, SURFACE).tolist(), beyond.tolist()
+        self.worst += [
             WorstHogel(
-                beyond=is_beyond > 0,
-                badness=px if math.isfinite(px) else math.inf if is_beyond > 0 else 0.0,
-                surface_fraction=share if math.isfinite(share) else None,
                 aperture=(column, row),
                 displacement_p99_px=px if math.isfinite(px) else None,
+                surface_fraction=share,
+                beyond=bad,
             )
-            for column, row, is_beyond, px, share in zip(
-                *(one.tolist() for one in (columns, lines, beyond, moved, surface)), strict=True
-            )
+            for (column, row), px, share, bad in zip(*columns, strict=True)
         ]
-        # Of equals the first on the plate is named, in whatever order parts are read.
-        self.worst = sorted(
-            (*self.worst, *found),
-            key=lambda h: (
-                not h.beyond,
-                -h.badness,
-                -(h.surface_fraction or 0.0),
-                h.aperture[::-1],
-            ),
-        )[:WORST_HOGELS]
-        places = np.stack((columns, lines), axis=-1)
-        self.looked = self.looked | plate_cells(self._hogels, places, beyond)[1]
+        self.worst = sorted(self.worst, key=lambda hogel: hogel.order)[:WORST_HOGELS]
+        self.known = self.known | plate_cells(self._hogels, places, beyond)[1]
         for name in rows.column_names:
-            cause = (
-                name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
-            )
-            if cause or name in MAP_COLUMNS:
+            cause = name.startswith("cause_") and name.endswith("_surface")
+            if name in MAP_COLUMNS or (cause and "predicted" not in name):
                 cells, _ = plate_cells(self._hogels, places, _numbers(rows, name))
                 self.maps[name] = np.fmax(self.maps.get(name, np.nan), cells)
         self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
-        if "depth_pixels" in rows.column_names:
-            names = ("pixels", "squares_px2", "max_px")
-            bins = (np.array(rows.column(f"depth_{name}").to_pylist()) for name in names)
-            pixels, squares, largest = bins
-            self.depth_pixels += pixels.sum(axis=0)
-            self.depth_squares_px2 += squares.sum(axis=0)
-            self.depth_max_px = np.maximum(self.depth_max_px, largest.max(axis=0))
+        pixels, squares, largest = (
+            np.array(rows[f"depth_{name}"].to_pylist()).reshape(-1, len(DEPTH_ENDS) - 1)
+            for name in ("pixels", "squares_px2", "max_px")
+        )
+        self.depth_pixels += pixels.sum(axis=0)
+        self.depth_squares_px2 += squares.sum(axis=0)
+        self.depth_max_px = np.maximum(self.depth_max_px, largest.max(axis=0, initial=0.0))
 
     def share_beyond(self) -> tuple[Floats, Floats]:
-        """Return displacements in px, ascending, and the share of hogels displaced by more than each."""
+        """Return displacements in pixels, ascending, and the share of hogels above each."""
         moved = np.sort(np.concatenate([np.zeros(0), *self._moved_px]))
         places = np.linspace(0, len(moved) - 1, min(len(moved), SHOWN_QUANTILES)).astype(int)
         return moved[places], (len(moved) - 1 - places) / max(self.judged, 1)
 
 
-def add_rows(found: Sequence[SettingStats], tables: Iterable[pa.Table]) -> None:
-    """Count the rows of some parts, those of each setting in its tally."""
+def add_rows(stats: Sequence[SettingStats], tables: Iterable[pa.Table]) -> None:
+    """Count the rows of some parts by their settings."""
     for table in tables:
         numbers = _numbers(table, "setting")
-        for setting, tally in enumerate(found):
-            tally.add(table.filter(pa.array(numbers == setting)))
+        for setting, one in enumerate(stats):
+            one.add(table.filter(pa.array(numbers == setting)))
 
 
 def _numbers(rows: pa.Table, name: str) -> Floats:
-    """Return a column as doubles, NaN where it is null, or where there is no such column."""
-    if name not in rows.column_names:
-        return np.full(len(rows), np.nan)
+    """Return a column as doubles, NaN where it is null."""
     column = rows.column(name).cast(pa.float64())
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-MAX_PICTURE_PX = 512  # longest side of a picture on the page; larger images are reduced
-PIXELS_PER_BLOCK = 1 << 22
-"""Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
-core, while a task costs a scheduler a few milliseconds."""
-
-PIXELS_PER_HOGEL = 1 << 16
-"""Pixels that take as long as what a hogel costs however small it is: on the car, whose triangles are all
-transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
-
-MIN_BLOCKS = 16
-"""Number of blocks that even a small sample is cut into where it has as many hogels, for several workers."""
-
-
 def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
-    """Return how many of some hogels a block has; it depends on the work, never on the number of workers."""
+    """Return the size of a block of some hogels; it never depends on the number of workers."""
     cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
     return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HogelBlock:
-    """Some hogels by their places on the path of `aperture_at`, and the number of their part."""
+    """Hogels by their places on the path of `aperture_at`."""
 
-    number: int
+    number: int  #: of the part
     places: Sequence[int]
+
+
+def blocks_of(places: Sequence[int], size: int, first: int) -> list[HogelBlock]:
+    """Divide places into blocks, numbered from `first`; the last may be smaller."""
+    begins = range(0, len(places), size)
+    return [
+        HogelBlock(number=number, places=places[begin : begin + size])
+        for number, begin in enumerate(begins, first)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShownHogel:
-    """Pictures of one hogel, data URLs by what they show, and all its channels; none where it is missing."""
+    """Pictures of one hogel as data URLs by caption, and all its channels."""
 
     pictures: dict[str, str]
-    inspected: InspectedHogel | None
-
-
-@dataclass(frozen=True)
-class Session:
-    """What judges the hogels of a survey in one process."""
-
-    make: Callable[[HogelBlock], None]  # writes the rows of a block
-    shown: Callable[
-        [tuple[int, int], int], ShownHogel
-    ]  # of a column and row, and the number of a setting
+    inspected: InspectedHogel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurveyJob(Job):
-    """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
+    """Hogels of a scene, drawn with some settings and judged in blocks, each a part of rows."""
 
+    name = "survey"
     scene: Scene
     parts: ParquetParts
     tolerance_px: float
+    settings: tuple[DoubleFrustum, ...]
+    tracer: str
 
     def finished(self, block: HogelBlock) -> bool:
         """Return whether a block has its part."""
@@ -356,51 +289,44 @@ class SurveyJob(Job):
         return len(block.places)
 
     def words(self, block: HogelBlock) -> str:
-        """Return the number of a block, and its first aperture."""
-        return "block {} (from aperture {},{})".format(
-            block.number, *self.apertures(block)[0].index
-        )
-
-    def apertures(self, block: HogelBlock) -> list[Aperture]:
-        """Return the hogels of a block, in their order."""
-        return [aperture_at(self.scene.plate, place) for place in block.places]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DrawnJob(SurveyJob):
-    """A survey of what our rasterizer draws with some settings; the tracer gives truths a second opinion."""
-
-    name = "survey"
-    settings: tuple[DoubleFrustum, ...]
-    tracer: str
+        """Return the number of a block and its first aperture."""
+        column, row = aperture_at(self.scene.plate, block.places[0]).index
+        return f"block {block.number} (from aperture {column},{row})"
 
     @contextmanager
-    def open(self) -> Iterator[Session]:
+    def open(self) -> Iterator[SurveySession]:
         """Open the renderers of the scene."""
+        with Evaluator(self.scene, self.tracer) as evaluator:
+            yield SurveySession(self, evaluator)
 
-        def make(block: HogelBlock) -> None:
-            hogels = judge.stream(self.apertures(block), self.settings, images=True, causes=True)
-            rows = [
-                DrawnRow.from_drawing(hogel.aperture, setting, drawing, self.tolerance_px, device)
-                for hogel in hogels
-                for setting, drawing in enumerate(hogel.drawings)
-            ]
-            self.parts.write(block.number, table_of(DrawnRow, rows))
 
-        def shown(index: tuple[int, int], setting: int) -> ShownHogel:
-            apertures, settings = [self.scene.plate.aperture(*index)], [self.settings[setting]]
-            with closing(judge.frames(apertures, settings, DRAWN)) as frames:
-                return self._shown(next(frames))
+@dataclass(frozen=True)
+class SurveySession:
+    """Renderers of a survey in one process."""
 
-        with Evaluator(self.scene, self.tracer) as judge:
-            device = Device(judge.device["renderer"], device_index())
-            yield Session(make, shown)
+    job: SurveyJob
+    evaluator: Evaluator
 
-    def _shown(self, frame: JudgedFrame) -> ShownHogel:
+    def make(self, block: HogelBlock) -> None:
+        """Judge the hogels of a block and write their rows."""
+        job, device = self.job, Device(self.evaluator.device["renderer"], device_index())
+        apertures = [aperture_at(job.scene.plate, place) for place in block.places]
+        hogels = self.evaluator.stream(apertures, job.settings, images=True, causes=True)
+        rows = [
+            SurveyRow.from_drawing(hogel.aperture, setting, drawing, job.tolerance_px, device)
+            for hogel in hogels
+            for setting, drawing in enumerate(hogel.drawings)
+        ]
+        job.parts.write(block.number, table_of(SurveyRow, rows))
+
+    def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
+        scene, settings = self.job.scene, [self.job.settings[setting]]
+        with closing(self.evaluator.frames([scene.plate.aperture(*index)], settings, DRAWN)) as one:
+            frame = next(one)
         wrong = frame.comparison.maps.surface
-        reduction = -(-max(self.scene.frustum.resolution) // MAX_PICTURE_PX)
-        assert wrong is not None, "a judge has the scene at hand"
+        assert wrong is not None, "an evaluator has the scene at hand"
+        reduction = -(-max(scene.frustum.resolution) // MAX_PICTURE_PX)
         pictures = {
             "truth": picture(frame.truth, reduction),
             "drawing": picture(frame.image, reduction),
@@ -408,51 +334,4 @@ class DrawnJob(SurveyJob):
             "wrong surfaces": mask(wrong, SURFACE_COLOR, reduction),
         }
         urls = {name: address(encoded) for name, encoded in pictures.items()}
-        return ShownHogel(pictures=urls, inspected=inspected_frame(self.scene, frame))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ForeignJob(SurveyJob):
-    """A survey of another renderer's files; `state` is their digest, by which others are refused."""
-
-    name = "survey-images"
-    draws = False
-    renderer: ForeignRenderer
-    state: str
-
-    @contextmanager
-    def open(self) -> Iterator[Session]:
-        """Diagnose the renderer: every process for itself, with the same outcome."""
-        renderer, asked = self.renderer, self.scene.plate.apertures()
-        renderer.require_state(asked, self.state)
-        reference, limits = Reference(self.scene), Limits(displacement_px=self.tolerance_px)
-
-        def make(block: HogelBlock) -> None:
-            judged = run.hogels(question, self.apertures(block))
-            rows = [
-                ForeignRow.from_hogel(named_as_given(hogel, renderer.named_from))
-                for hogel, _ in judged
-            ]
-            self.parts.write(block.number, table_of(ForeignRow, rows))
-
-        def shown(index: tuple[int, int], setting: int) -> ShownHogel:
-            found = run.pictured(question, self.scene.plate.aperture(*index), channels=True)
-            pictures, inspected = (found.pictures, found.inspected) if found else ({}, None)
-            return ShownHogel(pictures=pictures, inspected=inspected)
-
-        with renderer.opened(reference) as source:
-            run = Run(
-                renderer=renderer,
-                reference=reference,
-                source=source,
-                apertures=asked,
-                limits=limits,
-            )
-            question = run.question()
-            run.kept.clear()  # few hogels of the sample are this process's own: all are read anew
-            yield Session(make, shown)
-
-
-def shown_hogel(session: Session, index: tuple[int, int], setting: int) -> ShownHogel:
-    """Return what a page shows of one hogel; a question to the workers."""
-    return session.shown(index, setting)
+        return ShownHogel(pictures=urls, inspected=inspected_frame(scene, frame))

@@ -34,12 +34,12 @@ from xfrustum import (
     verify,
     view,
 )
+from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.budget import auto_budget
 from xfrustum.reports.displays import DISPLAYED, display, first_png, html
 from xfrustum.reports.notebook import MAX_SIDE_PX, Figure, NotebookRepr, png
 from xfrustum.reports.scout import auto_apertures
-from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
@@ -215,7 +215,7 @@ def test_plans_surveys_verdicts_costs_and_several_budgets_are_displayed(tmp_path
     scene = small_scene()
     reference, middle = Reference(scene), scene.plate.middle
     engine = Engine(workers=1)
-    surveyed = survey(scene, SETTINGS, tmp_path, Chosen(sample=4), engine=engine)
+    surveyed = survey(scene, SETTINGS, tmp_path, SampleRequest(sample=4), engine=engine)
     verdict = verify(scene, lambda scene, aperture: reference.trace(middle))
     assert "hogels are beyond 0.5 px" in assert_displayed(surveyed)
     assert "Not right" in assert_displayed(verdict)

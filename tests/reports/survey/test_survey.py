@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from xfrustum import (
     DoubleFrustum,
@@ -24,21 +23,15 @@ from xfrustum import (
     budget,
     compare_images,
     open_scene,
-    verify,
-    write_image,
-    write_plate,
 )
 from xfrustum.cli.main import main
-from xfrustum.compare.sampling import risk_of_claim, share_beyond
+from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
 from xfrustum.reports.blocks import Engine, device_index
-from xfrustum.reports.exchange.convert import LaidOutPlate
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.scout import plate_map
 from xfrustum.reports.survey import rows
-from xfrustum.reports.survey.survey import Chosen, survey
-from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.survey.survey import survey
 from xfrustum.scenes import Plate
-from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
 NEAR = 0.8
 
@@ -132,17 +125,17 @@ def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
         Engine(workers=1),
     )
     found, whole, few = (
-        survey(scene, settings, tmp_path / str(sample), Chosen(sample=sample), engine=here)
+        survey(scene, settings, tmp_path / str(sample), SampleRequest(sample=sample), engine=here)
         for sample in (75, None, 3)
     )
-    seeing = found.extent.seeing
+    seeing = len(found.extent.sample.population)
     assert found.extent.judged == seeing < 40 and found.extent.everything
-    assert whole.extent.judged == whole.extent.seeing == 150
+    assert whole.extent.judged == len(whole.extent.sample.population) == 150
     judged = {(row["column"], row["row"]) for row in rows_of(tmp_path / "75").to_pylist()}
     for row in rows_of(tmp_path / "None").to_pylist():
         if (row["column"], row["row"]) not in judged:
             assert not (row["covered"] or row["beyond"] or row["unexplained"])
-    ((_, sampled),), ((_, everything),), ((_, share),) = found.shares, whole.shares, few.shares
+    (sampled,), (everything,), (share,) = found.answers, whole.answers, few.answers
     assert sampled.beyond == everything.beyond > 0
     assert sampled.share_beyond_at_most == everything.share_beyond_at_most
     assert f"{150 - seeing} hogels see nothing of the scene and are not judged" in found.sentence
@@ -187,10 +180,12 @@ def test_a_map_is_blank_where_the_nearest_judged_hogel_shows_nothing() -> None:
         rows.P99: [2.0, None],
         rows.SURFACE: [0.0, 0.0],
     }
-    tally.add(pa.table(places | numbers))
+    bins = [[0.0] * (len(rows.DEPTH_ENDS) - 1)] * 2
+    depth = {f"depth_{name}": bins for name in ("pixels", "squares_px2", "max_px")}
+    tally.add(pa.table(places | numbers | depth))
     assert (tally.judged, tally.beyond, tally.empty) == (2, 1, 1)
     plate = Plate(size=(10.0, 1.0), hogels=(10, 1))
-    shown = plate_map(plate, tally.maps[rows.P99], "", known=tally.looked)["data"][0]["z"]
+    shown = plate_map(plate, tally.maps[rows.P99], "", known=tally.known)["data"][0]["z"]
     assert np.isfinite(shown).tolist() == [[True] * 5 + [False] * 5]
 
 
@@ -202,14 +197,22 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
     gone = sorted(before)[3]
     gone.unlink()
     (out / "index.html").unlink()
-    survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
+    survey(
+        scene, DoubleFrustum(near=NEAR), out, SampleRequest(sample=None), engine=Engine(workers=1)
+    )
     assert parts_of(out) == parts_of(whole)
     assert {p for p, time in before.items() if p.stat().st_mtime_ns != time} == {gone}
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
     with pytest.raises(
         InputError, match=rf"begun with other settings \(near was {NEAR}, now 0.5\);"
     ):
-        survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
+        survey(
+            scene,
+            DoubleFrustum(near=0.5),
+            out,
+            SampleRequest(sample=None),
+            engine=Engine(workers=1),
+        )
 
 
 @pytest.mark.slow
@@ -295,7 +298,13 @@ def test_two_surveys_of_one_folder_are_one(
     out, write = tmp_path / "survey", ParquetParts.write
 
     def run() -> None:
-        survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
+        survey(
+            scene,
+            DoubleFrustum(near=NEAR),
+            out,
+            SampleRequest(sample=None),
+            engine=Engine(workers=1),
+        )
 
     def overtaken(*first: Any) -> None:
         monkeypatch.setattr(ParquetParts, "write", write)
@@ -325,116 +334,13 @@ def test_damage_and_pipes_in_a_store_hang_nothing_and_change_no_number(
     assert said["status"] == 2 and "was begun with another description" in said["errors"]
 
 
+def test_images_of_another_renderer_are_verified(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["survey", str(scene_path), "--images", "x", "--out", str(tmp_path)]) == 2
+    assert "verify SCENE SOURCE --sample N" in capsys.readouterr().err
+
+
 def test_a_survey_needs_no_engine_to_be_named(scene_path: Path, tmp_path: Path) -> None:
     words = ["--near", "0.001", "--sample", "1", "--quiet", "--out", str(tmp_path / "survey")]
     assert main(["survey", str(scene_path), *words]) == 0
-
-
-# Surveys of the plates of other renderers say what `verify` says.
-
-
-def box(
-    path: Path, hogels: tuple[int, int], resolution: tuple[int, int], size: tuple[float, float]
-) -> Path:
-    """Write a scene of one box behind the plate."""
-    text = (
-        named("box")
-        + film(size, hogels, resolution, (60, 60), (60, 60))
-        + part("box", 12, (4, 0, -14))
-    )
-    path.write_text(text)
-    return path
-
-
-def survey_of(scene: Path, pattern: Path, out: Path, *more: str) -> int:
-    words = [
-        "survey",
-        str(scene),
-        "--images",
-        str(pattern),
-        "--all",
-        "--out",
-        str(out),
-        "--quiet",
-        *more,
-    ]
-    return main([*words, "--workers", "1"])
-
-
-def assert_alike(rows: list[dict[str, Any]], verified: Verification) -> None:
-    """Compare the rows of a survey with the hogels of a verification, number by number."""
-    by_place = {(row["column"], row["row"]): row for row in rows}
-    assert len(by_place) == len(rows) == len(verified.hogels)
-    for hogel in verified.hogels:
-        row = by_place[hogel.aperture.index]
-        assert (row["verdict"], row["beyond"]) == (hogel.verdict, not hogel.passed)
-        found = hogel.as_found
-        if found is None:
-            assert (row["problem"], row["wrong"]) == (hogel.problem, None)
-            continue
-        assert (row["shown"], row["wrong"], row["by"]) == (found.shown, found.wrong, found.by)
-        assert row["surface_wrong"] == (found.surface.wrong if found.surface else None)
-        assert row["displacement_px_p99"] == (
-            found.displacement_px.p99 if found.displacement_px else None
-        )
-        assert hogel.corrected is not None
-        assert row["corrected_wrong"] == hogel.corrected.wrong
-
-
-@pytest.mark.parametrize("near", thinned([0.001, 0.5], 2))
-def test_a_survey_of_images_says_what_verify_says(
-    near: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its workers may run elsewhere; files are named as they were given all the same.
-
-    The larger near is a fault, which both diagnose.
-    """
-    monkeypatch.chdir(tmp_path)
-    path, pattern, out = Path("boxes.toml"), Path("{i}x{j}.exr"), Path("survey")
-    box(path, (2, 2), (16, 16), (40, 32)).write_text(path.read_text() + part("box", 6, (-5, 2, 16)))
-    scene = open_scene(path)
-    with Rasterizer(scene) as rasterizer:
-        for one in [each for each in scene.plate.apertures() if each.index != (1, 1)]:
-            write_image(
-                Path(f"{one.column}x{one.row}.exr"),
-                rasterizer.render(one, DoubleFrustum(near=near)),
-            )
-    assert survey_of(path, pattern, out) == 1
-    verified = verify(scene, str(pattern))
-    rows = rows_of(out).to_pylist()
-    assert_alike(rows, verified)
-    said = json.loads((out / "survey.json").read_text())
-    assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > (near > 0.1)
-    # A hogel that is missing is worse than any that is wrong.
-    assert said["worst"] == {
-        "aperture": [1, 1],
-        "displacement_p99_px": None,
-        "surface_fraction": None,
-    }
-    page = (out / "index.html").read_text()
-    assert "<b>1,1</b>: missing</summary>" in page
-    assert "This hogel is missing" in page
-
-
-def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, out = box(tmp_path / "box.toml", (3, 2), (8, 6), (20, 8)), tmp_path / "survey"
-    scene = open_scene(path)
-    views = LaidOutPlate(out=tmp_path / "views", layout="views")
-    content = PlateContent(channels=(Channel.TRIANGLE,))
-    write_plate(scene, DoubleFrustum(near=0.001), views.group, content=content)
-    views.write(scene)
-    asked = ("--encoding", "triangle-id")
-    assert survey_of(path, views.files, out, *asked) == 0
-    assert f"note: {views.files} looks like views (48 of 48 names fit" in capsys.readouterr().err
-    verified = verify(scene, str(views.files), layout="views", encoding="triangle-id")
-    assert_alike(rows_of(out).to_pylist(), verified)
-    # The layout that was found is stated to all processes, and may be stated by the user.
-    assert survey_of(path, views.files, out, *asked, "--layout", "views") == 0
-    assert "looks like" not in capsys.readouterr().err
-    (views.files / "3_4.png").touch()
-    assert survey_of(path, views.files, out, *asked, "--layout", "views") == 2
-    assert "begun with another state of the images" in capsys.readouterr().err
-    assert survey_of(path, views.files, tmp_path / "other", *asked, "--layout", "burnett") == 2
-    assert "cannot be read in the layout burnett" in capsys.readouterr().err

@@ -132,13 +132,12 @@ def plate(asked: _Plate) -> None:
 
 
 if TYPE_CHECKING:
-    from xfrustum.reports.survey.survey import Chosen
-    from xfrustum.reports.verification.sources import ForeignRenderer
+    from xfrustum.compare.sampling import SampleRequest
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
 def _settings(nears: tuple[float, ...] | None, **given: Any) -> tuple[DoubleFrustum, ...]:
-    """Return the settings of one near or of several; none where no near is given."""
+    """Return the settings of one near or of several; none without a near."""
     if nears is not None and given["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
     several = [given] if nears is None else [{**given, "near": near} for near in nears]
@@ -163,85 +162,60 @@ class _Survey(options.Measured):
     resolution = option(
         options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]"
     )
-    images = option(
-        options.TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'."
-    )
-    encoding = options.encoding_option
-    layout = option(options.LAYOUT, "Layout of --images.  [default: what it looks like]")
-    accept = option(options.ACCEPTED, "Conventions of --images that are no faults; see verify.")
+    images = option(options.TEXT, "Replaced by verify.", default=None, hidden=True)
     engine = options.engine_options("one per processor or GPU")
     out = option(options.FOLDER, "Folder.", required=True)
 
-    def judged(self) -> tuple[DoubleFrustum, ...] | ForeignRenderer:
-        """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
-        from xfrustum.reports.verification.sources import ForeignRenderer
-        from xfrustum.scenes.files.foreign_images import Encoding
 
-        if self.images is None:
-            if options.present(encoding=self.encoding, layout=self.layout, accept=self.accept):
-                words = (
-                    "--encoding, --layout and --accept say how --images are read: give --images too"
-                )
-                raise click.UsageError(words)
-            if not self.settings:
-                raise click.UsageError(
-                    "give --near or --nears, or the --images of another renderer"
-                )
-            return self.settings
-        if len(self.settings) > 1:
-            raise click.UsageError("--images were drawn with one near offset: give --near, or none")
-        return ForeignRenderer(
-            source=self.images,
-            encoding=None if self.encoding is None else Encoding(self.encoding),
-            near=self.settings[0].near if self.settings else None,
-            accept=self.accept or (),
-            layout=self.layout,
-        )
+def sample_request(
+    *, everything: bool, sample: int | None, until: float | None, seed: int
+) -> SampleRequest:
+    """Return the request of --all, --sample N or --until Q%."""
+    from xfrustum.compare.sampling import DEFAULT_SAMPLE, SampleRequest
 
-    def chosen(self) -> Chosen:
-        """Return which hogels are judged."""
-        from xfrustum.reports.survey.survey import DEFAULT_SAMPLE, Chosen
-
-        if sum((self.everything, self.sample is not None, self.until is not None)) > 1:
-            raise click.UsageError(
-                "--all, --sample and --until exclude each other: give one of them"
-            )
-        sample = None if self.everything else self.sample or DEFAULT_SAMPLE
-        return Chosen(sample=sample, until=self.until, seed=self.seed)
+    if sum((everything, sample is not None, until is not None)) > 1:
+        raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
+    hogels = None if everything else sample or DEFAULT_SAMPLE
+    return SampleRequest(sample=hogels, until=until, seed=seed)
 
 
 @options.command(
     "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey"
 )
 def survey(asked: _Survey) -> int:
-    """Judge hogels all over a plate: which share is beyond a tolerance, where, and why.
+    """Judge hogels all over a plate: the share beyond a tolerance, the places, the causes.
 
     Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and
     inspect.html. Stopped at any moment and called again with the same --out, it goes on where it
     was; any number of processes may do one survey at once. Exit status 1 if the share is above
-    --until; without it, if --tolerance-px was given, or --images, and any judged hogel is beyond.
+    --until; without it, if --tolerance-px was given and any judged hogel is beyond.
     """
+    if asked.images is not None:
+        raise click.UsageError(
+            "survey --images is replaced by `xfrustum verify SCENE SOURCE --sample N`, or --until Q%"
+        )
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.survey.answer import PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
+    if not asked.settings:
+        raise click.UsageError("give --near or --nears")
     if asked.resolution is not None and asked.resolution != (own := opened.frustum.resolution):
         given, coarser = asked.resolution, max(map(truediv, own, asked.resolution))
         options.note(
-            f"hogels have {given[0]} x {given[1]} pixels in place of the scene's {own[0]} x {own[1]}: "
-            f"{asked.tolerance_px:g} px of these are {asked.tolerance_px * coarser:.3g} px of the scene's"
+            f"hogels have {given[0]} x {given[1]} pixels in place of the scene's {own[0]} x "
+            f"{own[1]}: {asked.tolerance_px:g} px of these are {asked.tolerance_px * coarser:.3g} "
+            "px of the scene's"
         )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=asked.resolution))
+    names = ("everything", "sample", "until", "seed")
+    request = sample_request(**{name: getattr(asked, name) for name in names})
     how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer}
-    how |= {"told": options.note, "progress": asked.progress}
-    if asked.engine is not None:
-        how["engine"] = asked.engine
-    found = surveyed(opened, asked.judged(), asked.out, asked.chosen(), **how)
+    how |= {"told": options.note, "progress": asked.progress, "engine": asked.engine}
+    answer = surveyed(opened, asked.settings, asked.out, request, **how)
     options.warn_of(opened)
     # A part of a job array leaves no page.
-    place = asked.out / PAGE if found.extent.complete else asked.out
-    asked.tell(found.summary, lambda: f"{found.table()}\n{place}")
-    limited = (
-        asked.until is not None or asked.images is not None or options.is_given("tolerance_px")
-    )
-    return options.LIMIT_EXCEEDED if limited and found.extent.complete and found.exceeded else 0
+    place = asked.out / PAGE if answer.extent.complete else asked.out
+    asked.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
+    limited = asked.until is not None or options.is_given("tolerance_px")
+    return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0
