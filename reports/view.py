@@ -28,8 +28,8 @@ from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import address, html_page, plain_text, png
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as notebook_png
-from xfrustum.reports.plate import stored
-from xfrustum.reports.plate.store import COLOR, TRIANGLE
+from xfrustum.reports.plate.arrays import COLOR, TRIANGLE
+from xfrustum.reports.plate.reader import PlateReader
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -94,7 +94,7 @@ class StoredPlate:
     def __init__(self, path: Path, scene: Scene) -> None:
         self.name = path.name
         try:
-            plate = stored.StoredPlate(path)
+            plate = PlateReader(path)
             drawn = plate.description["scene"]
             drawn_from = drawn["hash"], drawn["look"]
             kind: TypeAdapter[DoubleFrustum | None] = TypeAdapter(DoubleFrustum | None)

@@ -12,15 +12,15 @@ import zarr
 
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
 from xfrustum.reports.exchange import words
-from xfrustum.reports.plate.store import (
+from xfrustum.reports.plate.arrays import (
     ATTRIBUTE,
     COMPRESSOR,
     DAMAGE,
     FINISHED,
     METADATA,
-    told,
+    reason_of,
 )
-from xfrustum.reports.plate.stored import checked_group, read_hogel
+from xfrustum.reports.plate.reader import checked_group, read_hogel
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
@@ -66,7 +66,7 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
             )
         stored, flags = group[chosen], group.get(FINISHED)
     except DAMAGE as error:
-        raise InputError(f"{place}: is no plate that can be read ({told(error)})") from error
+        raise InputError(f"{place}: is no plate that can be read ({reason_of(error)})") from error
     colored, drawn = chosen is PlateArray.COLOR, ATTRIBUTE in group.attrs
     if (
         not isinstance(stored, zarr.Array)

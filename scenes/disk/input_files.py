@@ -239,8 +239,6 @@ def in_words(size: float) -> str:
     """Return a size such as "3.2 MiB"."""
     if size < 1024:
         return f"{int(size)} bytes"
-    for unit in ("KiB", "MiB"):
-        size /= 1024
-        if size < 1024:
-            return f"{size:.3g} {unit}"
-    return f"{size / 1024:.3g} GiB"
+    power = 3 if size >= 1 << 30 else 2 if size >= 1 << 20 else 1
+    size, unit = size / 1024**power, ("KiB", "MiB", "GiB")[power - 1]
+    return f"{size:.0f} {unit}" if size >= 100 else f"{size:.3g} {unit}"

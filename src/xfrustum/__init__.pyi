@@ -24,7 +24,7 @@ from .reports.planning import PlanReport as PlanReport
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles
 from .reports.plate.plate import write_plate as write_plate
-from .reports.plate.store import camera_of as camera_of
+from .reports.plate.reader import camera_of as camera_of
 from .reports.scene_check.checking import SceneCheck as SceneCheck
 from .reports.scene_check.checking import check as check
 from .reports.scene_check.new_scene import NewScene as NewScene

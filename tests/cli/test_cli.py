@@ -278,7 +278,7 @@ BAD = [
     ("survey boxes.toml --near 1 --nears 1,2 --out x", "give one of them"),
     ("survey boxes.toml --near 1 --all --sample 3 --out x", "exclude each other"),
     ("survey boxes.toml --near 1 --until 1% --part 1/2 --out x", "use --all or --sample"),
-    ("survey boxes.toml --near 1 --encoding srgb --out x", "give --images too"),
+    ("survey boxes.toml --images x --out x", "verify SCENE SOURCE --sample N"),
     ("survey boxes.toml --near 1 --part 3/2 --out x", "parts run from 1/2"),
     (
         "survey boxes.toml --near 1 --all --part 1/2 --workers 2 --out x",

@@ -15,14 +15,14 @@ import pytest
 import zarr
 
 from tests.support.views import view
-from xfrustum.raster import Rasterizer
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
+from xfrustum.reports.plate.arrays import Tile
 from xfrustum.reports.plate.plate import (
     PlateFiles,
+    arrays_of,
     blocks_of_apertures,
-    layout_of,
-    source_of,
+    open_source,
     write_plate,
 )
 from xfrustum.reports.plate.store import open_store
@@ -36,6 +36,9 @@ from xfrustum.scenes.model.scene import look_hash
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
+BLOCK = (3, 2)
+#: Shards of columns 0 to 2, rows 2 and 3.
+SHARD = {"triangle": "triangle/c/1/0/0/0", "color": "color/c/1/0/0/0/0"}
 
 
 def small(name: str = "asymmetric-recentered") -> Scene:
@@ -48,52 +51,45 @@ def tree(folder: Path) -> dict[str, bytes]:
     }
 
 
-def array(group: zarr.Group, name: str) -> zarr.Array[Any]:
-    found = group[name]
-    assert isinstance(found, zarr.Array)
-    return found
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plate in blocks that nothing disturbed."""
+    out = tmp_path_factory.mktemp("clean") / "x.zarr"
+    return write_plate(small(), SETTINGS, str(out), content=EVERYTHING, block=BLOCK).out
 
 
-def finished(folder: Path) -> dict[str, tuple[int, int]]:
-    """Every block that has finished hogels, with what changes when it is written again."""
-    found = {}
-    for path in folder.glob("finished/c/*/*"):
-        if not path.name.endswith(".partial"):
-            status = path.stat()
-            found[str(path)] = (status.st_ino, status.st_mtime_ns)
-    return found
+@pytest.fixture
+def plate(clean: Path, tmp_path: Path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
 
 
-def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) -> None:
-    scene = small()
-    whole = write_plate(
-        scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(1, 1)
-    ).out
-    out = tmp_path / "parts.zarr"
+def drawn_again(plate: Path, **more: Any) -> PlateFiles:
+    return write_plate(small(), SETTINGS, plate, content=EVERYTHING, **more)
+
+
+def test_rectangles_add_up_to_the_whole_and_nothing_is_drawn_twice(
+    tmp_path: Path, clean: Path
+) -> None:
+    scene, out = small(), tmp_path / "parts.zarr"
     blocks = [(((1, 3), (0, 2)), 9), (((2, 6), (2, 2)), 3), ((None, (4, 4)), 7), ((None, None), 16)]
-    before: dict[str, tuple[int, int]] = {}
     for block, drawn in blocks:
         apertures = list(blocks_of_apertures(scene.plate, [block, block]))
-        files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING, block=(1, 1))
+        files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING, block=BLOCK)
         assert (files.drawn, files.found) == (drawn, len(set(apertures)) - drawn)
-        after = finished(out)
-        assert before.items() <= after.items() and len(after) == len(before) + drawn
-        before = after
-    assert tree(out) == tree(whole)
+    assert tree(out) == tree(clean)
+
+
+def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean: Path) -> None:
+    for number in (2, 1):
+        engine, out = Engine(part=Part(number=number, count=2)), tmp_path / "x.zarr"
+        assert 0 < drawn_again(out, block=BLOCK, engine=engine).drawn < 35
+    assert tree(out) == tree(clean)
 
 
 def test_hogels_that_show_nothing_are_finished_too(tmp_path: Path) -> None:
-    assert [write_plate(small("empty"), SETTINGS, tmp_path / "x.zarr").drawn for _ in range(2)] == [
-        35,
-        0,
-    ]
-
-
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate of one hogel."""
-    out = tmp_path_factory.mktemp("begun") / "x.zarr"
-    return write_plate(small(), SETTINGS, out, [small().plate.middle], EVERYTHING).out
+    empty, out = small("empty"), tmp_path / "x.zarr"
+    assert [write_plate(empty, SETTINGS, out).drawn for _ in range(2)] == [35, 0]
 
 
 @pytest.mark.parametrize(
@@ -105,7 +101,6 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
         (lambda s: (s, SETTINGS, PlateContent(ids=True)), "other content .color was"),
         (lambda s: (small("crossing"), SETTINGS, EVERYTHING), "another scene .name was"),
-        (lambda s: (replace(s, objects=s.objects[1:]), SETTINGS, EVERYTHING), "another scene;"),
         (
             lambda s: (replace(s, appearance=Appearance(lights=())), SETTINGS, EVERYTHING),
             "another scene",
@@ -121,28 +116,31 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_going_on_with_anything_else_is_refused(
-    change: Callable[[Scene], tuple[Scene, DoubleFrustum, PlateContent]], named: str, begun: Path
+    change: Callable[[Scene], tuple[Scene, DoubleFrustum, PlateContent]], named: str, clean: Path
 ) -> None:
-    before = tree(begun)
+    before = tree(clean)
     scene, settings, content = change(small())
     with pytest.raises(InputError, match=f"was drawn with .*{named}"):
-        write_plate(scene, settings, begun, content=content)
-    assert tree(begun) == before
+        write_plate(scene, settings, clean, content=content)
+    assert tree(clean) == before
 
 
-def test_going_on_with_effects_that_change_no_pixel_is_going_on(tmp_path: Path) -> None:
-    scene, out = small(), tmp_path / "x.zarr"
-    write_plate(scene, SETTINGS, out, [scene.plate.middle], EVERYTHING)
-    files = write_plate(scene, SETTINGS, out, content=replace(EVERYTHING, effects=ALL_EFFECTS))
-    assert (files.drawn, files.found) == (34, 1)
+def test_a_moved_scene_and_effects_that_change_no_pixel_are_gone_on_with(
+    plate: Path, clean: Path
+) -> None:
+    (plate / SHARD["color"]).unlink()
+    moved = replace(small(), source="/somewhere/else/scene.toml")
+    content = replace(EVERYTHING, effects=ALL_EFFECTS)
+    files = write_plate(moved, SETTINGS, plate, content=content)
+    assert (files.drawn, files.found, files.notes) == (6, 29, ())
+    assert tree(plate) == tree(clean)
 
 
 def mirrored_in(strength: float, material: Material, name: str) -> Scene:
     parts = tuple(replace(part, material=name) for part in small().objects)
     sky = Environment(radiance=np.full((2, 4, 3), 0.5, dtype=np.float32), strength=strength)
-    return replace(
-        small(), objects=parts, appearance=Appearance(materials={name: material}, environment=sky)
-    )
+    appearance = Appearance(materials={name: material}, environment=sky)
+    return replace(small(), objects=parts, appearance=appearance)
 
 
 def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
@@ -160,28 +158,6 @@ def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
     assert look_hash(mirrored_in(1.0, mirror, "another name")) == look_hash(scene)
 
 
-def test_finer_sampling_is_drawn_as_raster_draws_it_and_said(tmp_path: Path) -> None:
-    scene = replace(small("grating"), sampling=Sampling(supersample=2, multisample=4, aperture=3))
-    apertures = [scene.plate.middle, scene.plate.aperture(0, 4)]
-    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", apertures, EVERYTHING).out
-    group = zarr.open_group(out, mode="r")
-    with Rasterizer(scene) as rasterizer:
-        for aperture in apertures:
-            image = rasterizer.render(aperture, SETTINGS)
-            np.testing.assert_array_equal(
-                array(group, "color")[aperture.row, aperture.column], image.color
-            )
-            np.testing.assert_array_equal(
-                array(group, "triangle")[aperture.row, aperture.column], image.triangle
-            )
-    said = group.attrs["xfrustum"]
-    assert isinstance(said, dict) and said["sampling"] == {
-        "aperture": 3,
-        "supersample": 2,
-        "multisample": 4,
-    }
-
-
 def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
     folder, file = tmp_path / "folder", tmp_path / "file"
     folder.mkdir()
@@ -194,30 +170,7 @@ def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
     assert tree(folder) == {"mine.txt": b"mine"} and file.read_text() == "mine"
 
 
-# A plate that several processes make, and one that something has damaged.
-
-BLOCK = (3, 2)
-SHARD = {
-    "triangle": "triangle/c/1/0/0/0",
-    "color": "color/c/1/0/0/0/0",
-}  # of columns 0 to 2, rows 2 and 3
-
-
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate in blocks that nobody disturbed."""
-    out = tmp_path_factory.mktemp("clean") / "x.zarr"
-    return write_plate(small(), SETTINGS, str(out), content=EVERYTHING, block=BLOCK).out
-
-
-@pytest.fixture
-def plate(clean: Path, tmp_path: Path) -> Path:
-    """A copy to be damaged."""
-    return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
-
-
-def drawn_again(plate: Path, *, check: bool = False) -> PlateFiles:
-    return write_plate(small(), SETTINGS, plate, content=EVERYTHING, check=check)
+# Plates that something has damaged.
 
 
 def replaced_by_link(path: Path) -> None:
@@ -237,20 +190,19 @@ def flipped(path: Path, place: int = 200) -> None:
     path.write_bytes(data)
 
 
+#: Damage to a block, and the hogels that are drawn again: at once, and where all is read.
 DAMAGE: list[tuple[Callable[[Path], object], int, int]] = [
     (lambda path: path.write_bytes(b""), 0, 6),
-    (lambda path: path.write_bytes(path.read_bytes()[:-1]), 0, 6),
     (flipped, 0, 1),
     (lambda path: flipped(path, -6), 0, 6),
     (replaced_by_link, 6, 0),
     (Path.unlink, 6, 0),
 ]
-"""What happens to a block, and how many hogels are drawn again: at once, and where all is read."""
 
 
 @pytest.mark.parametrize("name", ["triangle", pytest.param("color", marks=pytest.mark.slow)])
 def test_a_damaged_block_is_drawn_again(name: str, plate: Path, clean: Path) -> None:
-    """Hogels have checksums: no change of a bit goes unnoticed where all is read; what is gone always is."""
+    """Hogels have checksums: no change of a bit goes unnoticed where all is read."""
     for damage, gone, damaged in DAMAGE:
         damage(plate / SHARD[name])
         at_once, read = drawn_again(plate), drawn_again(plate, check=True)
@@ -263,28 +215,18 @@ def test_a_damaged_block_is_drawn_again(name: str, plate: Path, clean: Path) -> 
 @pytest.mark.slow
 def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -> None:
     flipped(plate / SHARD["color"])
-    engine = Engine(workers=2)
-    files = write_plate(small(), SETTINGS, plate, content=EVERYTHING, check=True, engine=engine)
-    assert files.damaged == 1 and tree(plate) == tree(clean)
+    assert drawn_again(plate, check=True, engine=Engine(workers=2)).damaged == 1
+    assert tree(plate) == tree(clean)
 
 
-def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(
+def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_requested(
     plate: Path, clean: Path
 ) -> None:
     (plate / SHARD["color"]).unlink()
     with pytest.raises(InputError, match=r"another layout \(block was"):
-        write_plate(small(), SETTINGS, plate, content=EVERYTHING, block=(2, 2))
+        drawn_again(plate, block=(2, 2))
     assert drawn_again(plate).drawn == 6
     assert tree(plate) == tree(clean)
-
-
-def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean: Path) -> None:
-    for number in (2, 1):
-        engine = Engine(part=Part(number=number, count=2))
-        out = tmp_path / "x.zarr"
-        files = write_plate(small(), SETTINGS, out, content=EVERYTHING, block=BLOCK, engine=engine)
-        assert 0 < files.drawn < 35
-    assert tree(out) == tree(clean)
 
 
 def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
@@ -299,21 +241,23 @@ def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
         drawn_again(plate)
 
 
-METADATA_DAMAGE: dict[str, Callable[[dict[str, Any]], object]] = {
-    "a shape of 10^12": lambda said: said.update(shape=[10**6, 10**6, 12, 20, 3]),
-    "unknown codecs": lambda said: said.update(codecs=[{"name": "unknown"}]),
-    "nothing": lambda said: said.clear(),
-}
-
-
-@pytest.mark.parametrize("damage", METADATA_DAMAGE)
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda facts: facts.update(shape=[10**6, 10**6, 12, 20, 3]),
+        lambda facts: facts.update(codecs=[{"name": "unknown"}]),
+        dict.clear,
+    ],
+)
 @pytest.mark.parametrize("own", [True, False])
-def test_descriptions_of_an_array_are_never_believed(damage: str, own: bool, plate: Path) -> None:
-    """Neither that in the array's folder, which other readers of Zarr read, nor its copy in the group."""
+def test_descriptions_of_an_array_are_never_trusted(
+    damage: Callable[[dict[str, Any]], object], own: bool, plate: Path
+) -> None:
+    """Neither that in the array's folder, which other readers of Zarr read, nor its copy."""
     file = plate / ("color/zarr.json" if own else "zarr.json")
-    said = json.loads(file.read_bytes())
-    METADATA_DAMAGE[damage](said if own else said["consolidated_metadata"]["metadata"]["color"])
-    file.write_text(json.dumps(said))
+    facts = json.loads(file.read_bytes())
+    damage(facts if own else facts["consolidated_metadata"]["metadata"]["color"])
+    file.write_text(json.dumps(facts))
     before = tree(plate)
     with pytest.raises(InputError):
         drawn_again(plate)
@@ -326,48 +270,35 @@ def test_descriptions_that_are_none_are_refused(plate: Path) -> None:
         description.write_bytes(content)
         with pytest.raises(InputError, match="is no plate of xfrustum"):
             drawn_again(plate)
-    for replaced in (replaced_by_link, replaced_by_pipe):
-        replaced(description)
-        with pytest.raises(InputError, match="is no plate of xfrustum"):
-            drawn_again(plate)
+    replaced_by_pipe(description)
+    with pytest.raises(InputError, match="is no plate of xfrustum"):
+        drawn_again(plate)
 
 
-def test_a_scene_that_was_moved_with_its_plate_is_gone_on_with(plate: Path, clean: Path) -> None:
-    chunk = plate / SHARD["color"]
-    whole = chunk.read_bytes()
-    chunk.unlink()
-    moved = replace(small(), source="/somewhere/else/scene.toml")
-    files = write_plate(moved, SETTINGS, plate, content=EVERYTHING)
-    assert (files.drawn, files.notes) == (6, ())
-    assert chunk.read_bytes() == whole
-    assert tree(plate) == tree(
-        clean
-    )  # it goes on saying where the scene was when the plate was made
+# Several processes.
 
 
 def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clean: Path
 ) -> None:
     """Two processes that start at once on a new plate: neither takes the other's away."""
-    out = tmp_path / "x.zarr"
+    out, make = tmp_path / "x.zarr", plate_store.make_group
     others: list[PlateFiles] = []
-    make = plate_store._make
 
     def overtaken(*arguments: Any) -> None:
-        monkeypatch.setattr(plate_store, "_make", make)
+        monkeypatch.setattr(plate_store, "make_group", make)
         apertures = [small().plate.aperture(column, 2) for column in range(7)]
         others.append(write_plate(small(), SETTINGS, out, apertures, EVERYTHING, block=BLOCK))
         make(*arguments)
 
-    monkeypatch.setattr(plate_store, "_make", overtaken)
-    files = write_plate(small(), SETTINGS, out, content=EVERYTHING, block=BLOCK)
-    assert others[0].drawn == 7
-    assert (files.drawn, files.found) == (28, 7)
+    monkeypatch.setattr(plate_store, "make_group", overtaken)
+    files = drawn_again(out, block=BLOCK)
+    assert (others[0].drawn, files.drawn, files.found) == (7, 28, 7)
     assert tree(out) == tree(clean)
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
-def test_what_killed_processes_left_is_removed_unless_somebody_writes(
+def test_what_killed_processes_left_is_removed_unless_another_writes(
     plate: Path, clean: Path
 ) -> None:
     left = (plate / SHARD["color"]).with_suffix(".5f.partial")
@@ -379,26 +310,19 @@ def test_what_killed_processes_left_is_removed_unless_somebody_writes(
     assert tree(plate) == tree(clean)
 
 
-@pytest.mark.slow
-def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
-    """Each has opened the plate before the other has written, and knows nothing of its hogels."""
+def test_four_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
+    """Each has opened the plate before the others have written."""
     scene, out = small(), tmp_path / "x.zarr"
-    write_plate(scene, SETTINGS, out, [scene.plate.aperture(6, 4)], EVERYTHING, block=(7, 5))
-    with source_of(scene, SETTINGS, EVERYTHING) as source:
-        layout = layout_of(scene, EVERYTHING, (7, 5))
-        stores = [open_store(out, layout, source.description, free=False) for _ in range(4)]
-        (block,) = stores[0].layout.blocks(scene.plate.apertures())
+    whole = write_plate(scene, SETTINGS, tmp_path / "w.zarr", content=EVERYTHING, block=(7, 5)).out
+    with open_source(scene, SETTINGS, EVERYTHING) as source:
+        arrays = arrays_of(scene, EVERYTHING, (7, 5))
+        stores = [open_store(out, arrays, source.description, free=False) for _ in range(4)]
+        (block,) = arrays.blocks(scene.plate.apertures())
         drawn = list(source.hogels(scene.plate.apertures()))
-    writing = []
+    tiles = [Tile.empty(block, arrays.images) for _ in stores]
+    for number, hogel in enumerate(drawn):
+        tiles[number % 4].put(hogel)
     with ThreadPoolExecutor(4) as pool:
-        for number, store in enumerate(stores):
-            writing.append(
-                pool.submit(store.write, block, {one.aperture: one for one in drawn[number:34:4]})
-            )
-    for one in writing:
-        one.result()
+        list(pool.map(lambda store, tile: store.write(tile), stores, tiles))
     assert stores[0].missing(block, check=True) == ((), 0)
-    whole = write_plate(
-        scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(7, 5)
-    ).out
     assert tree(out) == tree(whole)

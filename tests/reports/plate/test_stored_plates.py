@@ -1,71 +1,316 @@
-"""No command reads a stored plate whose labels or descriptions differ, and a plate's size is known before."""
+"""Stored plates: shards of images that Zarr and xarray read, measures, cameras, and refused damage."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+import xarray
 import zarr
+from PIL import Image
+from zarr.storage import _local as local_store
 
-from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small
+from tests.conftest import CHECKOUT
+from tests.reports.plate.test_plate_stream import BLOCK, EVERYTHING, SETTINGS, small, tree
+from tests.support.long_tail import kept, thinned
+from tests.support.views import view
 from xfrustum.cli.main import main
+from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import convert
-from xfrustum.reports.plate.plate import layout_of, write_plate
-from xfrustum.reports.plate.size import plate_size
+from xfrustum.reports.plate import store as plate_store
+from xfrustum.reports.plate.plate import PlateFiles, arrays_of, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.reader import PlateReader, camera_of
+from xfrustum.reports.plate.store import PlateStore, plate_size
 from xfrustum.reports.view import StoredPlate
 from xfrustum.scenes import InputError
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
-Spoil = Callable[[Path], object]
+ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_plate(
-        small(), SETTINGS, tmp_path_factory.mktemp("whole") / "p.zarr", content=EVERYTHING
-    ).out
+    """A plate with all channels, in blocks."""
+    out = tmp_path_factory.mktemp("whole") / "p.zarr"
+    return write_plate(small(), SETTINGS, out, content=ALL, block=BLOCK).out
 
 
-def without(file: str) -> Spoil:
-    return lambda place: (place / file).unlink()
+@pytest.fixture
+def plate(whole: Path, tmp_path: Path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copytree(whole, tmp_path / "p.zarr"))
+
+
+def test_blocks_are_shards_of_the_rasterizers_images(whole: Path) -> None:
+    scene, group = small(), xarray.open_zarr(whole, chunks=None)
+    color: Any = zarr.open_group(whole, mode="r")["color"]
+    assert (color.shards, color.chunks) == ((2, 3, 12, 20, 3), (1, 1, 12, 20, 3))
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            image = rasterizer.render(aperture, SETTINGS)
+            for channel in ALL.channels:
+                stored = group[channel].isel(row=aperture.row, column=aperture.column)
+                np.testing.assert_array_equal(stored, getattr(image, channel))
+
+
+def test_finer_sampling_is_drawn_as_raster_draws_it(tmp_path: Path) -> None:
+    scene = replace(small("grating"), sampling=Sampling(supersample=2, multisample=4, aperture=3))
+    here = scene.plate.aperture(0, 4)
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [here], EVERYTHING).out
+    reader = PlateReader(out)
+    with Rasterizer(scene) as rasterizer:
+        image = rasterizer.render(here, SETTINGS)
+    np.testing.assert_array_equal(reader.image("color", *here.index), image.color)
+    np.testing.assert_array_equal(reader.image("triangle", *here.index), image.triangle)
+    sampling = {"aperture": 3, "supersample": 2, "multisample": 4}
+    assert reader.description["sampling"] == sampling
+
+
+def test_xarray_shows_names_coordinates_and_units(whole: Path) -> None:
+    plate = xarray.open_zarr(whole)
+    assert plate.color.dims == ("row", "column", "v", "u", "rgb")
+    assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"} and bool(plate.finished.all())
+    assert re.search(r"units: +mm", repr(plate))
+    width, height = small().frustum.resolution
+    np.testing.assert_array_equal(plate.u, (2 * np.arange(width) + 1) / width - 1)
+    np.testing.assert_array_equal(plate.v, 1 - (2 * np.arange(height) + 1) / height)
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "sheets"])
+def test_the_camera_of_any_hogel_is_the_rasterizers(name: str, tmp_path: Path) -> None:
+    scene, unnamed = small(name), {"renderer": "", "shear": (0, 0), "half_extent": (1, 1)}
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [scene.plate.middle]).out
+    stores = (str(out), zarr.open_group(out, mode="r"), xarray.open_zarr(out))
+    with Rasterizer(scene) as rasterizer:
+        for index in ((0, 0), (6, 4)):
+            drawn = rasterizer.render(scene.plate.aperture(*index), SETTINGS, color=False).camera
+            for store in stores:
+                camera = camera_of(store, *index)
+                assert replace(camera, **unnamed) == replace(drawn, **unnamed)
+                # The rasterizer's own formula for the window differs in the last bit.
+                for mine, other in (
+                    (camera.shear, drawn.shear),
+                    (camera.half_extent, drawn.half_extent),
+                ):
+                    np.testing.assert_allclose(mine, other, rtol=4 * 2**-53, atol=0)
+    with pytest.raises(InputError, match="lies outside the plate"):
+        camera_of(out, 7, 0)
+
+
+@pytest.mark.parametrize("block", [(1, 1), BLOCK])
+def test_a_stored_plate_names_its_finished_hogels(block: tuple[int, int], tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    drawn = [scene.plate.aperture(*index) for index in ((2, 2), (6, 4), (0, 0))]
+    write_plate(scene, SETTINGS, out, drawn, EVERYTHING, block=block)
+    assert set(filter(PlateReader(out).finished, scene.plate.apertures())) == set(drawn)
+
+
+def test_what_is_no_plate_has_neither_hogels_nor_cameras(tmp_path: Path) -> None:
+    zarr.create_group(tmp_path / "other.zarr")
+    attributes = {"xfrustum": {"plate": {"size": "x"}}}
+    group = zarr.create_group(tmp_path / "damaged.zarr", attributes=attributes)
+    for store in (tmp_path / "other.zarr", tmp_path / "nosuch.zarr"):
+        for read in (PlateReader, lambda place: camera_of(place, 0, 0)):
+            with pytest.raises(InputError, match="is no plate"):
+                read(store)
+    with pytest.raises(InputError, match="is damaged"):
+        camera_of(group, 0, 0)
+
+
+def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    content = PlateContent(color=ColorType.FLOAT32, channels=tuple(Channel))
+    here = scene.plate.aperture(0, 4)
+    assert write_plate(scene, None, out, [here], content).drawn == 1
+    truth, reader = Reference(scene).trace(here), PlateReader(out)
+    for channel in Channel:
+        stored = reader.image(channel, *here.index)
+        np.testing.assert_array_equal(stored, getattr(truth, channel).astype(stored.dtype))
+    assert camera_of(out, 0, 4).settings is None
+    with pytest.raises(InputError, match="other settings"):
+        write_plate(scene, SETTINGS, out, [here], replace(content, channels=(Channel.COLOR,)))
+    with pytest.raises(InputError, match="certainty is the truth's alone"):
+        write_plate(scene, SETTINGS, tmp_path / "y.zarr", [here], content)
+
+
+def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
+    scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
+    out = write_plate(scene, None, tmp_path / "x.zarr", [scene.plate.middle]).out
+    description = PlateReader(out).description
+    transport = {"shadows": True, "interreflection": False, "samples": 4}
+    assert description["transport"] == transport and "settings" not in description
+
+
+# Measures beside the pixels, as arrays and as a table.
+
+SQUARE = (2, 2)
+CHOSEN = [(3, 2), (0, 0), (1, 0), (6, 4)]
+
+
+def judged(out: Path, chosen: list[tuple[int, int]] = CHOSEN, **more: Any) -> PlateFiles:
+    apertures = [small().plate.aperture(*index) for index in chosen]
+    how = {"block": SQUARE, "judge": True, **more}
+    return write_plate(small(), SETTINGS, out, apertures, EVERYTHING, **how)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four hogels of a plate, judged, in three blocks."""
+    out = tmp_path_factory.mktemp("judged") / "x.zarr"
+    assert judged(out).drawn == len(CHOSEN)
+    return out
+
+
+def test_the_measures_are_those_of_compare_in_arrays_and_rows(measured: Path) -> None:
+    opened, reference = xarray.open_zarr(measured, chunks=None), Reference(small())
+    rows = pq.read_table(measured.with_suffix(".parquet")).to_pylist()
+    assert sorted((row["column"], row["row"]) for row in rows) == sorted(CHOSEN)
+    with Rasterizer(small()) as rasterizer:
+        for row in rows:
+            here = small().plate.aperture(row["column"], row["row"])
+            drawn, truth = rasterizer.render(here, SETTINGS), reference.trace(here)
+            numbers = compare_images(truth, drawn, reference, radiance=False).numbers
+            assert numbers.surface is not None and numbers.displacement_px is not None
+            hogel = opened.isel(row=here.row, column=here.column)
+            assert int(hogel.surface_wrong) == numbers.surface.wrong
+            assert float(hogel.displacement_px_p99) == numbers.displacement_px.p99
+            assert (row["x"], row["y"]) == (here.x, here.y) == (float(hogel.x), float(hogel.y))
+            np.testing.assert_array_equal(hogel.color, drawn.color)
+            for name, number in hogel.data_vars.items():
+                if number.ndim == 0 and name != "finished":
+                    value = row[str(name)]
+                    assert value == float(number) or (value is None and np.isnan(number))
+    finite = np.argwhere(np.isfinite(opened.displacement_px_p99.values))
+    assert {(column, row) for row, column in finite.tolist()} == set(CHOSEN)
+    units = opened.displacement_px_p99.attrs["units"], opened.height_rms.attrs["units"]
+    assert units == ("px", "mm") and not any(str(n).startswith("radiance") for n in opened)
+
+
+@pytest.mark.parametrize("damage", ["part", "array"])
+def test_measures_that_are_gone_or_damaged_are_made_again(
+    damage: str, measured: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(measured, tmp_path / "x.zarr"))
+    table = Path(shutil.copytree(measured.with_suffix(".parquet"), tmp_path / "x.parquet"))
+    spoiled = table / "block-00000000.parquet" if damage == "part" else out / "surface_wrong/c/0/0"
+    spoiled.write_bytes(b"")
+    assert judged(out, check=damage == "array").drawn == 2
+    assert tree(out) == tree(measured) and tree(table) == tree(measured.with_suffix(".parquet"))
+
+
+@pytest.mark.parametrize("written", kept([None, 1, 12], [None, 1]))
+def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
+    written: int | None, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After one hogel of a block, or where the disk is full after so many files."""
+    out, count, put = tmp_path / "x.zarr", 0, local_store._put
+
+    def ending(path: Path, *arguments: Any, **others: Any) -> int:
+        nonlocal count
+        count += path.is_relative_to(out)
+        if written is not None and count > written:
+            raise OSError(28, "No space left on device")
+        return put(path, *arguments, **others)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(local_store, "_put", ending)
+        if written is None:
+            assert judged(out, CHOSEN[2:3]).drawn == 1
+        else:
+            with pytest.raises(InputError, match="No space left"):
+                judged(out)
+    files = judged(out)
+    assert (files.drawn + files.found, files.damaged) == (len(CHOSEN), 0)
+    assert tree(out) == tree(measured)
+    assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
+
+
+def test_two_processes_write_the_measures_of_one_block_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole blocks are written under a shared lock: neither file is in the other's way."""
+    out, write = tmp_path / "x.zarr", plate_store.write_file
+    judged(out, [(0, 0)])
+    arrays = arrays_of(small(), EVERYTHING, SQUARE, judged=True)
+    store, (block, *_) = PlateStore(out, arrays), arrays.blocks([small().plate.aperture(0, 0)])
+
+    def overtaken(path: Path, content: bytes) -> None:
+        monkeypatch.setattr(plate_store, "write_file", write)
+        store.add_rows(block, ())
+        write(path, content)
+
+    monkeypatch.setattr(plate_store, "write_file", overtaken)
+    store.add_rows(block, ())
+    assert list(store.table_file(block).parent.iterdir()) == [store.table_file(block)]
+
+
+@pytest.mark.parametrize(
+    ("name", "points"), thinned([("asymmetric-recentered", 3), ("mirror-sphere", 1)], 2)
+)
+def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
+    name: str, points: int, tmp_path: Path
+) -> None:
+    """One is drawn hogel by hogel, the other in batches: all channels, light, sub-apertures."""
+    scene = replace(small(name), sampling=Sampling(aperture=points))
+    here, written = [scene.plate.aperture(0, 0)], []
+    for judge in (False, True):
+        out = tmp_path / f"{judge}.zarr"
+        write_plate(scene, SETTINGS, out, here, ALL, block=(1, 1), judge=judge)
+        written.append({path: data for path, data in tree(out).items() if "/c/" in path})
+    with pytest.raises(InputError, match="other content"):
+        write_plate(scene, SETTINGS, tmp_path / "False.zarr", here, ALL, judge=True)
+    pixels, with_measures = written
+    assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
+
+
+def test_a_table_that_cannot_be_written_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    (tmp_path / "x.parquet").write_text("mine")
+    with pytest.raises(InputError, match="is no folder"):
+        judged(tmp_path / "x.zarr")
+    assert [path.name for path in tmp_path.iterdir()] == ["x.parquet"]
+
+
+# Damage: no command reads a plate whose labels or descriptions differ from those of its scene.
+
+Spoil = Callable[[Path], object]
 
 
 def described(array: str, key: str, value: Any, *, group_too: bool) -> Spoil:
-    """Change what an array's description says, in the array's own file, or in the group's copy too."""
+    """Change the description of an array in its own file, or in the group's copy too."""
 
     def spoil(place: Path) -> None:
-        own = place / array / "zarr.json"
+        own, group = place / array / "zarr.json", place / "zarr.json"
         own.write_text(json.dumps(json.loads(own.read_text()) | {key: value}))
         if group_too:
-            told = json.loads((place / "zarr.json").read_text())
-            told["consolidated_metadata"]["metadata"][array][key] = value
-            (place / "zarr.json").write_text(json.dumps(told))
+            facts = json.loads(group.read_text())
+            facts["consolidated_metadata"]["metadata"][array][key] = value
+            group.write_text(json.dumps(facts))
 
     return spoil
 
 
 def moved(name: str) -> Spoil:
     def spoil(place: Path) -> None:
-        group = zarr.open_group(place)
-        array = group[name]
-        assert isinstance(array, zarr.Array)
+        array: Any = zarr.open_group(place)[name]
         array[2] = np.asarray(array[:])[2] + 1
 
     return spoil
 
 
 SPOILED: dict[str, tuple[Spoil, str]] = {
-    "no x": (without("x/c/0"), r"7 of 7|6 of 7 values of x are not the scene's"),
-    "no v": (without("v/c/0"), "values of v are not"),
-    **{
-        f"{name} moved": (moved(name), f"1 of . values of {name}|1 of .. values of {name}")
-        for name in "xyuv"
-    },
+    "no x": (lambda place: (place / "x/c/0").unlink(), "values of x are not the scene's"),
+    "v moved": (moved("v"), "1 of 12 values of v"),
     "row moved": (moved("row"), "1 of 5 values of row"),
-    "column moved": (moved("column"), "1 of 7 values of column"),
     "fill": (described("triangle", "fill_value", 7, group_too=True), "fill value of triangle is 7"),
     "fill, own": (
         described("triangle", "fill_value", 7, group_too=False),
@@ -75,90 +320,104 @@ SPOILED: dict[str, tuple[Spoil, str]] = {
         described("color", "dimension_names", ["row", "column", "u", "v", "rgb"], group_too=False),
         "dimension names of color",
     ),
-    "type": (
-        described("color", "data_type", "uint32", group_too=True),
-        "data type of color|is damaged",
-    ),
-    "type of x": (
-        described("x", "data_type", "int64", group_too=True),
-        "data type of x|values of x",
-    ),
+    "type": (described("color", "data_type", "uint32", group_too=True), "data type|is damaged"),
     "shape": (described("y", "shape", [9], group_too=True), "shape of y"),
+    "no flags": (lambda place: shutil.rmtree(place / "finished"), "finished"),
 }
 
 
 @pytest.mark.parametrize("kind", SPOILED)
 def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
-    kind: str, whole: Path, tmp_path: Path
+    kind: str, plate: Path, tmp_path: Path
 ) -> None:
     spoil, told = SPOILED[kind]
-    place = tmp_path / "p.zarr"
-    shutil.copytree(whole, place)
-    spoil(place)
-    readers: dict[str, Callable[[], object]] = {
-        "plate --check": lambda: write_plate(
-            small(), SETTINGS, place, content=EVERYTHING, check=True
-        ),
-        "plate": lambda: write_plate(small(), SETTINGS, place, content=EVERYTHING),
-        "view --plate": lambda: StoredPlate(place, small()),
-        "convert": lambda: convert(place, tmp_path / "out", write_as="hogels"),
-    }
-    for name, read in readers.items():
+    spoil(plate)
+    readers: list[Callable[[], object]] = [
+        lambda: write_plate(small(), SETTINGS, plate, content=ALL),
+        lambda: StoredPlate(plate, small()),
+        lambda: convert(plate, tmp_path / "out", write_as="hogels"),
+    ]
+    for read in readers:
         with pytest.raises(InputError, match=told) as caught:
             read()
-        assert "p.zarr" in str(caught.value) and "\n" not in str(caught.value), name
+        assert "p.zarr" in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
 def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
-    whole: Path, tmp_path: Path
+    plate: Path, tmp_path: Path
 ) -> None:
-    place = tmp_path / "p.zarr"
-    shutil.copytree(whole, place)
-    next(path for path in (place / "color" / "c" / "0" / "0").rglob("*") if path.is_file()).unlink()
+    (plate / "color/c/0/0/0/0/0").unlink()
     with pytest.raises(InputError, match=r"hogel 0,0 is damaged \(its file is gone\)"):
-        convert(place, tmp_path / "out", write_as="hogels")
-    assert write_plate(small(), SETTINGS, place, content=EVERYTHING).drawn == 35
-    assert convert(place, tmp_path / "out", write_as="hogels").files == 35
+        convert(plate, tmp_path / "out", write_as="hogels")
+    assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
+    assert convert(plate, tmp_path / "out", write_as="hogels").files == 35
 
 
-def test_a_plate_says_how_large_it_will_be_and_stops_where_the_disk_is_smaller(
+# The command, its size on the disk, and its page.
+
+
+def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "x.zarr"
+    line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out)]
+    assert main([*line, "--judge", "--near", "0.1"]) == 0
+    table = tmp_path / "x.parquet"
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == ["2 hogels drawn, 0 found", str(out), str(table)]
+    assert pq.read_table(table).num_rows == 2
+    assert main([*line, "--truth", "--judge"]) == 2
+    assert "leave out --truth" in capsys.readouterr().err
+
+
+def test_a_plate_reports_its_size_and_stops_where_the_disk_is_smaller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "plate",
-        "hard/only-behind",
-        "--near",
-        "0.1",
-        "--ids",
-        "--out",
-        str(tmp_path / "p.zarr"),
-    ]
+    line = ["plate", "hard/only-behind", "--near", "0.1", "--ids", "--quiet"]
+    line += ["--out", str(tmp_path / "p.zarr")]
     needed = 25 * 64 * 64 * (3 * 2 + 4)  # hogels, pixels, float16 colors and 32-bit numbers
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
-    assert main([*command, "--quiet"]) == 2
+    assert main(line) == 2
     told = capsys.readouterr().err
-    assert (
-        "25 hogels to draw take at most 1 MB before compression" in told and told.count("\n") == 1
-    )
+    assert "25 hogels to draw take at most 1000 KiB" in told and told.count("\n") == 1
     assert "free some space" in told and "--ignore-disk-space" in told
     assert not list(tmp_path.iterdir())
-    assert main([*command, "--quiet", "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
-    assert "note: " in (said := capsys.readouterr().err) and "10 hogels to draw" in said
+    assert main([*line, "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
+    assert "10 hogels to draw" in capsys.readouterr().err
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed * 15 // 25))
-    assert main([*command, "--quiet", "--json"]) == 0
-    assert (
-        json.loads(capsys.readouterr().out.splitlines()[-1])["bytes_at_most"] == needed * 15 // 25
-    )
+    assert main([*line, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["bytes_at_most"] == needed * 15 // 25
 
 
-def test_the_size_said_is_that_of_the_arrays_in_memory(whole: Path) -> None:
-    scene, group = small(), zarr.open_group(whole)
-    images = [np.asarray(group[name][:]) for name in ("color", "triangle")]  # type: ignore[index]
-    size = plate_size(
-        whole.parent / "new.zarr", layout_of(scene, EVERYTHING, None), scene.plate.apertures()
-    )
-    assert size.needed == sum(image.nbytes for image in images)
-    assert (
-        plate_size(whole, layout_of(scene, EVERYTHING, None), scene.plate.apertures()).hogels == 0
-    )
+def test_the_size_is_that_of_the_arrays_in_memory(whole: Path) -> None:
+    scene, group = small(), xarray.open_zarr(whole)
+    arrays, every = arrays_of(scene, ALL, None), scene.plate.apertures()
+    size = plate_size(whole.parent / "new.zarr", arrays, every)
+    assert size.needed == sum(group[channel].nbytes for channel in ALL.channels)
+    assert plate_size(whole, arrays, every).hogels == 0
+
+
+PAGE = (CHECKOUT / "docs" / "plates.md").read_text(encoding="utf-8")
+DRAWN_COLUMNS = (0, 10, 20, 40)
+
+
+@pytest.mark.slow
+def test_the_programs_of_the_page_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The row is that of a small scene, and has some of its hogels."""
+    monkeypatch.chdir(tmp_path)
+    scene = view("asymmetric", (16, 12))
+    spans = [((column, column), (30, 30)) for column in DRAWN_COLUMNS]
+    content = PlateContent(channels=(Channel.COLOR, Channel.HEIGHT))
+    chosen = blocks_of_apertures(scene.plate, spans)
+    write_plate(scene, SETTINGS, Path("row.zarr"), chosen, content, judge=True)
+    names: dict[str, object] = {}
+    for program in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
+        exec(compile(program, "docs/plates.md", "exec"), names)
+    printed = capsys.readouterr().out
+    assert "displacement_px_p99" in printed and "worst hogel: " in printed
+    mosaic = np.asarray(Image.open("mosaic.png"))
+    assert mosaic.shape == (12, 9 * 16, 3)
+    shown = [10 * place for place in range(9) if mosaic[:, 16 * place : 16 * (place + 1)].any()]
+    assert shown == list(DRAWN_COLUMNS)

@@ -55,9 +55,7 @@ def test_files_that_are_holes_empty_or_of_proc_are_refused(tmp_path: Path) -> No
     hole = tmp_path / "hole"
     with hole.open("wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises(
-        InputError, match=r"hole: claims 1.02e\+03 GiB and fills 0 bytes of the disk|1024 GiB"
-    ):
+    with pytest.raises(InputError, match=r"hole: claims 1024 GiB and fills 0 bytes of the disk"):
         read_input(hole, "mesh file")
     for path in (tmp_path / "empty", Path("/proc/self/environ")):
         if path.parent == tmp_path:

@@ -83,8 +83,8 @@ def plate(asked: _Plate) -> None:
         )
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.plate import blocks_of_apertures, layout_of, write_plate
-    from xfrustum.reports.plate.size import plate_size
+    from xfrustum.reports.plate.plate import arrays_of, blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.store import plate_size
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
@@ -102,8 +102,8 @@ def plate(asked: _Plate) -> None:
     how: dict[str, Any] = {"block": asked.block, "judge": asked.judge, "check": asked.check}
     how |= {"engine": asked.engine or HERE, "progress": asked.progress}
     group = asked.out if placed is None else placed.group
-    layout = layout_of(opened, content, None, judged=asked.judge)
-    size = plate_size(group, layout, chosen, files=placed is not None)
+    arrays = arrays_of(opened, content, None, judged=asked.judge)
+    size = plate_size(group, arrays, chosen, files=placed is not None)
     if not asked.ignore_disk_space:
         size.require_room()
     how["begun"] = lambda: options.note(size.words)

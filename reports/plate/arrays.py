@@ -1,0 +1,407 @@
+"""Arrays of a plate in its Zarr group: names, types and labels, blocks of hogels, and checks.
+
+Zarr reads a chunk whose file is missing as the fill value, so that a plate without the file `x/c/0`
+has all of its hogels at x = 0. The description of a plate decides all arrays and labels: whoever
+opens a plate compares them with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.abc.store import ByteRequest, Store
+from zarr.codecs import ZstdCodec
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import LocalStore, MemoryStore
+
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.reports.common.records import named_columns
+from xfrustum.scenes import NOTHING, Certainty, Frustum, InputError
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
+
+#: Largest size of a block's pixels by default, bytes before compression: held in memory by each
+#: process that fills a shard.
+BLOCK_BYTES = 1 << 26
+
+#: Largest number of columns and of rows of a block by default: a killed process loses at most 256
+#: hogels, and a plate of ten million hogels has 40,000 files for each of its arrays.
+MAX_BLOCK_SIDE = 16
+
+ATTRIBUTE = "xfrustum"  #: attribute of the group with everything that decides its pixels
+LAYOUT = "layout"  #: key of a description with the size of blocks, which decides no pixel
+COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value  #: names of arrays for readers
+FINISHED = "finished"  #: array over (row, column), 1 where a hogel is there
+METADATA = "zarr.json"  #: name of the description of a group or an array in its folder
+PLATE_DIMENSIONS = ("row", "column")  #: the first two of every array
+
+#: Level 1 takes a small part of the time of drawing; the checksum shows damage to a chunk.
+COMPRESSOR = ZstdCodec(level=1, checksum=True)
+
+#: Exceptions of Zarr at damaged files: codecs, JSON and checksums have errors of their own.
+DAMAGE = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+)
+
+_CERTAINTY = "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined"
+
+#: Type, fill value, dimensions and meaning of each image; the type of color is chosen.
+_IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
+    Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance"),
+    Channel.TRIANGLE: (
+        "<i4",
+        NOTHING,
+        ("v", "u"),
+        "number of the visible triangle, -1 where there is none",
+    ),
+    Channel.HEIGHT: ("<f4", np.nan, ("v", "u"), "height of the visible surface above the plate"),
+    Channel.NORMAL: ("<f4", np.nan, ("v", "u", "xyz"), "unit normal of the visible triangle"),
+    Channel.CERTAINTY: ("u1", int(Certainty.UNEXAMINED), ("v", "u"), _CERTAINTY),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredHogel:
+    """Measures of one hogel as in `compare --json`, with its place; a row of the plate's table."""
+
+    column: int
+    row: int
+    x: float  #: aperture, scene units
+    y: float
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedPlateHogel(PlateHogel):
+    """Images of a hogel with its measures."""
+
+    measured: MeasuredHogel
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageArray:
+    """Array with an image of some shape for every hogel."""
+
+    name: str
+    dtype: np.dtype[Any]
+    fill: Any  #: value of hogels that are not there
+    shape: tuple[int, ...]  #: of one image
+    dimensions: tuple[str, ...]
+    attributes: Mapping[str, str]
+
+    @property
+    def image_bytes(self) -> int:
+        """Size of one image before compression, bytes."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Rectangle of hogels in one shard of every array, and the requested hogels among them."""
+
+    number: int  #: row by row from the top left
+    columns: range
+    rows: range
+    apertures: tuple[Aperture, ...]
+
+    @property
+    def selection(self) -> tuple[slice, slice]:
+        """Part of an array over (row, column)."""
+        return slice(self.rows.start, self.rows.stop), slice(self.columns.start, self.columns.stop)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rows and columns."""
+        return len(self.rows), len(self.columns)
+
+    def place_of(self, aperture: Aperture) -> tuple[int, int]:
+        """Return row and column within the block."""
+        return aperture.row - self.rows.start, aperture.column - self.columns.start
+
+
+@dataclass(kw_only=True, eq=False)
+class Tile:
+    """Images of some hogels of a block: what a source makes, and a store writes in one piece."""
+
+    block: Block
+    images: dict[str, NDArray[Any]]  #: (rows, columns, H, W, ..) by the name of the array
+    drawn: NDArray[np.bool_]  #: (rows, columns), which hogels have images
+    measured: list[MeasuredHogel] = field(default_factory=list)
+
+    @classmethod
+    def empty(cls, block: Block, arrays: Iterable[ImageArray]) -> Tile:
+        """Return a tile of fill values."""
+        images = {
+            array.name: np.full((*block.shape, *array.shape), array.fill, array.dtype)
+            for array in arrays
+        }
+        return cls(block=block, images=images, drawn=np.zeros(block.shape, bool))
+
+    def put(self, hogel: PlateHogel) -> None:
+        """Copy the images of a hogel to its place."""
+        place = self.block.place_of(hogel.aperture)
+        for name, images in self.images.items():
+            images[place] = hogel.image(Channel(name))
+        self.drawn[place] = True
+        if isinstance(hogel, JudgedPlateHogel):
+            self.measured.append(hogel.measured)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateArrays:
+    """Arrays of a plate and their division into blocks."""
+
+    plate: Plate
+    frustum: Frustum
+    units: str
+    content: PlateContent
+    side: tuple[int, int]  #: columns and rows of a block
+    measures: tuple[tuple[str, str], ...] = ()  #: name and unit of each, where hogels are judged
+
+    @cached_property
+    def images(self) -> tuple[ImageArray, ...]:
+        """Arrays of images in the order in which a block's are written."""
+        arrays, units = [], {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}
+        for channel in self.content.channels:
+            kind, fill, dimensions, meaning = _IMAGES[channel]
+            dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
+            if dtype == np.uint8 and channel is Channel.COLOR:
+                meaning = f"{meaning} from 0 to 1 times 255, rounded"
+            array = ImageArray(
+                name=channel,
+                dtype=dtype,
+                fill=fill,
+                shape=(*self.frustum.resolution[::-1], *(3 for _ in dimensions[2:])),
+                dimensions=(*PLATE_DIMENSIONS, *dimensions),
+                attributes={"long_name": meaning}
+                | ({"units": units[channel]} if channel in units else {}),
+            )
+            arrays.append(array)
+        return tuple(arrays)
+
+    @property
+    def hogel_bytes(self) -> int:
+        """Size of all images of a hogel before compression, bytes."""
+        return sum(array.image_bytes for array in self.images)
+
+    def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], str, Mapping[str, str]]]:
+        """Yield name, dimension, values, meaning and unit of every coordinate."""
+        columns, rows = self.plate.hogels
+        width, height = self.frustum.resolution
+        x = np.array([self.plate.aperture(column, 0).x for column in range(columns)])
+        y = np.array([self.plate.aperture(0, row).y for row in range(rows)])
+        u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
+        length, film = {"units": self.units}, {"units": "1"}
+        yield "column", "column", np.arange(columns), "column of the hogel, from the left", {}
+        yield "row", "row", np.arange(rows), "row of the hogel, from the top", {}
+        yield "x", "column", x, "x of the aperture", length
+        yield "y", "row", y, "y of the aperture", length
+        yield "u", "u", u, "film coordinate of the pixel's center, to the right", film
+        yield "v", "v", v, "film coordinate of the pixel's center, upward", film
+
+    def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
+        """Yield the blocks of some hogels in the order in which the hogels are named first."""
+        (width, height), hogels = self.side, self.plate.hogels
+        across = -(-hogels[0] // width)
+        named: dict[int, list[Aperture]] = {}
+        if isinstance(apertures, ApertureBlocks):
+            # Rectangles may have millions of hogels, which are listed one block at a time.
+            for columns, rows in apertures.blocks:
+                for row in range(rows.start // height, -(-rows.stop // height)):
+                    first, last = (
+                        row * across + end // width for end in (columns.start, columns.stop - 1)
+                    )
+                    named |= {number: [] for number in range(first, last + 1)}
+        else:
+            for one in dict.fromkeys(apertures):
+                named.setdefault(one.row // height * across + one.column // width, []).append(one)
+        for number, some in named.items():
+            row, column = divmod(number, across)
+            columns = range(column * width, min((column + 1) * width, hogels[0]))
+            rows = range(row * height, min((row + 1) * height, hogels[1]))
+            inside = some or [
+                one for one in ApertureBlocks(self.plate, ((columns, rows),)) if one in apertures
+            ]
+            yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
+
+
+def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
+    """Return columns and rows of the largest block, a power of two, within `BLOCK_BYTES`."""
+    arrays = PlateArrays(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
+    side = MAX_BLOCK_SIDE
+    while side > 1 and side * side * arrays.hogel_bytes > BLOCK_BYTES:
+        side //= 2
+    return min(side, plate.hogels[0]), min(side, plate.hogels[1])
+
+
+class _RegularFiles(LocalStore):
+    """Folder that is read from regular files alone: a pipe would keep its reader waiting."""
+
+    async def get(
+        self,
+        key: str,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        path = self.root / key
+        if path.exists() and not path.is_file():
+            raise OSError(f"{path} is no regular file")
+        return await super().get(key, prototype, byte_range)
+
+
+def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None) -> zarr.Group:
+    """Open the Zarr group in a folder; InputError where it is missing or damaged.
+
+    `consolidated` chooses the copies of descriptions in the group's own file; None for any.
+    """
+    files = _RegularFiles(place.resolve(), read_only=mode == "r")
+    try:
+        return zarr.open_group(files, mode=mode, use_consolidated=consolidated)  # type: ignore[arg-type]
+    except DAMAGE as error:
+        raise InputError(
+            f"{place}: is no plate that can be read ({reason_of(error)}); draw one with "
+            "`xfrustum plate`"
+        ) from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return the text of an exception of Zarr on one short line."""
+    return f"{' '.join(str(error).split()) or type(error).__name__:.200}"
+
+
+def description_of(place: Path) -> dict[str, Any] | None:
+    """Return the description of a stored plate; None where there is none of ours."""
+    try:
+        description = open_group(place).attrs.get(ATTRIBUTE)
+    except InputError:
+        return None
+    return description if isinstance(description, dict) else None
+
+
+def require_arrays(place: Path, arrays: PlateArrays, *, exactly: bool = False) -> None:
+    """Raise InputError unless a group has the arrays and the coordinates of a plate.
+
+    Both copies of the descriptions are compared: those in the folders of the arrays, and the
+    consolidated ones in the group's file. With `exactly` chunks and codecs must agree too.
+    """
+    expected = make_group(MemoryStore(), arrays, {})
+    for consolidated in (True, False):
+        try:
+            group = open_group(place, consolidated=consolidated)
+            if problem := _difference(group, expected, arrays, exactly=exactly):
+                raise InputError(
+                    f"{place}: {problem}; draw the plate again, at another place, or bring its "
+                    "files back"
+                )
+        except DAMAGE as error:
+            raise InputError(
+                f"{place}: is damaged ({reason_of(error)}); draw the plate at another place"
+            ) from error
+
+
+def _difference(
+    group: zarr.Group, expected: zarr.Group, arrays: PlateArrays, *, exactly: bool
+) -> str | None:
+    """Return the first difference of a group from the expected one in words."""
+    if group.attrs.get("units") != arrays.units:
+        return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
+    coordinates = {name: values for name, _, values, _, _ in arrays.coordinates()}
+    for name in expected.array_keys():
+        if name not in group:
+            return f"has no array {name}"
+        stored, wanted = (_declared(side[name], exactly=exactly) for side in (group, expected))
+        for key in wanted:
+            if stored.get(key) != wanted[key]:
+                return f"{key} of {name} is {stored.get(key)}, and should be {wanted[key]}"
+        if name in coordinates:
+            values = np.asarray(group[name][:])  # type: ignore[index]
+            wrong = np.flatnonzero(values != coordinates[name])
+            if wrong.size:
+                first = wrong[0]
+                return (
+                    f"{wrong.size:,} of {values.size:,} values of {name} are not the scene's: "
+                    f"{name}[{first}] is {values[first]:.6g}, and should be "
+                    f"{coordinates[name][first]:.6g}"
+                )
+    return None
+
+
+def _declared(array: Any, *, exactly: bool) -> dict[str, str]:
+    """Return the facts that an array declares, by name."""
+    facts = array.metadata.to_dict()
+    facts["units"] = facts.get("attributes", {}).get("units")
+    keys = ["shape", "data_type", "fill_value", "dimension_names", "units"]
+    keys += [key for key in sorted(facts) if key not in keys and exactly]
+    return {key.replace("_", " "): json.dumps(facts.get(key), default=str) for key in keys}
+
+
+def shard_file(place: Path, array: Any, column: int, row: int) -> Path:
+    """Return the file that holds a hogel of a plate's array."""
+    side = (array.shards or array.chunks)[:2]
+    number = (row // side[0], column // side[1], *(0 for _ in array.shape[2:]))
+    return place / str(array.basename) / str(array.metadata.encode_chunk_key(number))
+
+
+def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]) -> zarr.Group:
+    """Make an empty group: a chunk for each hogel, and a shard for each block of several."""
+    columns, rows = arrays.side
+    # The unit of lengths is an attribute of the group too, for xarray prints these alone.
+    attributes = {"coordinates": "x y", "units": arrays.units, ATTRIBUTE: dict(description)}
+    group = zarr.create_group(store, attributes=attributes)
+    for array in arrays.images:
+        group.create_array(
+            array.name,
+            shape=(*arrays.plate.hogels[::-1], *array.shape),
+            chunks=(1, 1, *array.shape),
+            shards=None if rows == columns == 1 else (rows, columns, *array.shape),
+            dtype=array.dtype,
+            compressors=[COMPRESSOR],
+            fill_value=array.fill,
+            dimension_names=array.dimensions,
+            attributes=dict(array.attributes),
+        )
+    maps = [(name, "<f8", np.nan, name.replace("_", " "), unit) for name, unit in arrays.measures]
+    for name, dtype, fill, meaning, unit in (
+        *maps,
+        (FINISHED, "u1", 0, "1 where the hogel is there", "1"),
+    ):
+        group.create_array(
+            name,
+            shape=arrays.plate.hogels[::-1],
+            chunks=(rows, columns),
+            dtype=dtype,
+            compressors=[COMPRESSOR],
+            fill_value=fill,
+            dimension_names=PLATE_DIMENSIONS,
+            attributes={"long_name": meaning, "units": unit},
+        )
+    for name, dimension, values, meaning, units in arrays.coordinates():
+        group.create_array(
+            name,
+            data=values,
+            chunks=values.shape,
+            compressors=None,
+            dimension_names=[dimension],
+            attributes={"long_name": meaning, **units},
+        )
+    with warnings.catch_warnings():
+        # Consolidated metadata make reading faster; Zarr's format 3 does not define them yet.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(store)
+    return group
