@@ -1,16 +1,16 @@
-"""A hogel judged by a case of the conformance suite: each wrong pixel needs a reason to be excused.
+"""Hogels judged by a case of the conformance suite: every wrong pixel needs an accepted reason.
 
-The truth is that of the case's cameras without any rounding. A pixel that names another triangle is
+The truth is that of the case's cameras without any rounding. A pixel with another triangle is
 accepted where the truth is a tie of both, or where rounding explains it: the classifier of causes
-knows the bounds of edges and depths of the case's cameras. Colors and objects say nothing of
-triangles: pixels that rounding may move across an edge to what a neighbor shows are not judged.
+has the bounds of edges and depths of the case's cameras. Colors and objects do not identify
+triangles: pixels that rounding can move across an edge to a neighbor's surface are not judged.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from xfrustum.compare.renderer_model.pictures import (
 from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels, scattered
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Indices, Mask, Numbers
+from xfrustum.scenes.arrays import Mask, Numbers
 from xfrustum.scenes.conformance.suite import Case
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -37,63 +37,56 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 RADIANCE_TOLERANCE = 1e-4
-"""Largest difference of a truth's mean radiance from the frozen one: float32's rounding of sums and of the
-functions of Phong's model differs among processors by a thousandth of this."""
+"""Largest difference of a truth's mean radiance from the frozen one.
 
-AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)]
-"""Rows and columns from a pixel to its eight neighbors, whose surfaces rounding may move across an edge."""
+Float32's rounding of sums and of the functions of Phong's model differs among processors by a
+thousandth of this.
+"""
+
+NEIGHBORS = [
+    (down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)
+]
 
 Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pixels:
-    """Numbers of pixels of one hogel, or of all hogels of a case together."""
+    """Numbers of pixels of a hogel, or of all hogels of a case."""
 
-    shown: int = 0  #: where image or truth shows something
-    wrong: int = 0  #: of these, what is not the truth
-    #: of the wrong ones, those that the truth is a tie of, or that an edge excuses from judging
-    tie: int = 0
-    edge: int = 0
-    order: int = 0
-    lost: int = 0
+    shown: int = 0  #: image or truth shows something
+    wrong: int = 0  #: shown, and different from the truth
+    tie: int = 0  #: wrong, and a surface of the truth's tie
+    edge: int = 0  #: wrong by rounding at an edge, or too close to one to be judged
+    order: int = 0  #: wrong by rounding of depths
+    lost: int = 0  #: wrong by rounding against the cleared depth
     unexplained: int = 0
 
     def __add__(self, other: Pixels) -> Pixels:
-        return Pixels(
-            **{one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(self)}
-        )
-
-    @property
-    def words(self) -> str:
-        """The numbers in words."""
-        causes = {
-            name: getattr(self, name) for name in ("tie", "edge", "order", "lost", "unexplained")
-        }
-        told = ", ".join(f"{count:,} {name}" for name, count in causes.items() if count)
-        return f"{self.wrong:,} of {self.shown:,} pixels wrong" + (f" ({told})" if told else "")
+        right = asdict(other)
+        return Pixels(**{name: count + right[name] for name, count in asdict(self).items()})
 
     def within(self, case: Case) -> bool:
         """Return whether a case accepts them."""
         return self.unexplained <= case.wrong * self.shown
 
 
-def question(case: Case) -> RendererModel:
-    """Return what a case asks a renderer to draw."""
+def renderer_model(case: Case) -> RendererModel:
+    """Return the renderer that a case describes."""
     return RendererModel(near=case.near or 0.0)
 
 
 def trace(case: Case, reference: Reference, aperture: Aperture) -> HogelImage:
-    """Return the truth of a hogel: certified, with the surfaces of each tie, and with color if asked."""
-    asked = question(case)
-    layer = drawn(reference, asked, aperture)
-    answer = as_image(reference, aperture, layer)
-    answer = reference_colors(reference, asked, answer) if case.colored else answer
-    return replace(answer, tied_triangles=layer.tied_triangles)
+    """Return the certified truth of a hogel, with the surfaces of ties, and with color if judged."""
+    model = renderer_model(case)
+    layer = drawn(reference, model, aperture)
+    truth = as_image(reference, aperture, layer)
+    truth = reference_colors(reference, model, truth) if case.colored else truth
+    return replace(truth, tied_triangles=layer.tied_triangles)
 
 
 def digest(truths: Sequence[HogelImage]) -> str:
-    """Return the SHA-256 of triangles and ties of some hogels, which is the same on every machine."""
+    """Return the SHA-256 of triangles and ties of some hogels, the same on every machine."""
     content = hashlib.sha256()
     for truth in truths:
         assert truth.tied_triangles is not None
@@ -110,33 +103,32 @@ def mean_radiance(truths: Sequence[HogelImage]) -> float | None:
     return float(np.mean([color.mean(dtype=np.float64) for color in colors])) if colors else None
 
 
-def agrees(case: Case, truths: Sequence[HogelImage]) -> bool:
-    """Return whether truths are those that were frozen with a case."""
+def is_frozen(case: Case, truths: Sequence[HogelImage]) -> bool:
+    """Return whether truths have the frozen digest and mean radiance of a case."""
+    radiance = mean_radiance(truths)
     if digest(truths) != case.digest:
         return False
-    found = mean_radiance(truths)
-    if case.radiance is None or found is None:
-        return case.radiance == found
-    return abs(found - case.radiance) <= RADIANCE_TOLERANCE
+    if case.radiance is None or radiance is None:
+        return case.radiance == radiance
+    return abs(radiance - case.radiance) <= RADIANCE_TOLERANCE
 
 
 def stored(truth: HogelImage) -> Arrays:
-    """Return the arrays by which a truth can be made again without tracing."""
+    """Return the arrays that restore a truth without tracing; see `restored`."""
     assert truth.tied_triangles is not None
-    found: Arrays = {
+    arrays: Arrays = {
         "triangle": truth.triangle,
         "companions": truth.tied_triangles.astype(np.int32),
     }
-    return found if truth.color is None else found | {"color": truth.color.astype(np.float32)}
+    return arrays if truth.color is None else arrays | {"color": truth.color.astype(np.float32)}
 
 
 def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any]]) -> HogelImage:
-    """Return the truth of `stored`; where its surfaces lie is not kept.
+    """Return the truth of `stored`, without positions.
 
-    Raises ValueError, TypeError or LookupError where the arrays are others.
+    Raises ValueError, TypeError or LookupError for other arrays.
     """
-    # Types and shapes are those that `stored` gives: what has the frozen `digest` then differs in
-    # nothing.
+    # Types and shapes are those of `stored`, so that an equal digest means equal arrays.
     triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
     color = arrays.get("color")
     return HogelImage(
@@ -149,83 +141,88 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
     )
 
 
-def cameras_of(
-    case: Case, scene: Scene, aperture: Aperture, device: DeviceModel = ANY_DEVICE
-) -> tuple[RoundingCamera, ...]:
-    """Return the cameras of a case, which round as a device does."""
-    exact = Precision(device=device, depth=case.depth, mapping=case.mapping)
-    cameras = foreign_cameras(scene, question(case), aperture)
-    return tuple(replace(camera, precision=exact) for camera in cameras)
-
-
 def judged(
     case: Case, scene: Scene, truth: HogelImage, image: HogelImage, device: DeviceModel = ANY_DEVICE
-) -> tuple[Pixels, Mask]:
-    """Compare an image with the truth; return numbers, and the pixels (H, W) that nothing explains."""
-    cameras = cameras_of(case, scene, truth.camera.aperture, device)
-    if case.asked == "triangle-id":
-        shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
-        differs = truth.triangle != image.triangle
-        tied = differs & _ties(truth, image.triangle)
-        causes = find_causes(
-            scene.triangles, cameras, truth, image, np.flatnonzero(differs & ~tied)
-        )
-        # An edge excuses no triangle that lies elsewhere.
-        kept = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
-        counts = causes.some(kept).counts()
-        left = causes.unexplained | (
-            differs & ~tied & ~scattered(differs.shape, causes.pixels[kept])
-        )
-        counts["unexplained"] = int(left.sum())
-        return Pixels(
-            shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **counts
-        ), left
-    if case.colored:
-        if image.color is None:
-            image = replace(
-                image, color=np.full((*truth.triangle.shape, 3), np.nan, dtype=np.float32)
-            )
-        assert truth.color is not None and image.color is not None
-        tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
-        differs = colors_differ(as_stored(truth, image), image, tolerance)
-        shown = (truth.color > 0).any(axis=-1) | ~(image.color <= 0).all(axis=-1)
-    else:
-        objects = image.object
-        if not (objects != NOTHING).any():  # OpenEXR may name triangles alone
-            known = np.where(image.triangle < len(scene.faces), image.triangle, NOTHING)
-            objects = scene.object_of_number[known]
-        differs = truth.object != objects
-        shown = (truth.object != NOTHING) | (objects != NOTHING)
-    excused = differs & (_beside_edges(scene, cameras, truth, differs) | _ties(truth))
-    left = differs & ~excused
-    pixels = Pixels(
-        shown=int(shown.sum()),
-        wrong=int(differs.sum()),
-        edge=int(excused.sum()),
-        unexplained=int(left.sum()),
+) -> Pixels:
+    """Count the pixels of an image that differ from the truth, by accepted reason.
+
+    Wrong pixels are explained by the roundings of the device.
+    """
+    exact = Precision(device=device, depth=case.depth, mapping=case.mapping)
+    cameras = tuple(
+        replace(camera, precision=exact)
+        for camera in foreign_cameras(scene, renderer_model(case), truth.camera.aperture)
     )
-    return pixels, left
+    if case.encoding == "triangle-id":
+        return _judged_triangles(scene, cameras, truth, image)
+    if case.colored:
+        shown, differs = _compared_colors(case, truth, image)
+    else:
+        shown, differs = _compared_objects(scene, truth, image)
+    near_edge = _near_edges(scene, cameras, truth, differs)
+    excused = int((differs & (near_edge | _ties(truth))).sum())
+    wrong = int(differs.sum())
+    return Pixels(shown=int(shown.sum()), wrong=wrong, edge=excused, unexplained=wrong - excused)
 
 
-def _ties(truth: HogelImage, named: Numbers | None = None) -> Mask:
-    """Return the pixels (H, W) whose truth is a tie, or a tie of which an image names a surface."""
+def _judged_triangles(
+    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, image: HogelImage
+) -> Pixels:
+    shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
+    differs = truth.triangle != image.triangle
+    tied = differs & _ties(truth, image.triangle)
+    judged_pixels = np.flatnonzero(differs & ~tied)
+    causes = find_causes(scene.triangles, cameras, truth, image, judged_pixels)
+    # An edge does not excuse a triangle that lies elsewhere: such a pixel is unexplained.
+    placed = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
+    counts = causes.some(placed).counts()
+    misplaced = differs & ~tied & ~scattered(differs.shape, causes.pixels[placed])
+    counts["unexplained"] = int((causes.unexplained | misplaced).sum())
+    sums = {"shown": int(shown.sum()), "wrong": int(differs.sum()), "tie": int(tied.sum())}
+    return Pixels(**sums, **counts)
+
+
+def _compared_colors(case: Case, truth: HogelImage, image: HogelImage) -> tuple[Mask, Mask]:
+    """Return the pixels (H, W) that show something, and those that differ."""
+    assert truth.color is not None
+    if image.color is None:
+        image = replace(image, color=np.full(truth.color.shape, np.nan, dtype=np.float32))
+    assert image.color is not None
+    tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
+    differs = colors_differ(as_stored(truth, image), image, tolerance)
+    # NaN is neither above 0 nor at most 0: a pixel without a color shows something wrong.
+    shown = (truth.color > 0).any(axis=-1) | ~(image.color <= 0).all(axis=-1)
+    return np.asarray(shown), differs
+
+
+def _compared_objects(scene: Scene, truth: HogelImage, image: HogelImage) -> tuple[Mask, Mask]:
+    """Return the pixels (H, W) that show something, and those that differ."""
+    objects = image.object
+    if not (objects != NOTHING).any():  # OpenEXR files can have triangle numbers alone
+        existing = np.where(image.triangle < len(scene.faces), image.triangle, NOTHING)
+        objects = scene.object_of_number[existing]
+    return (truth.object != NOTHING) | (objects != NOTHING), truth.object != objects
+
+
+def _ties(truth: HogelImage, shown: Numbers | None = None) -> Mask:
+    """Return the pixels (H, W) with a tie in the truth, or with one of the shown triangle."""
     assert truth.tied_triangles is not None
     row, column, number = truth.tied_triangles.T
-    found = np.zeros(truth.triangle.shape, dtype=np.bool_)
-    same = np.full(len(row), True) if named is None else named[row, column] == number
-    found[row[same], column[same]] = True
-    return found
+    same = np.full(len(row), True) if shown is None else shown[row, column] == number
+    ties = np.zeros(truth.triangle.shape, dtype=np.bool_)
+    ties[row[same], column[same]] = True
+    return ties
 
 
-def _beside_edges(
-    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask
+def _near_edges(
+    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, pixels: Mask
 ) -> Mask:
-    """Return those of some pixels (H, W) at which rounding may show a neighbor's surface."""
-    found = np.zeros_like(asked)
+    """Return the pixels (H, W), out of some, at which rounding can show a neighbor's surface."""
+    excused = np.zeros_like(pixels)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")
-    for down, right in AROUND:
+    for down, right in NEIGHBORS:
         moved = np.roll(padded, (-down, -right), axis=(0, 1))[inner, inner]
-        pixels: Indices = np.flatnonzero(asked & ~found & (moved != truth.triangle))
+        candidates = np.flatnonzero(pixels & ~excused & (moved != truth.triangle))
         other = replace(truth, triangle=np.ascontiguousarray(moved))
-        found |= find_causes(scene.triangles, cameras, truth, other, pixels).masks["edge"]
-    return found
+        excused |= find_causes(scene.triangles, cameras, truth, other, candidates).masks["edge"]
+    return excused

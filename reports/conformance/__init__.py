@@ -1,6 +1,6 @@
-"""The conformance suite: hands cases to a renderer, judges what it draws, and writes a statement.
+"""Conformance suite: a renderer gets cases, its images are judged, and a statement is written.
 
-cases      The folder that a renderer is handed for a case; the archive of all cases with their
-truths run        Cases handed to a renderer, judged in blocks by any process; causes named by
-`verify` statement  The verdicts as a statement, a page, JUnit and a badge
+cases      Folders of cases that renderers get; archive of all cases with their truths
+run        A renderer run through cases, and the causes that `verify` names
+statement  Verdicts as a statement, a page, JUnit and a badge
 """

@@ -1,8 +1,8 @@
-"""What a renderer is handed for a case, and the archive of all cases with their truths.
+"""Folders of cases that renderers get, and the archive of all cases with their truths.
 
-A case is a folder: scene.obj in double precision and in the order of triangle numbers, scene.glb
-for engines, cameras.json and scene.npz as `camera --for json` writes them, and case.json with all
-that is asked.
+The folder of a case has scene.obj in double precision and in the order of triangle numbers,
+scene.glb for engines, cameras.json and scene.npz as `camera --for json` writes them, and case.json
+with the question.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from xfrustum.compare.judging.conformance import agrees, digest, restored, stored, trace
+from xfrustum.compare.judging.conformance import digest, is_frozen, restored, stored, trace
 from xfrustum.reference import Reference
-from xfrustum.reports.common.outputs import json_ready, refused
+from xfrustum.reports.common.outputs import json_object, refused
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.display import encoding_curve
@@ -33,19 +33,32 @@ from xfrustum.scenes.disk.input_files import damage_refused, open_input
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.hogel_image import HogelImage
 
-DESCRIBED = "archive of a conformance suite", "xfrustum conformance export makes one"
-"""Name of an archive in messages, and advice."""
-
-ARCHIVE = f"conformance-{SUITE}.zip"  #: name of the archive in the folder that `--out` names
-
+#: name of an archive in messages, and advice
+MESSAGE = "archive of a conformance suite", "xfrustum conformance export makes one"
+ARCHIVE = f"conformance-{SUITE}.zip"  #: name of the archive in the folder of `--out`
+#: time of every file in an archive, so that equal suites have equal bytes: the paper's year
 STORED_TIME = (1997, 1, 1, 0, 0, 0)
-"""Time of every file in an archive, so that the same suite makes the same bytes: the year of the paper."""
+
+
+def accepted(case: Case) -> str:
+    """Return the accepted answers of a case, one sentence."""
+    edge = "wherever no edge lies within rounding of the pixel's center"
+    if case.colored:
+        text = f"colors within the tolerance, {edge}"
+    elif case.encoding == "object-id":
+        text = f"the object, {edge}"
+    else:
+        text = (
+            "the triangle, any of a tie, or a neighbor at an edge within rounding of the pixel's "
+            f"center; of surfaces that {case.depth} {case.mapping} stores as one depth, either"
+        )
+    return f"{text}; else at most {100 * case.wrong:g} % of the pixels" if case.wrong else text
 
 
 def described(case: Case, scene: Scene) -> dict[str, Any]:
-    """Return case.json: what is asked, of which scene, and how its surfaces are lit."""
+    """Return case.json: the question, its scene, and the materials and lights of the surfaces."""
     reference = Reference(scene)
-    first = np.cumsum([0, *(len(one.faces) for one in scene.objects)]).tolist()
+    first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
     apertures = []
     for aperture in case.apertures(scene):
         camera = reference.camera(aperture)
@@ -56,30 +69,30 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
                 "center": (aperture.x, aperture.y, 0.0),
                 "shear": camera.shear,
                 "half_extent": camera.half_extent,
-                "sub_apertures": [(one.x, one.y) for one in points] if len(points) > 1 else [],
+                "sub_apertures": [(p.x, p.y) for p in points] if len(points) > 1 else [],
             }
         )
     objects = [
         {
-            "name": one.name,
+            "name": part.name,
             "first_triangle": first[number],
-            "triangles": len(one.faces),
-            "smooth": one.vertex_normals is not None,
-            "textured": bool(one.textures),
-            "colored": one.vertex_colors is not None,
-            "material": scene.appearance.material(one.material),
+            "triangles": len(part.faces),
+            "smooth": part.vertex_normals is not None,
+            "textured": bool(part.textures),
+            "colored": part.vertex_colors is not None,
+            "material": scene.appearance.material(part.material),
         }
-        for number, one in enumerate(scene.objects)
+        for number, part in enumerate(scene.objects)
     ]
     environment = scene.appearance.environment
-    found: dict[str, Any] = json_ready(
+    return json_object(
         {
             "suite": SUITE,
             "name": case.name,
             "level": case.level,
             "why": case.why,
-            "asked": case.asked,
-            "accepted": case.accepted,
+            "asked": case.encoding,
+            "accepted": accepted(case),
             "hogels": case.hogels,
             "resolution": scene.frustum.resolution,
             "near": case.near,
@@ -96,22 +109,29 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
             and {"file": "environment.exr", "strength": environment.strength},
         }
     )
-    return found
 
 
 def write_case(case: Case, scene: Scene, folder: Path) -> None:
-    """Write the folder that a renderer is handed."""
+    """Write the folder that a renderer gets."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "case.json").write_text(
         json.dumps(described(case, scene), indent=1) + "\n", encoding="utf-8"
     )
     write_cameras(scene, "json", folder, case.settings(scene), case.apertures(scene))
-    text, materials = _wavefront(scene)
-    (folder / "scene.obj").write_text(text, encoding="utf-8")
-    if materials:
+    textures = {
+        f"texture_{number}_{place}": pixels
+        for number, part in enumerate(scene.objects)
+        for place, pixels in enumerate(part.textures)
+    }
+    text = _wavefront(scene)
+    if textures:
+        # The file of materials names textures alone; the other properties are in case.json.
+        materials = "\n".join(f"newmtl {name}\nmap_Kd {name}.png\n" for name in textures)
         (folder / "scene.mtl").write_text(materials, encoding="utf-8")
-    for name, pixels in _textures(scene):
-        Image.fromarray(pixels).save(folder / name)
+        text = f"mtllib scene.mtl\n{text}"
+    (folder / "scene.obj").write_text(text, encoding="utf-8")
+    for name, pixels in textures.items():
+        Image.fromarray(pixels).save(folder / f"{name}.png")
     if scene.objects:
         (folder / "scene.glb").write_bytes(_binary_gltf(scene))
     if scene.appearance.environment is not None:
@@ -120,63 +140,49 @@ def write_case(case: Case, scene: Scene, folder: Path) -> None:
         write_planes(folder / "environment.exr", planes)
 
 
-def _textures(scene: Scene) -> list[tuple[str, Any]]:
-    """Return name and pixels of each texture of a scene."""
-    return [
-        (f"texture_{number}_{place}.png", pixels)
-        for number, part in enumerate(scene.objects)
-        for place, pixels in enumerate(part.textures)
-    ]
+def _wavefront(scene: Scene) -> str:
+    """Return scene.obj without the line that names its materials.
 
-
-def _wavefront(scene: Scene) -> tuple[str, str]:
-    """Return scene.obj and scene.mtl: the latter names textures alone, for materials are in case.json."""
-    lines, materials, first = ["mtllib scene.mtl"], list[str](), 1
+    Every vertex of an object has a texture coordinate and a normal if any has, so that a corner is
+    the same number in each list; corners without one do not refer to it.
+    """
+    lines = list[str]()
+    first, first_uv, first_normal = 1, 1, 1
     for number, part in enumerate(scene.objects):
         lines.append(f"o object_{number}")
         places = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
-        if part.vertex_colors is not None:  # as in all files but glTF they are sRGB
-            shown = encoding_curve(part.vertex_colors).tolist()
+        if part.vertex_colors is not None:  # sRGB, as in all files but glTF
+            colors = encoding_curve(part.vertex_colors).tolist()
             places = [
-                f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, shown, strict=True)
+                f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, colors, strict=True)
             ]
         lines += places
         uv, normals = part.uv, part.vertex_normals
-        # One of each for every vertex, so that a corner has one number; what a vertex lacks is
-        # never named.
         if uv is not None:
             lines += [f"vt {u!r} {v!r}" for u, v in np.nan_to_num(uv).tolist()]
-        if normals is not None:
-            lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
         flat = np.full(len(part.faces), normals is None)
         if normals is not None:
+            lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
             flat |= np.asarray(np.isnan(normals[part.faces]).any(axis=(1, 2)))
         used = None
-        before = scene.objects[:number]
-        offset_uv = 1 + sum(len(one.vertices) for one in before if one.uv is not None)
-        offset_normal = 1 + sum(
-            len(one.vertices) for one in before if one.vertex_normals is not None
-        )
         for place, face in enumerate(part.faces.tolist()):
             if part.texture_of_triangle is not None and part.texture_of_triangle[place] != used:
                 used = int(part.texture_of_triangle[place])
                 lines.append(f"usemtl texture_{number}_{used}" if used >= 0 else "usemtl plain")
             corners = []
             for vertex in face:
-                t = f"{vertex + offset_uv}" if uv is not None else ""
-                n = f"/{vertex + offset_normal}" if not flat[place] else ""
+                t = f"{vertex + first_uv}" if uv is not None else ""
+                n = f"/{vertex + first_normal}" if not flat[place] else ""
                 corners.append(f"{vertex + first}" + (f"/{t}{n}" if t or n else ""))
             lines.append(f"f {' '.join(corners)}")
         first += len(part.vertices)
-    for name, _ in _textures(scene):
-        materials.append(f"newmtl {name.removesuffix('.png')}\nmap_Kd {name}\n")
-    if not materials:
-        lines = lines[1:]
-    return "\n".join(lines) + "\n", "\n".join(materials)
+        first_uv += len(part.vertices) if uv is not None else 0
+        first_normal += len(part.vertices) if normals is not None else 0
+    return "\n".join(lines) + "\n"
 
 
 def _binary_gltf(scene: Scene) -> bytes:
-    """Return scene.glb, with a mesh for each object; coordinates are float32, colors have 8 bits."""
+    """Return scene.glb, a mesh per object; coordinates are float32, colors have 8 bits."""
     import trimesh  # noqa: PLC0415 - takes long to load
 
     def mesh(part: SceneObject) -> Any:
@@ -194,54 +200,54 @@ def _binary_gltf(scene: Scene) -> bytes:
         return made
 
     whole = trimesh.Scene()
-    with np.errstate(all="ignore"):  # lengths beyond float32's range: scene.obj has them all
+    with np.errstate(all="ignore"):  # lengths beyond float32's range are in scene.obj
         for number, part in enumerate(scene.objects):
-            whole.add_geometry(
-                mesh(part), node_name=f"object_{number}", geom_name=f"object_{number}"
-            )
-        found: bytes = whole.export(file_type="glb", include_normals=True)
-    return found
+            name = f"object_{number}"
+            whole.add_geometry(mesh(part), node_name=name, geom_name=name)
+        content: bytes = whole.export(file_type="glb", include_normals=True)
+    return content
 
 
-# Truths: traced, or out of an archive
-
+#: function of a case and its scene that returns the truth of each hogel
 Truths = Callable[[Case, Scene], list[HogelImage]]
-"""Gives the truth of each hogel of a case."""
 
 
 def traced(case: Case, scene: Scene) -> list[HogelImage]:
-    """Trace the truth of each hogel of a case, and compare it with the frozen one."""
+    """Trace the truth of each hogel of a case; RuntimeError where one differs from the suite's."""
     reference = Reference(scene)
     truths = [trace(case, reference, aperture) for aperture in case.apertures(scene)]
-    if not agrees(case, truths):
+    if not is_frozen(case, truths):
         raise RuntimeError(
-            f"{case.name}: the truth has digest {digest(truths)}, and the suite {case.digest}: this program "
-            "or a library of it makes another scene or another truth"
+            f"{case.name}: the truth has digest {digest(truths)}, and the suite {case.digest}: "
+            "this program or a library of it makes another scene or another truth"
         )
     return truths
 
 
 @dataclass(frozen=True, kw_only=True)
 class Archive:
-    """A file that `conformance export` has written: cases as renderers are handed them, and their truths."""
+    """Archive of cases and truths; InputError where it belongs to another suite."""
 
     path: Path
 
+    def __post_init__(self) -> None:
+        _open_archive(self.path)
+
     def __call__(self, case: Case, scene: Scene) -> list[HogelImage]:
-        """Unpack the truth of each hogel of a case; InputError where the archive has another one."""
+        """Return the truth of each hogel of a case; InputError where the archive has another."""
         reference, truths, archive = Reference(scene), [], _open_archive(self.path)
         try:
             for number, aperture in enumerate(case.apertures(scene)):
                 name = f"truths/{case.name}/{number}.npz"
-                with damage_refused(self.path, *DESCRIBED):
+                with damage_refused(self.path, *MESSAGE):
                     content = read_member(archive, name, self.path)
-                arrays = read_arrays(self.path, *DESCRIBED, content)
+                arrays = read_arrays(self.path, *MESSAGE, content)
                 truths.append(restored(scene, reference.camera(aperture), arrays))
         except (ValueError, KeyError, IndexError, TypeError) as error:
             raise InputError(
                 f"{self.path}: {case.name} in it is damaged ({error}); export it again"
             ) from error
-        if not agrees(case, truths):
+        if not is_frozen(case, truths):
             raise InputError(
                 f"{self.path}: has another truth of {case.name} than suite {SUITE}; export it again"
             )
@@ -250,31 +256,23 @@ class Archive:
 
 @cache
 def _open_archive(path: Path) -> zipfile.ZipFile:
-    file = open_input(path, *DESCRIBED)
-    with damage_refused(path, *DESCRIBED):
-        found = zipfile.ZipFile(file)
-        told = dict(json.loads(read_member(found, "suite.json", path)))
-    if told.get("digest") != suite_digest():
+    file = open_input(path, *MESSAGE)
+    with damage_refused(path, *MESSAGE):
+        archive = zipfile.ZipFile(file)
+        stated = dict(json.loads(read_member(archive, "suite.json", path)))
+    if stated.get("digest") != suite_digest():
         raise InputError(
-            f"{path}: is of suite {told.get('suite')}, and not of this {SUITE}; export it again"
+            f"{path}: is of suite {stated.get('suite')}, and not of this {SUITE}; export it again"
         )
-    return found
+    return archive
 
 
-def open_archive(path: Path) -> Archive:
-    """Return an archive; InputError where the file is none of this suite."""
-    _open_archive(path)
-    return Archive(path=path)
-
-
-def export(
-    cases: Sequence[Case], out: Path, told: Callable[[Case], object] = lambda case: None
-) -> Path:
-    """Write the archive of some cases into a folder, and return its path; `told` is called after each."""
+def export(cases: Sequence[Case], out: Path, done: Callable[[], object] = lambda: None) -> Path:
+    """Write the archive of some cases into a folder, return its path; call `done` after each."""
     with refused(f"--out {out}: cannot write there"):
         out.mkdir(parents=True, exist_ok=True)
         path = out / ARCHIVE
-        with new_file(path) as aside, zipfile.ZipFile(aside, "w") as archive:
+        with new_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
 
             def add(name: str, content: bytes) -> None:
                 entry = zipfile.ZipInfo(name, STORED_TIME)
@@ -289,7 +287,7 @@ def export(
                         add(f"cases/{case.name}/{file.name}", file.read_bytes())
                 for number, truth in enumerate(traced(case, scene)):
                     buffer = io.BytesIO()
-                    np.savez(buffer, **stored(truth))  # type: ignore[arg-type]  # names are no options
+                    np.savez(buffer, **stored(truth))  # type: ignore[arg-type]  # names, no options
                     add(f"truths/{case.name}/{number}.npz", buffer.getvalue())
-                told(case)
+                done()
     return path

@@ -1,32 +1,32 @@
-"""The verdicts of a renderer as files: a statement that can be cited, a page, JUnit, and a badge."""
+"""Verdicts of a renderer as files: a statement to cite, a page, JUnit, and a badge."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from xfrustum.compare.judging.conformance import Pixels
 from xfrustum.reports.common.junit import JUnitCase, junit
-from xfrustum.reports.common.outputs import Staging, json_ready
+from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.conformance.run import Verdict
+from xfrustum.reports.conformance.run import Outcome, Verdict
 from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
+MAX_LISTED = 20  #: failed cases that the terminal lists
+#: colors of a badge, by the names of badge services
+COLORS = {Outcome.PASS: "brightgreen", Outcome.FAIL: "red", Outcome.UNSUPPORTED: "lightgrey"}
+NOT_RUN = "not run"
 
-MAX_LISTED = 20  #: failed cases that the terminal names one by one
 
-COLORS = {"pass": "brightgreen", "fail": "red", "unsupported": "lightgrey"}
-"""Colors of a badge, by the names that badge services know."""
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Statement:
-    """What a renderer is found to do: its name, the device that it ran on, and a verdict for each case."""
+    """Verdicts of a renderer, with its name and device."""
 
     renderer: str
     device: str
@@ -34,58 +34,57 @@ class Statement:
     verdicts: tuple[Verdict, ...]
 
     @cached_property
-    def levels(self) -> dict[str, str]:
-        """The verdict of each level that was asked: pass where no case fails and some case passes."""
-        found = {}
+    def counts(self) -> dict[str, Counter[str]]:
+        """Numbers of cases by judged level and outcome, and of the cases that were not run."""
+        counts = {}
         for level in LEVELS:
-            told = {one.verdict for one in self.verdicts if one.level == level}
-            if told:
-                found[level] = (
-                    "fail" if "fail" in told else "pass" if "pass" in told else "unsupported"
-                )
-        return found
+            run = Counter(str(one.verdict) for one in self.verdicts if one.level == level)
+            if run:
+                counts[level] = run
+                run[NOT_RUN] = len(chosen((level,))) - run.total()
+        return counts
+
+    @property
+    def levels(self) -> dict[str, Outcome]:
+        """Outcome of each judged level: pass where no case fails and some case passes."""
+        return {
+            level: next(
+                outcome
+                for outcome in (Outcome.FAIL, Outcome.PASS, Outcome.UNSUPPORTED)
+                if counts[outcome]
+            )
+            for level, counts in self.counts.items()
+        }
 
     @property
     def passed(self) -> bool:
-        """Whether no case fails; a renderer claims what it does not call unsupported."""
-        return "fail" not in self.levels.values()
+        """Whether no case fails; a renderer claims every case that it does not call unsupported."""
+        return Outcome.FAIL not in self.levels.values()
 
     @property
-    def counts(self) -> dict[str, Counter[str]]:
-        """Numbers of cases by level and verdict, and of those that were not run."""
-        found = {}
-        for level in self.levels:
-            found[level] = Counter(one.verdict for one in self.verdicts if one.level == level)
-            found[level]["not run"] = len(chosen((level,))) - found[level].total()
-        return found
+    def partly(self) -> set[str]:
+        """Levels that are passed without some cases, which are not claimed or were not run."""
+        return {level for level, n in self.counts.items() if 0 < n[Outcome.PASS] < n.total()}
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        failed = [level for level, told in self.levels.items() if told == "fail"]
+        failed = [level for level, outcome in self.levels.items() if outcome is Outcome.FAIL]
         passed = [
-            f"{level} ({self.counts[level]['pass']} of {self.counts[level].total()} cases)"
+            f"{level} ({self.counts[level][Outcome.PASS]} of {self.counts[level].total()} cases)"
             if level in self.partly
             else level
-            for level, told in self.levels.items()
-            if told == "pass"
+            for level, outcome in self.levels.items()
+            if outcome is Outcome.PASS
         ]
         parts = [f"passes {', '.join(passed)}"] if passed else []
         parts += [f"fails {', '.join(failed)}"] if failed else []
-        return f"{self.renderer} {' and '.join(parts) or 'claims none of these cases'} of suite {SUITE}."
-
-    @property
-    def partly(self) -> set[str]:
-        """Levels that are passed without some of their cases, which are not claimed or were not run."""
-        return {level for level, told in self.counts.items() if 0 < told["pass"] < told.total()}
+        claims = " and ".join(parts) or "claims none of these cases"
+        return f"{self.renderer} {claims} of suite {SUITE}."
 
     def summary(self) -> dict[str, Any]:
         """Return statement.json."""
-        cases = []
-        for one in self.verdicts:
-            entry = json_ready(one)
-            del entry["pictures"]
-            cases.append(entry)
+        cases = [json_object(verdict) for verdict in self.verdicts]
         return {
             "suite": SUITE,
             "suite_digest": suite_digest(),
@@ -95,61 +94,77 @@ class Statement:
             "device_model": self.device_model,
             "levels": self.levels,
             "counts": self.counts,
-            "cases": cases,
+            "cases": [{k: v for k, v in case.items() if k != "pictures"} for case in cases],
         }
 
     def badge(self) -> dict[str, Any]:
         """Return badge.json, in the form that badge services read."""
+        outcomes = self.levels
         passed = [
             level + ("*" if level in self.partly else "")
-            for level, v in self.levels.items()
-            if v == "pass"
+            for level, outcome in outcomes.items()
+            if outcome is Outcome.PASS
         ]
-        kind = "pass" if passed else "fail" if "fail" in self.levels.values() else "unsupported"
-        color = "yellow" if passed and not self.passed else COLORS[kind]
-        message = " ".join(passed) or ("no level" if kind == "fail" else "nothing claimed")
+        kind = Outcome.PASS if passed else Outcome.UNSUPPORTED if self.passed else Outcome.FAIL
+        nothing = "no level" if kind is Outcome.FAIL else "nothing claimed"
         return {
             "schemaVersion": 1,
             "label": f"hogel conformance {SUITE}",
-            "message": message,
-            "color": color,
+            "message": " ".join(passed) or nothing,
+            "color": "yellow" if passed and not self.passed else COLORS[kind],
         }
 
     def table(self) -> str:
-        """Return the verdict as lines: a line for each level, and one for each case that fails."""
+        """Return a line for the verdict, for each level, and for each failed case."""
         lines = [self.sentence]
-        for level, told in self.levels.items():
+        for level, outcome in self.levels.items():
             counts = ", ".join(f"{n} {name}" for name, n in sorted(self.counts[level].items()) if n)
-            lines.append(f"{level}  {told:<11}  {counts:<32}  {LEVELS[level]}")
-        failed = [one for one in self.verdicts if one.verdict == "fail"]
-        lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed[:MAX_LISTED]]
-        more = len(failed) - MAX_LISTED
-        return "\n".join(
-            [*lines, *([f"  and {more} more; --out has them all"] if more > 0 else [])]
-        )
+            lines.append(f"{level}  {outcome:<11}  {counts:<32}  {LEVELS[level]}")
+        failed = [one for one in self.verdicts if one.verdict is Outcome.FAIL]
+        lines += [f"  {one.name}: {one.cause}: {failure(one)}" for one in failed[:MAX_LISTED]]
+        if more := len(failed[MAX_LISTED:]):
+            lines.append(f"  and {more} more; --out has them all")
+        return "\n".join(lines)
 
 
-def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
-    """Write statement, page, JUnit and badge, all or nothing."""
-    with Staging(out, FILES) as staging:
-        staging.write(STATEMENT, found.summary())
-        staging.write(BADGE, found.badge())
-        staging.write(
-            JUNIT,
-            junit(f"xfrustum conformance {SUITE}", junit_cases(found.verdicts), found.table()),
-        )
-        values = {"found": found, "suite": SUITE, "levels": LEVELS, "badge": found.badge()}
-        staging.write(PAGE, html_page("conformance.html.j2", values))
-        return staging.commit()
+def counted_pixels(pixels: Pixels) -> str:
+    """Return numbers of pixels in words."""
+    counts = asdict(pixels)
+    shown, wrong = counts.pop("shown"), counts.pop("wrong")
+    causes = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
+    return f"{wrong:,} of {shown:,} pixels wrong" + (f" ({causes})" if causes else "")
+
+
+def failure(verdict: Verdict) -> str:
+    """Return the sentences about a failed case, or its numbers of pixels."""
+    return "; ".join(verdict.words) or counted_pixels(verdict.pixels)
 
 
 def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
     """Return a test case of JUnit for each case."""
     cases = []
-    for one in verdicts:
-        told = one.cause or "not claimed"
-        failure = f"{told}: {one.told}" if one.verdict == "fail" else None
-        skipped = told if one.verdict == "unsupported" else None
-        case = JUnitCase(one.level, one.name, None, failure, one.pixels.words, skipped)
-        cases.append(case)
+    for verdict in verdicts:
+        cause = verdict.cause or "not claimed"
+        cases.append(
+            JUnitCase(
+                classname=verdict.level,
+                name=verdict.name,
+                failure=f"{cause}: {failure(verdict)}" if verdict.verdict is Outcome.FAIL else None,
+                text=counted_pixels(verdict.pixels),
+                skipped=cause if verdict.verdict is Outcome.UNSUPPORTED else None,
+            )
+        )
     return cases
+
+
+def write_statement(statement: Statement, out: Path) -> tuple[Path, ...]:
+    """Write statement, page, JUnit and badge, all or nothing."""
+    values = {"statement": statement, "suite": SUITE, "levels": LEVELS, "badge": statement.badge()}
+    cases = junit_cases(statement.verdicts)
+    files: dict[str, object] = {
+        STATEMENT: statement.summary(),
+        BADGE: statement.badge(),
+        JUNIT: junit(f"xfrustum conformance {SUITE}", cases, statement.table()),
+        PAGE: html_page("conformance.html.j2", values, {"pixels": counted_pixels}),
+    }
+    return write_files(out, files)

@@ -1,7 +1,8 @@
-"""The conformance suite: frozen questions to renderers of hogels, each a scene, hogels and what is asked.
+"""Conformance suite: frozen questions to renderers of hogels.
 
-suite  Cases as they are frozen in `1.0`, and the scenes that they are asked of
+suite  Cases of `1.0`, and their scenes
 
-`1.0/cases.toml` lists the cases; `1.0/scenes` and `1.0/meshes` have what no built-in scene has. A
-released suite is never changed: what is found to be wrong in it is mended in the next one.
+`1.0/cases.toml` lists the cases; `1.0/scenes` and `1.0/meshes` hold the scenes that are not built
+in. A released suite stays as it is: errors in it are corrected in the next one
+(scripts/freeze_conformance_suite.py).
 """

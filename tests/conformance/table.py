@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from xfrustum.reports.conformance.run import Contestant, Trial, Verdict, agreed
+from xfrustum.reports.conformance.run import CaseRenderer, RunOptions, Verdict, agreed, judge_case
 from xfrustum.scenes.conformance.suite import chosen
 
 TRIED = {
@@ -173,8 +173,8 @@ def tried(one: Wrong, names: Sequence[str] = ()) -> Tried:
     names += ["L0-numbers"] if one.name in OF_LARGE_NUMBERS else []
     cases = chosen(names=names)
     os.environ["XFRUSTUM_TOY"] = one.name
-    trial = Trial(contestant=Contestant(python="tests.conformance.renderers:toy"))
-    return Tried(renderer=one, verdicts=agreed([trial.verdict(case) for case in cases]))
+    toy, options = CaseRenderer(python="tests.conformance.renderers:toy"), RunOptions()
+    return Tried(renderer=one, verdicts=agreed([judge_case(case, toy, options) for case in cases]))
 
 
 HEADER = (

@@ -88,11 +88,11 @@ def read_device(path: Path) -> None:
 @click.argument("name")
 def read_archive(path: Path, name: str) -> None:
     """Read the truths of a case from an archive, as `conformance judge --truth` does."""
-    from xfrustum.reports.conformance.cases import open_archive
+    from xfrustum.reports.conformance.cases import Archive
     from xfrustum.scenes.conformance.suite import chosen
 
     (case,) = chosen(names=(name,))
-    click.echo(str(len(open_archive(path)(case, case.open()))))
+    click.echo(str(len(Archive(path=path)(case, case.open()))))
 
 
 ENTRIES = (read_scene, read_picture, read_parts, read_recording, read_device, read_archive)

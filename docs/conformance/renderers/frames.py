@@ -15,7 +15,8 @@ import numpy as np
 from xfrustum.compare.device.recorded import read_frames
 from xfrustum.compare.judging.conformance import Pixels, judged, trace
 from xfrustum.reference import Reference
-from xfrustum.scenes import HogelImage
+from xfrustum.reports.conformance.statement import counted_pixels
+from xfrustum.scenes import DepthFormat, DepthMapping, HogelImage
 from xfrustum.scenes.conformance.suite import CLOSE_NEAR, Case
 from xfrustum.scenes.model.device_model import model_of
 
@@ -29,8 +30,8 @@ def main() -> None:
         height, width = frame.triangle.shape
         column, row = map(int, place.split(","))
         case = Case(
-            name=frame.name, level="L2", scene=name, hogels=((column, row),), asked="triangle-id", why="",
-            resolution=(width, height), depth=depth, mapping=mapping,
+            name=frame.name, level="L2", scene=name, hogels=((column, row),), encoding="triangle-id", why="",
+            resolution=(width, height), depth=DepthFormat(depth), mapping=DepthMapping(mapping),
         )  # fmt: skip
         scene = case.open()
         reference, aperture = Reference(scene), scene.plate.aperture(column, row)
@@ -46,12 +47,12 @@ def main() -> None:
                 object=np.append(scene.object_of_triangle, np.int32(-1))[frame.triangle],
                 position=np.full((height, width, 3), np.nan),
             )
-            pixels: Pixels = judged(one, scene, truth, image, model_of(device))[0]
+            pixels: Pixels = judged(one, scene, truth, image, model_of(device))
             asked[question] += 1
             passed[question] += pixels.within(one)
             total.update(vars(pixels))
             if not pixels.within(one):
-                sys.stdout.write(f"{frame.name}, {question}: {pixels.words}\n")
+                sys.stdout.write(f"{frame.name}, {question}: {counted_pixels(pixels)}\n")
     for question, count in asked.items():
         sys.stdout.write(
             f"{device['renderer']}, {question}: {passed[question]} of {count} frames pass\n"

@@ -43,7 +43,7 @@ def draw(
     image = rasterizer.render(scene.plate.aperture(*hogel), settings)
     if case.colored:
         return image.color
-    return (image.triangle if case.asked == "triangle-id" else image.object) + 1
+    return (image.triangle if case.encoding == "triangle-id" else image.object) + 1
 
 
 def d24_standard(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:

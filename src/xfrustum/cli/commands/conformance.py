@@ -1,4 +1,4 @@
-"""`conformance`: a renderer taken through a frozen suite of cases, and a statement that can be cited."""
+"""`conformance`: a renderer through a frozen suite of cases, and a statement that can be cited."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, option
 
 if TYPE_CHECKING:
-    from xfrustum.reports.conformance.run import Contestant
+    from xfrustum.reports.conformance.run import CaseRenderer
     from xfrustum.scenes.conformance.suite import Case
 
 _KNOWN = tuple(f"L{number}" for number in range(7))
@@ -20,6 +20,9 @@ _LEVEL = options.Read(
 )
 _LEVELS = options.list_of(_LEVEL)
 _NAMES = options.list_of(options.Read("NAME", str, "names of cases"))
+#: keys of case.json that `show` prints
+_SHOWN = ("name", "level", "why", "asked", "accepted", "hogels", "resolution", "near", "depth",
+          "mapping")  # fmt: skip
 
 
 @click.group(
@@ -27,7 +30,7 @@ _NAMES = options.list_of(options.Read("NAME", str, "names of cases"))
     epilog="\b\nExample:\n  xfrustum conformance run --python renderer:draw --level L0",
 )
 def conformance() -> None:
-    """Take a renderer through a frozen suite of cases, and state what it does."""
+    """Take a renderer through a frozen suite of cases, and state its conformance."""
 
 
 class _Chosen(options.Measured):
@@ -36,7 +39,7 @@ class _Chosen(options.Measured):
 
     @property
     def cases(self) -> tuple[Case, ...]:
-        """The cases of the levels and names that are given."""
+        """Cases of the levels and names in the options."""
         from xfrustum.scenes.conformance.suite import chosen
 
         return chosen(self.level, self.case)
@@ -57,12 +60,12 @@ def list_(asked: _List) -> None:
 
     def text() -> str:
         width, lines = max(len(case.name) for case in cases), list[str]()
-        for level, words in LEVELS.items():
+        for level, subject in LEVELS.items():
             some = [case for case in cases if case.level == level]
-            lines += [f"{level}: {words} ({len(some)} cases)"] if some else []
+            lines += [f"{level}: {subject} ({len(some)} cases)"] if some else []
             lines += [
-                f"  {one.name:<{width}}  {one.asked:<11}  {len(one.hogels)} hogels  {one.why}"
-                for one in some
+                f"  {case.name:<{width}}  {case.encoding:<11}  {len(case.hogels)} hogels  {case.why}"
+                for case in some
             ]
         return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
 
@@ -75,14 +78,12 @@ conformance.commands["list"] = conformance.commands.pop("list_", list_)
 
 class _Show(options.Printed):
     name: str = options.argument()
-    out = option(
-        FOLDER, "Folder for what a renderer is handed, in case/, and the true images, in truth/."
-    )
+    out = option(FOLDER, "Folder for the case as renderers get it, and for the true images.")
 
 
 @options.command("xfrustum conformance show L0-behind --out first", conformance)
 def show(asked: _Show) -> None:
-    """Show what a case asks; with --out, write what a renderer is handed, and the true images beside it."""
+    """Show a case; with --out, write its folder to case/, and the true images to truth/."""
     from xfrustum.scenes.conformance.suite import chosen
 
     (case,) = chosen(names=(asked.name,))
@@ -98,19 +99,7 @@ def show(asked: _Show) -> None:
             for truth in cases.traced(case, scene):
                 index = truth.camera.aperture.index
                 run.write_hogel(case, asked.out / "truth", index, run.encoded_truth(case, truth))
-    keys = (
-        "name",
-        "level",
-        "why",
-        "asked",
-        "accepted",
-        "hogels",
-        "resolution",
-        "near",
-        "depth",
-        "mapping",
-    )
-    lines = [f"{key}: {described[key]}" for key in keys if described[key] is not None]
+    lines = [f"{key}: {described[key]}" for key in _SHOWN if described[key] is not None]
     lines.append(f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects")
     lines += [f"digest: {case.digest}"]
     lines += [] if asked.out is None else [str(asked.out / "case"), str(asked.out / "truth")]
@@ -118,55 +107,47 @@ def show(asked: _Show) -> None:
 
 
 class _Judged(_Chosen):
-    truths = option(FOLDER, "Archive of `export`: truths are unpacked and not traced.", "--truth")
-    renderer = option(TEXT, "Name of the renderer in the statement.  [default: how it is given]")
-    device = option(
-        TEXT, "Device that it ran on: its device.json, or a name.  [default: not stated]"
-    )
-    engine = options.engine_options("this process", draws=False)
+    truths = option(FOLDER, "Archive of `export`: truths are unpacked, not traced.", "--truth")
+    renderer = option(TEXT, "Name of the renderer in the statement.  [default: as given]")
+    device = option(TEXT, "Device of the renderer: its device.json, or a name.")
     out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
 
-    def judge(self, contestant: Contestant) -> int:
-        """Take the renderer through the cases, write and print what is found; return the exit status."""
-        cases = self.cases
-        if not cases:
+    def judge(self, renderer: CaseRenderer) -> int:
+        """Take the renderer through the cases, write and print verdicts; return the exit status."""
+        if not self.cases:
             raise click.UsageError("no case has these names in these levels")
         from xfrustum.compare.judging.judged import ANY_DEVICE
-        from xfrustum.reports.blocks import HERE
         from xfrustum.reports.conformance import run, statement
-        from xfrustum.reports.conformance.cases import open_archive, traced
+        from xfrustum.reports.conformance.cases import Archive, traced
         from xfrustum.scenes.model.device_model import DeviceModel
 
         options.check_out(self.out, statement.FILES)
-        truths = traced if self.truths is None else open_archive(self.truths.absolute())
-        named, model = self.device or "not stated", ANY_DEVICE
-        if named.endswith(".json"):
-            model = DeviceModel.read(Path(named))
-            named = model.name
-        trial = run.Trial(contestant=contestant, truths=truths, device=model)
-        verdicts = run.run(
-            cases, trial, self.out, self.engine or HERE, told=options.note, progress=self.progress
+        name, model = self.device or "not stated", ANY_DEVICE
+        if name.endswith(".json"):
+            model = DeviceModel.read(Path(name))
+            name = model.name
+        judging = run.RunOptions(
+            truths=traced if self.truths is None else Archive(path=self.truths.absolute()),
+            device=model,
+            pictures=self.out is not None,
         )
-        if verdicts is None:
-            options.note("this part is judged; the last one to be finished writes the statement")
-            return 0
-        found = statement.Statement(
-            renderer=self.renderer or contestant.name,
-            device=named,
+        result = statement.Statement(
+            renderer=self.renderer or renderer.name,
+            device=name,
             device_model=model.name,
-            verdicts=verdicts,
+            verdicts=run.run(self.cases, renderer, judging, progress=self.progress),
         )
         if self.out is not None:
-            statement.write_statement(found, self.out)
-        self.tell(found.summary, found.table)
-        return 0 if found.passed else options.LIMIT_EXCEEDED
+            statement.write_statement(result, self.out)
+        self.tell(result.summary, result.table)
+        return 0 if result.passed else options.LIMIT_EXCEEDED
 
 
 class _Run(_Judged):
     command = option(TEXT, "Program, run once for each case: 'my-renderer {case} {out}'.")
     images = option(TEXT, "Folder of images: DIR/NAME/hogel_{i}x{j}.png or .exr.")
     python = option(TEXT, "Function in Python, module:function.")
-    timeout_s = option(POSITIVE, "Seconds that one case may take.", "--timeout", default=60.0)
+    timeout_s = option(POSITIVE, "Seconds per case of a program.", "--timeout", default=60.0)
 
 
 @options.command(
@@ -175,20 +156,24 @@ class _Run(_Judged):
 def run(asked: _Run) -> int:
     """Take a renderer through the suite; exit status 1 if any case fails.
 
-    For each case the renderer finds scene.obj, scene.glb, cameras.json, scene.npz and case.json in
-    the folder {case}, and writes {out}/hogel_{i}x{j}.png or .exr for each hogel that case.json asks
-    for; or the file {out}/unsupported with the reason. A run that was stopped goes on where it was.
+    For each case the folder {case} holds scene.obj, scene.glb, cameras.json, scene.npz and
+    case.json, and the renderer writes {out}/hogel_{i}x{j}.png or .exr for each hogel of case.json;
+    or the file {out}/unsupported with the reason.
     """
     from xfrustum.scenes.arguments import check_program
 
     if asked.command is not None:
-        check_program(asked.command)  # at once: what is imported next takes seconds to load
-    from xfrustum.reports.conformance.run import Contestant
+        check_program(asked.command)  # before imports that take seconds
+    from xfrustum.reports.conformance.run import CaseRenderer
 
-    contestant = Contestant(
-        command=asked.command, images=asked.images, python=asked.python, timeout_s=asked.timeout_s
+    return asked.judge(
+        CaseRenderer(
+            command=asked.command,
+            images=asked.images,
+            python=asked.python,
+            timeout_s=asked.timeout_s,
+        )
     )
-    return asked.judge(contestant)
 
 
 class _Judge(_Judged):
@@ -197,10 +182,10 @@ class _Judge(_Judged):
 
 @options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
 def judge(asked: _Judge) -> int:
-    """Judge images that were drawn elsewhere: IMAGES/NAME/hogel_{i}x{j}.png or .exr; else as `run`."""
-    from xfrustum.reports.conformance.run import Contestant
+    """Judge images drawn elsewhere: IMAGES/NAME/hogel_{i}x{j}.png or .exr; else as `run`."""
+    from xfrustum.reports.conformance.run import CaseRenderer
 
-    return asked.judge(Contestant(images=asked.images))
+    return asked.judge(CaseRenderer(images=asked.images))
 
 
 class _Export(_Chosen):
@@ -209,12 +194,12 @@ class _Export(_Chosen):
 
 @options.command("xfrustum conformance export --out archive", conformance)
 def export(asked: _Export) -> None:
-    """Write an archive of what renderers are handed and of all truths, for machines that do not trace."""
+    """Write an archive of all case folders and truths, for machines that do not trace."""
     from xfrustum.reports.common.outputs import progress_bar
     from xfrustum.reports.conformance import cases
 
     with progress_bar(len(asked.cases), "export", "case", shown=asked.progress) as bar:
-        path = cases.export(asked.cases, asked.out, lambda _: bar.update())
+        path = cases.export(asked.cases, asked.out, bar.update)
     size = path.stat().st_size
     asked.tell(
         lambda: {"archive": str(path), "bytes": size, "cases": len(asked.cases)},
