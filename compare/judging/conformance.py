@@ -1,6 +1,6 @@
 """Hogels judged by a case of the conformance suite: every wrong pixel needs an accepted reason.
 
-The truth is that of the case's cameras without any rounding. A pixel with another triangle is
+The truth has the case's cameras without any rounding. A pixel with another triangle is
 accepted where the truth is a tie of both, or where rounding explains it: the classifier of causes
 has the bounds of edges and depths of the case's cameras. Colors and objects do not identify
 triangles: pixels that rounding can move across an edge to a neighbor's surface are not judged.
@@ -77,7 +77,7 @@ def renderer_model(case: Case) -> RendererModel:
 
 
 def trace(case: Case, reference: Reference, aperture: Aperture) -> HogelImage:
-    """Return the certified truth of a hogel, with the surfaces of ties, and with color if judged."""
+    """Return the certified truth of a hogel, with surfaces of ties, and with color if judged."""
     model = renderer_model(case)
     layer = drawn(reference, model, aperture)
     truth = as_image(reference, aperture, layer)
@@ -128,7 +128,7 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
 
     Raises ValueError, TypeError or LookupError for other arrays.
     """
-    # Types and shapes are those of `stored`, so that an equal digest means equal arrays.
+    # Types and shapes as in `stored`: an equal digest then means equal arrays.
     triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
     color = arrays.get("color")
     return HogelImage(

@@ -330,8 +330,7 @@ fault for it to stand: a fault can explain a case of few surfaces by chance."""
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Return verdicts whose causes agree within each level; other causes become guesses.
 
-    A case that cannot tell faults apart counts for each of them, and gets the one that most cases
-    admit.
+    A case with several possible faults counts for each of them, and gets the fault of most cases.
     """
     admitted = [
         (verdict.level, {*verdict.faults}.union(*verdict.alternatives.values()))

@@ -38,7 +38,7 @@ class Statement:
         """Numbers of cases by judged level and outcome, and of the cases that were not run."""
         counts = {}
         for level in LEVELS:
-            run = Counter(str(one.verdict) for one in self.verdicts if one.level == level)
+            run = Counter(str(case.verdict) for case in self.verdicts if case.level == level)
             if run:
                 counts[level] = run
                 run[NOT_RUN] = len(chosen((level,))) - run.total()
@@ -58,7 +58,7 @@ class Statement:
 
     @property
     def passed(self) -> bool:
-        """Whether no case fails; a renderer claims every case that it does not call unsupported."""
+        """No case fails; a renderer claims every case that it does not call unsupported."""
         return Outcome.FAIL not in self.levels.values()
 
     @property
@@ -120,8 +120,8 @@ class Statement:
         for level, outcome in self.levels.items():
             counts = ", ".join(f"{n} {name}" for name, n in sorted(self.counts[level].items()) if n)
             lines.append(f"{level}  {outcome:<11}  {counts:<32}  {LEVELS[level]}")
-        failed = [one for one in self.verdicts if one.verdict is Outcome.FAIL]
-        lines += [f"  {one.name}: {one.cause}: {failure(one)}" for one in failed[:MAX_LISTED]]
+        failed = [case for case in self.verdicts if case.verdict is Outcome.FAIL]
+        lines += [f"  {case.name}: {case.cause}: {failure(case)}" for case in failed[:MAX_LISTED]]
         if more := len(failed[MAX_LISTED:]):
             lines.append(f"  and {more} more; --out has them all")
         return "\n".join(lines)

@@ -1,6 +1,7 @@
-"""The exchange with other programs: plates in layouts of files, and cameras for other renderers.
+"""Exchange with other programs: plates in layouts of files, and cameras for other renderers.
 
-blender/  Blender: the crossed frustum as a camera shader of Cycles, and the script that renders it
-cameras   The cameras C and C* of any settings and aperture, in files for other renderers
-convert   Plates from one layout into another, from and into Zarr groups, and as they are drawn
+blender/  Crossed frustum as a camera shader of Cycles, and the script that renders it
+cameras   Cameras C and C* of any settings and aperture, in files for other renderers
+convert   Plates converted between layouts and Zarr groups, and laid out after drawing
+words     Sentences about layouts
 """

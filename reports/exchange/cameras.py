@@ -1,6 +1,6 @@
-"""Cameras in files for renderers that somebody else writes, with the numbered triangles beside them.
+"""Camera files for other renderers, with the numbered triangles.
 
-`raster.cameras.description` has those of C and C*; Blender's is the crossed frustum
+Cameras C and C* come from `raster.cameras.description`; Blender gets the crossed frustum itself
 (blender/render.py).
 """
 
@@ -19,7 +19,7 @@ from xfrustum.scenes.arguments import choice
 
 
 class Renderer(StrEnum):
-    """The renderers for which cameras are written."""
+    """Renderer with a format of camera files."""
 
     BLENDER = "blender"
     JSON = "json"
@@ -27,20 +27,18 @@ class Renderer(StrEnum):
     MITSUBA = "mitsuba"
 
 
+#: files of the cameras C and C*
 CAMERA_FILES = {"json": "cameras.json", "gltf": "cameras.gltf", "mitsuba": "sensors.json"}
-"""Name of the file of cameras of each renderer but Blender."""
-
-TRIANGLES_FILE = "scene.npz"
-"""Name of the file of numbered triangles and objects beside the cameras (`write_triangles`)."""
+TRIANGLES_FILE = "scene.npz"  #: numbered triangles and objects (`write_triangles`)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFiles:
-    """Files of cameras for a renderer, and words about what to do with them."""
+    """Camera files for a renderer."""
 
     renderer: Renderer
     files: tuple[Path, ...]
-    next_step: str
+    next_step: str  #: advice to the user, one sentence
 
 
 def write_cameras(
@@ -52,11 +50,18 @@ def write_cameras(
 ) -> CameraFiles:
     """Write the cameras of a scene for another renderer into a folder.
 
-    For `json`, `gltf` and `mitsuba` they are C and C* of some settings, by default of a report's
-    apertures. For `blender` it is the crossed frustum itself, which needs no settings; the
-    apertures are those that its script renders unless it is told others.
+    Parameters
+    ----------
+    settings
+        Settings of C and C*; required for `json`, `gltf` and `mitsuba`, and refused for `blender`.
+    apertures
+        Apertures of the cameras, by default a report's; for `blender` the script's default, by
+        default the whole plate.
 
-    InputError where settings are missing or make no sense, or the folder cannot be written.
+    Raises
+    ------
+    InputError
+        Settings are missing or make no sense, or the folder cannot be written.
     """
     chosen = choice(Renderer, renderer, "--for")
     if chosen is Renderer.BLENDER:
@@ -65,9 +70,11 @@ def write_cameras(
                 "Blender's camera is the crossed frustum itself: leave out --near and its options"
             )
         files, script = write_blender(scene, out, apertures), out / "render.py"
-        blend, given = ("", "") if scene.objects else ("SCENE.blend ", "--blend SCENE.blend ")
-        next_step = f"run it: python {script} {given}--out HOGELS (with bpy), or in Blender: "
-        next_step += f"blender -b {blend}-P {script} -- --out HOGELS"
+        blend, option = ("", "") if scene.objects else ("SCENE.blend ", "--blend SCENE.blend ")
+        next_step = (
+            f"run it: python {script} {option}--out HOGELS (with bpy), or in Blender: "
+            f"blender -b {blend}-P {script} -- --out HOGELS"
+        )
         return CameraFiles(renderer=chosen, files=files, next_step=next_step)
     if settings is None:
         raise InputError(
@@ -87,7 +94,7 @@ def write_cameras(
 
 
 def write_triangles(scene: Scene, path: Path) -> None:
-    """Write the corners of all triangles, scene units, the object of each, and what shading reads of them."""
+    """Write all triangles, scene units, their objects, and the data of shading."""
     objects, environment = scene.objects, scene.appearance.environment
     shading = {
         name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")
@@ -98,9 +105,9 @@ def write_triangles(scene: Scene, path: Path) -> None:
         vertices=scene.vertices,
         faces=scene.faces,
         object_of_triangle=scene.object_of_triangle,
-        first_vertex=np.cumsum([0, *(len(one.vertices) for one in objects)]),
-        first_triangle=np.cumsum([0, *(len(one.faces) for one in objects)]),
-        names=np.array([one.name for one in objects], dtype=np.str_),
+        first_vertex=np.cumsum([0, *(len(part.vertices) for part in objects)]),
+        first_triangle=np.cumsum([0, *(len(part.faces) for part in objects)]),
+        names=np.array([part.name for part in objects], dtype=np.str_),
         **{name: values for name, values in shading.items() if values is not None},
     )
 
@@ -108,10 +115,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
 def write_blender(
     scene: Scene, out: Path, apertures: Sequence[Aperture] | None
 ) -> tuple[Path, ...]:
-    """Write the script that renders a scene's hogels in Blender, with plate and numbered triangles beside it.
-
-    The script renders these apertures where nobody names others; the whole plate where None.
-    """
+    """Write the script that renders a scene's hogels in Blender, the plate and the triangles."""
     frustum, objects = scene.frustum, scene.objects
     described = {
         "scene": scene.name,
@@ -124,7 +128,7 @@ def write_blender(
         "fov": frustum.fov,
         "screen": frustum.screen,
         "apertures": None if apertures is None else [aperture.index for aperture in apertures],
-        "objects": [one.name for one in objects],
+        "objects": [part.name for part in objects],
         "colors": [material.diffuse for material in scene.materials],
         "lights": [
             {"direction": light.direction, "color": light.color}

@@ -167,7 +167,7 @@ class ConversionOptions:
     tiles: tuple[int, int] | None = None  #: columns and rows of tiles of a quilt to be written
     suffix: str | None = None  #: .png or .exr; None: .exr for floating point, else .png
     array: PlateArray | str | None = None  #: array of a Zarr group to be read or written
-    aspect: float | None = None  #: width over height of the plate; None: that of the hogels
+    aspect: float | None = None  #: width over height of the plate; None: ratio of hogels
 
 
 def convert(
@@ -313,7 +313,7 @@ class LaidOutPlate:
 
     @property
     def keeps_group(self) -> bool:
-        """Whether the group stays when the files are written."""
+        """The group stays when the files are written."""
         return self.out.suffix.lower() == ZARR_SUFFIX
 
     @property
@@ -324,8 +324,8 @@ class LaidOutPlate:
     @property
     def files(self) -> Path:
         """The folder of the files, or the one picture."""
-        beside = self.out.with_name(f"{self.out.stem}-{self.layout}")
-        return beside if self.keeps_group else self.out
+        laid_out = self.out.with_name(f"{self.out.stem}-{self.layout}")
+        return laid_out if self.keeps_group else self.out
 
     def check(self, scene: Scene, content: PlateContent, *, judged: bool) -> None:
         """Raise InputError where the files cannot be written, or would lose images or measures."""

@@ -3,6 +3,6 @@
 suite  Cases of `1.0`, and their scenes
 
 `1.0/cases.toml` lists the cases; `1.0/scenes` and `1.0/meshes` hold the scenes that are not built
-in. A released suite stays as it is: errors in it are corrected in the next one
+in. A released suite never changes: the next one corrects errors
 (scripts/freeze_conformance_suite.py).
 """

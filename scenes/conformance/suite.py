@@ -77,7 +77,7 @@ class Case:
 
     @property
     def colored(self) -> bool:
-        """Whether pixels hold colors, as in cases of light, and not numbers."""
+        """Colors in the pixels, as in cases of light, instead of numbers."""
         return self.encoding in ("rgb", "srgb")
 
     def open(self) -> Scene:

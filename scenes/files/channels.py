@@ -15,10 +15,9 @@ NORMAL = ("N.X", "N.Y", "N.Z")
 COLOR = ("R", "G", "B")
 VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
-#: Number that does not say whether it counts triangles or objects.
-ANY_ID = "id"
+ANY_ID = "id"  #: number of a triangle or of an object
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
-#: Layers of others, in lower case, that hold what some of our channels hold.
+#: layers of other programs with the content of our channels, lower case
 _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     POSITION: frozenset({"p", "pos", "position", "pworld", "worldposition"}),
     NORMAL: frozenset({"n", "normal"}),
@@ -26,12 +25,12 @@ _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     (OBJECT,): frozenset({"indexob", "object index"}),
 }
 _AXES = {3: ("xyz", "rgb"), 1: ("x", "r", "")}  # last letters of the channels of a layer
-MAX_LISTED = 24  #: channels that an error lists
+MAX_LISTED = 24  #: channels in an error message
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredChannel:
-    """One channel of a file."""
+    """A channel of a file."""
 
     part: int
     part_name: str
@@ -39,12 +38,12 @@ class StoredChannel:
 
     @property
     def words(self) -> str:
-        """The name, behind that of its part where there are several."""
+        """Name of part and channel; the channel alone in files of one part."""
         return f"{self.part_name}/{self.name}" if self.part_name else self.name
 
     @property
     def layer_and_axis(self) -> tuple[str, str]:
-        """Layer without what is before its last point, and last letter, in lower case."""
+        """Layer name behind its last point, and last letter, lower case."""
         path = f"{self.part_name}.{self.name}" if "." not in self.name else self.name
         layer, _, axis = path.lower().rpartition(".")
         return layer.rpartition(".")[2], axis
@@ -52,49 +51,53 @@ class StoredChannel:
 
 def listed(present: Sequence[StoredChannel]) -> str:
     """Return the names of channels, for errors."""
-    names = [one.words for one in present]
+    names = [channel.words for channel in present]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     secret = any("crypto" in name.lower() for name in names)
     return ", ".join(names[:MAX_LISTED]) + more + (" (Cryptomatte is not read)" if secret else "")
 
 
 def located(
-    present: Sequence[StoredChannel], wanted: Iterable[str]
+    present: Sequence[StoredChannel], names: Iterable[str]
 ) -> tuple[dict[str, StoredChannel], dict[str, tuple[StoredChannel, ...]]]:
-    """Return where each wanted channel lies, and by name those that several layers or parts hold.
+    """Return the channel of each name, and the channels of names in several layers or parts.
 
-    A name of our contract wins; else the one layer that has a name of others.
+    A name of our contract wins over the one layer with a name of other programs.
     """
-    names = set(wanted)
-    found: dict[str, StoredChannel] = {}
+    missing = set(names)
+    places: dict[str, StoredChannel] = {}
     several: dict[str, tuple[StoredChannel, ...]] = {}
-    for name in names:
+    for name in missing:
         same = _named(present, name)
         if len(same) == 1:
-            found[name] = same[0]
+            places[name] = same[0]
         elif same:
             several[name] = same
+    missing -= places.keys() | several.keys()
     for group, layers in _LAYERS.items():
-        if not names.issuperset(group) or any(name in found or name in several for name in group):
+        if not missing.issuperset(group):
             continue
         sets = _complete_sets(present, layers, len(group))
         if len(sets) == 1:
-            found.update(zip(group, sets[0], strict=True))
+            places.update(zip(group, sets[0], strict=True))
         elif sets:
-            several[group[0]] = tuple(one[0] for one in sets)
-    return found, several
+            several[group[0]] = tuple(channels[0] for channels in sets)
+    return places, several
 
 
 def _named(present: Sequence[StoredChannel], name: str) -> tuple[StoredChannel, ...]:
-    """Return the channels of a name. A part called `P` has positions, whatever its channels are called."""
-    same = [one for one in present if one.name == name]
-    if name not in COLOR or len({one.part for one in present}) == 1:
+    """Return the channels of a name.
+
+    A part called `P` holds positions even in channels called R, G and B.
+    """
+    same = [channel for channel in present if channel.name == name]
+    if name not in COLOR or len({channel.part for channel in present}) == 1:
         return tuple(same)
     others = frozenset[str]().union(
         *(layers for group, layers in _LAYERS.items() if group != COLOR)
     )
-    same = [one for one in same if one.layer_and_axis[0] not in others]
-    main = [one for one in same if one.layer_and_axis[0] in _LAYERS[COLOR]]
+    same = [channel for channel in same if channel.layer_and_axis[0] not in others]
+    main = [channel for channel in same if channel.layer_and_axis[0] in _LAYERS[COLOR]]
     return tuple(main if len(main) == 1 else same)
 
 
@@ -103,12 +106,13 @@ def _complete_sets(
 ) -> list[tuple[StoredChannel, ...]]:
     """Return the channels of each layer with one of some names, in the order of their axes."""
     by_layer: dict[tuple[int, str], dict[str, StoredChannel]] = {}
-    for one in present:
-        layer, axis = one.layer_and_axis
+    for channel in present:
+        layer, axis = channel.layer_and_axis
         if layer in layers:
-            by_layer.setdefault((one.part, one.name.rpartition(".")[0]), {})[axis] = one
+            key = channel.part, channel.name.rpartition(".")[0]
+            by_layer.setdefault(key, {})[axis] = channel
         elif count == 1 and axis in layers:  # a number needs no axis
-            by_layer.setdefault((one.part, one.name), {})[""] = one
+            by_layer.setdefault((channel.part, channel.name), {})[""] = channel
     return [
         tuple(axes[axis] for axis in letters or ("",))
         for axes in by_layer.values()
@@ -120,6 +124,5 @@ def _complete_sets(
 def refuse_several(path: object, several: Mapping[str, tuple[StoredChannel, ...]]) -> None:
     """Raise InputError where a channel that is needed lies in several layers or parts."""
     for name, places in several.items():
-        raise InputError(
-            f"{path}: channel {name} lies in {', '.join(one.words for one in places)}; keep one of them"
-        )
+        where = ", ".join(channel.words for channel in places)
+        raise InputError(f"{path}: channel {name} lies in {where}; keep one of them")

@@ -1,8 +1,8 @@
 """Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files"; docs/adr/0012).
 
-Headers are read alone before pixels are, for the library allocates whatever one declares. Its newer
-interface reads, for it raises where the older one ends the process; the older one writes, band by
-band.
+A header is read and checked before the pixels, because the library allocates any declared size. The
+library's newer interface reads: it raises errors at which the older one ends the process. The older
+one writes, because it takes an image band by band.
 """
 
 import io
@@ -21,7 +21,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.scenes import HogelCamera, HogelImage, InputError
+from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.disk.durable import new_file
 from xfrustum.scenes.disk.input_files import check_declared, head_of
@@ -50,22 +50,22 @@ Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its ow
 CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 EYE_ATTRIBUTE = "xfrustum:eye"
 _OPTIONAL = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
+#: attributes as JSON, whose numbers are the shortest digits that give the same double again
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
-#: Attributes as JSON, whose numbers are the shortest digits that give the same double again.
 EYE_JSON = TypeAdapter(Eye)
-MAGIC = bytes.fromhex("762f3101")  # first four bytes of every OpenEXR file
-#: Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32
-#: bits.
-MAX_PIXELS = (2**31 - 1) // 4
-FAR = 1e10  #: coordinate from which on renderers mean that there is no surface
-_PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # types of pixels, in the order of their codes
-#: Lock for redirecting what OpenEXR prints: two threads at once would restore each other's file.
-_SILENT = threading.Lock()
+MAGIC = bytes.fromhex("762f3101")  #: first bytes of every OpenEXR file
+MAX_PIXELS = (2**31 - 1) // 4  #: the library counts a channel's bytes, 4 a pixel, in 32 bits
+FAR = 1e10  #: coordinate that renderers store, or exceed, for no surface
+_PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # in the order of OpenEXR's codes
+_SILENT = threading.Lock()  # two redirections at once would restore each other's file
+
+
+_DAMAGE = (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError)
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Drop what is written within a block: OpenEXR prints errors, which it also raises, and repairs."""
+    """Drop output within a block: OpenEXR prints repairs, and errors that it also raises."""
     with _SILENT, os.fdopen(os.dup(2), "wb") as shown, Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
@@ -77,22 +77,14 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
-    """Open a file; whatever OpenEXR raises then and within the block becomes an InputError."""
+    """Open a file; exceptions of OpenEXR, then and within the block, become InputErrors."""
     try:
         with (
             _silence(),
             OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
         ):
             yield file
-    except (
-        OSError,
-        RuntimeError,
-        SystemError,
-        LookupError,
-        TypeError,
-        ValueError,
-        MemoryError,
-    ) as error:
+    except _DAMAGE as error:
         reason = " ".join(str(error).split())
         raise InputError(
             f"{path}: the OpenEXR image is damaged ({reason}); write it again"
@@ -101,22 +93,21 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
-    """Declarations of an OpenEXR file of flat pixels, of all its parts."""
+    """Declarations of all parts of an OpenEXR file of flat pixels."""
 
-    attributes: Mapping[str, Any]  #: of all parts; those of earlier parts win
-    size: tuple[int, int]  #: W, H of the display window, which is the picture
+    attributes: Mapping[str, Any]  #: of the first part that has them
+    size: tuple[int, int]  #: W, H of the display window, pixels
     channels: tuple[StoredChannel, ...]
     compressions: tuple[Any, ...]  #: of each part
 
 
 def read_header(path: Path) -> Header:
-    """Return the header; InputError where it is no OpenEXR image of flat pixels, or too large."""
+    """Return the header; InputError for another file, deep pixels, or a size beyond the limit."""
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:
-        headers = [
-            dict(file.header(part)) for part in range(len(file.parts))
-        ]  # OpenEXR empties its own
+        # Copies: OpenEXR empties its own.
+        headers = [dict(file.header(part)) for part in range(len(file.parts))]
         kinds = {header["type"] for header in headers}
         if not kinds <= {OpenEXR.scanlineimage, OpenEXR.tiledimage}:
             raise ValueError("it has deep pixels; only flat ones are read")
@@ -132,8 +123,10 @@ def read_header(path: Path) -> Header:
             for part, header in enumerate(headers)
             for channel in header["channels"]
         )
-        attributes = {name: value for one in reversed(headers) for name, value in one.items()}
-    stored = sum(count * math.prod(one) for count, one in zip(counts, sizes, strict=True))
+        attributes: dict[str, Any] = {}
+        for header in reversed(headers):
+            attributes |= header
+    stored = sum(count * math.prod(part) for count, part in zip(counts, sizes, strict=True))
     check_declared(path, 4 * (stored + math.prod(size)), "pixels")
     compressions = tuple(header["compression"] for header in headers)
     return Header(attributes=attributes, size=size, channels=channels, compressions=compressions)
@@ -148,22 +141,22 @@ def _size(window: Any) -> tuple[int, int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReadPlanes:
-    """Channels of a file by our names, (H, W) of the display window each, with their own types."""
+    """Channels of a file by the names of our contract."""
 
-    planes: dict[str, NDArray[Any]]
+    planes: dict[str, NDArray[Any]]  #: (H, W) of the display window, types as stored
     header: Header
-    places: dict[str, StoredChannel]  #: where each channel lies
+    places: dict[str, StoredChannel]
 
     def lossy(self, name: str) -> str | None:
-        """Return the name of the compression that changes a channel's values; None where none does."""
+        """Return the compression that changed a channel's values; None for a lossless one."""
         place = self.places[name]
         return lossy(place.name, self.planes[name].dtype, self.header.compressions[place.part])
 
 
 def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
-    """Return those of some channels that a file has, from any of its parts, under names of others too.
+    """Return the channels of some names that a file has, from any part; see `located`.
 
-    Pixels of the display window that the data window lacks are 0, NaN in positions, heights and
+    Pixels of the display window outside the data window are 0, NaN in positions, heights and
     normals. Raises InputError as `read_header`, or where a channel lies in several parts or lacks
     pixels.
     """
@@ -184,7 +177,7 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
 
 
 def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDArray[Any]:
-    """Return the pixels (H, W) of the display window from those of the data window."""
+    """Return the pixels (H, W) of the display window from the pixels of the data window."""
     (left, top), (right, bottom) = (corner.tolist() for corner in data)
     (first, upper), (last, lower) = (corner.tolist() for corner in display)
     if (left, top, right, bottom) == (first, upper, last, lower):
@@ -202,18 +195,18 @@ def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDA
 
 
 def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], ReadPlanes]:
-    """Return R, G and B as (H, W, 3), and the channels; InputError with the advice where one is missing."""
-    found = read_channels(path, COLOR)
-    missing = [name for name in COLOR if name not in found.planes]
+    """Return R, G and B as (H, W, 3), and the channels; InputError, with advice, without them."""
+    read = read_channels(path, COLOR)
+    missing = [name for name in COLOR if name not in read.planes]
     if missing:
         raise InputError(
-            f"{path}: has no channel {missing[0]}; {advice}; it has {listed(found.header.channels)}"
+            f"{path}: has no channel {missing[0]}; {advice}; it has {listed(read.header.channels)}"
         )
-    return np.stack([found.planes[name] for name in COLOR], axis=-1), found
+    return np.stack([read.planes[name] for name in COLOR], axis=-1), read
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return W, H of an image file, whatever camera it names; InputError as from `read_header`."""
+    """Return W, H of an image file with any camera; InputError as `read_header`."""
     return read_header(Path(path)).size
 
 
@@ -224,13 +217,22 @@ def read_image(
     partial: bool = False,
     counted: str | None = None,
 ) -> HogelImage:
-    """Read an image by any renderer; channels that the file lacks are absent, NaN, or `NOTHING`.
+    """Read an image by any renderer; absent channels are None, NaN, or `NOTHING`.
 
-    The camera given is that of files that name none; with `partial` it is that of all, and any of
-    `CHANNELS` will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. A channel `id`
-    counts what `counted` says, `TRIANGLE` or `OBJECT`; else it only says where there is no surface.
-    Raises InputError where the file is missing, damaged, without a camera, or of another size than
-    its camera's.
+    Parameters
+    ----------
+    camera
+        Camera of files that state none; with `partial` of all files.
+    partial
+        Whether any of `CHANNELS` suffices; else `id.triangle` or `P.X P.Y P.Z` is required.
+    counted
+        Meaning of a channel `id`, `TRIANGLE` or `OBJECT`; without it the channel only marks
+        pixels without a surface.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, without a camera, or of another size than its camera's film.
     """
     path = Path(path)
     read = read_channels(path, (*CHANNELS, ANY_ID))
@@ -238,107 +240,100 @@ def read_image(
     if counted is not None and ANY_ID in planes and counted not in planes:
         planes[counted], read.places[counted] = planes[ANY_ID], read.places[ANY_ID]
     own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
-    found = own or camera
-    if found is None:
+    camera = own or camera
+    if camera is None:
         raise InputError(
-            f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for"
+            f"{path}: has no {CAMERA_ATTRIBUTE} attribute; name the camera that it answers for"
         )
+    missing = "neither id.triangle nor P.X P.Y P.Z"
     if not planes.keys() - {ANY_ID}:
-        wanted = (
-            "none of " + " ".join(CHANNELS) if partial else "neither id.triangle nor P.X P.Y P.Z"
-        )
-        advice = (
-            "say with --encoding triangle-id or object-id what id counts"
-            if planes
-            else "write one of them"
-        )
-        raise InputError(f"{path}: has {wanted}; {advice}; it has {listed(header.channels)}")
+        missing = f"none of {' '.join(CHANNELS)}" if partial else missing
+        advice = "write one of them"
+        if planes:
+            advice = "state with --encoding triangle-id or object-id what id counts"
+        raise InputError(f"{path}: has {missing}; {advice}; it has {listed(header.channels)}")
     width, height = header.size
-    if (width, height) != tuple(found.resolution):
-        said = f"{found.resolution[0]} x {found.resolution[1]}"
+    if (width, height) != tuple(camera.resolution):
+        film = f"{camera.resolution[0]} x {camera.resolution[1]}"
         raise InputError(
-            f"{path}: is {width} x {height}, but its camera says {said}; render it again at that size"
+            f"{path}: is {width} x {height}, but its camera says {film}; render it again at that "
+            "size"
         )
     position = _vectors(path, planes, POSITION)
     if position is None and TRIANGLE not in planes and not partial:
         raise InputError(
-            f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them; "
-            f"it has {listed(header.channels)}"
+            f"{path}: has {missing}; write one of them; it has {listed(header.channels)}"
         )
     doubt = None if position is None else _uncertainty(path, read)
     if position is None:
         position = np.full((height, width, 3), np.nan, dtype=np.float32)
         position[..., 2] = planes.get(HEIGHT, np.nan)
-    nowhere = _background(read, position, found)
-    position = np.where(nowhere[..., None], np.float32(np.nan), position)
+    nowhere = _background(read, position, camera)
     certainty = planes.get(CERTAINTY)
-    nothing = np.zeros((height, width), np.uint32)
+    rendering = None
+    if not partial:
+        rendering = _described(path, header.attributes, RENDERING_ATTRIBUTE, RENDERING_JSON)
     return HogelImage(
-        camera=found,
-        triangle=_numbers(path, TRIANGLE, planes.get(TRIANGLE, nothing), read),
-        object=_numbers(path, OBJECT, planes.get(OBJECT, nothing), read),
-        position=position,
+        camera=camera,
+        triangle=_numbers(path, TRIANGLE, read),
+        object=_numbers(path, OBJECT, read),
+        position=np.where(nowhere[..., None], np.float32(np.nan), position),
         normal=_vectors(path, planes, NORMAL),
         color=_vectors(path, planes, COLOR),
         variance=_vectors(path, planes, VARIANCE),
         certainty=None if certainty is None else certainty.astype(np.uint8),
-        rendering=None
-        if partial
-        else _described(path, header.attributes, RENDERING_ATTRIBUTE, RENDERING_JSON),
+        rendering=rendering,
         uncertainty=doubt,
         storage=_storage(read),
     )
 
 
 def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
-    """Return the pixels (H, W) that show no surface, whatever position they have.
+    """Return the pixels (H, W) that show no surface.
 
-    Numbers say it where a file has any. Where it has none, a position says it that is not finite,
-    or is 0 in all coordinates, or one of which is at least `FAR`: many renderers store that. The
-    point 0 lies in the plate, where a true hogel sees the center of its own aperture alone.
+    Numbers decide where a file has any. Without them a position means no surface where it is not
+    finite, 0 in all coordinates, or at least `FAR` in one: many renderers store such values. The
+    point 0 lies in the plate, where a true hogel shows the center of its own aperture alone.
     """
     numbers = [read.planes[name] for name in (TRIANGLE, OBJECT, ANY_ID) if name in read.places]
-    if any(plane.any() for plane in numbers):  # numbers that nobody has set are all 0
+    if any(plane.any() for plane in numbers):  # numbers that no shader has set are all 0
         nowhere: Mask = np.logical_and.reduce([plane == 0 for plane in numbers])
         return nowhere
     # A coordinate that was compressed with loss is not 0 where 0 was written.
-    axes = [
-        axis
-        for axis, name in enumerate(POSITION)
-        if name in read.places and read.lossy(name) is None
-    ]
+    exact = [name in read.places and read.lossy(name) is None for name in POSITION]
+    axes = np.flatnonzero(exact).tolist()
     largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
     nowhere = ~((largest > 0) & (largest < max(FAR, *camera.reach)))
-    # One point in all pixels is a value for the background, too, where all numbers are 0.
+    # One point in all pixels is a background, too, where all numbers are 0.
     return nowhere | bool(numbers and (position == position[0, 0]).all())
 
 
 def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
-    """Return how far coordinates (H, W, 3) may be from those that were written; None as exactly as float32.
+    """Return error bounds of the coordinates (H, W, 3) by their storage; None where it is exact.
 
-    Raises InputError where all three went through a compression with loss, or one through B44.
+    Raises InputError where all three were compressed with loss, or one of them by B44.
     """
     places = [read.places[name] for name in POSITION]
     kinds = [read.lossy(name) for name in POSITION]
     if None not in kinds or any(kind is not None and kind.startswith("B44") for kind in kinds):
-        place, kind = next(one for one in zip(places, kinds, strict=True) if one[1] is not None)
+        place, kind = next(pair for pair in zip(places, kinds, strict=True) if pair[1] is not None)
         raise InputError(
             f"{path}: channel {place.words} is stored with {kind}, which changes its values; "
             "write P.X P.Y P.Z with the compression ZIP"
         )
     level = read.header.attributes.get("dwaCompressionLevel")
-    found = [
+    bounds = [
         uncertainty(read.planes[name], place.name, read.header.compressions[place.part], level)
         for name, place in zip(POSITION, places, strict=True)
     ]
-    if all(one is None for one in found):
+    if all(bound is None for bound in bounds):
         return None
-    shape = read.planes[POSITION[0]].shape
-    return np.stack([np.zeros(shape) if one is None else one for one in found], axis=-1)
+    exact = np.zeros(read.planes[POSITION[0]].shape)
+    return np.stack([exact if bound is None else bound for bound in bounds], axis=-1)
 
 
 def _storage(read: ReadPlanes) -> str | None:
-    """Return the name of a compression that changed any channel that was read; None for none."""
+    """Return the compression that changed any of the channels; None for lossless ones."""
     kinds = sorted({kind for name in read.places if (kind := read.lossy(name)) is not None})
     return f"OpenEXR {' and '.join(kinds)}, lossy" if kinds else None
 
@@ -346,7 +341,7 @@ def _storage(read: ReadPlanes) -> str | None:
 def _described(
     path: Path, header: Mapping[str, Any], name: str, kind: TypeAdapter[Described]
 ) -> Described | None:
-    """Return the object that an attribute of the header describes; None where there is no such attribute."""
+    """Return the object that an attribute of the header describes; None without the attribute."""
     if name not in header:
         return None
     try:
@@ -373,33 +368,34 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 
 
-def _numbers(path: Path, name: str, plane: NDArray[Any], read: ReadPlanes) -> Numbers:
-    """Return numbers from a channel that stores them plus one; some renderers write no others than floats."""
+def _numbers(path: Path, name: str, read: ReadPlanes) -> Numbers:
+    """Return numbers from the channel that stores them plus one, which can hold floats."""
+    plane = read.planes.get(name)
+    if plane is None:
+        return np.full(read.header.size[::-1], NOTHING, np.int32)
     largest = np.iinfo(np.int32).max
-    if plane.dtype == np.float16:  # which does not reach that
+    if plane.dtype == np.float16:  # infinity of float32 compares as a number beyond `largest`
         plane = plane.astype(np.float32)
     if not ((plane >= 0) & (plane <= largest) & (plane == np.floor(plane))).all():
         raise InputError(
             f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1"
         )
-    if name in read.places:
-        if (kind := read.lossy(name)) is not None:
-            raise InputError(
-                f"{path}: channel {name} is stored with {kind}, which changes numbers; write ZIP"
-            )
-        largest = largest_whole(
-            read.planes[name].dtype, read.header.compressions[read.places[name].part]
+    if (kind := read.lossy(name)) is not None:
+        raise InputError(
+            f"{path}: channel {name} is stored with {kind}, which changes numbers; write ZIP"
         )
-        if plane.max(initial=0) > largest:
-            raise InputError(
-                f"{path}: channel {name} holds numbers above {largest:,}, which its type rounds; "
-                "write unsigned integers"
-            )
+    compression = read.header.compressions[read.places[name].part]
+    exact = largest_whole(read.planes[name].dtype, compression)
+    if plane.max(initial=0) > exact:
+        raise InputError(
+            f"{path}: channel {name} holds numbers above {exact:,}, which its type rounds; write "
+            "unsigned integers"
+        )
     return np.asarray(plane.astype(np.int64) - 1, dtype=np.int32)
 
 
 def stored_planes(image: HogelImage | EyeImage) -> dict[str, NDArray[Any]]:
-    """Return every channel that an image has, by its name, (H, W), with the type and bits of a file."""
+    """Return every channel of an image, (H, W), by name, with the types of a file."""
     planes: dict[str, NDArray[Any]] = {
         HEIGHT: image.position[..., 2].astype(np.float32),
         TRIANGLE: (image.triangle + 1).astype(np.uint32),
@@ -423,14 +419,13 @@ def _rows(
     types: Mapping[str, np.dtype[Any]],
     attributes: Mapping[str, bytes],
 ) -> Iterator[Callable[[Planes], None]]:
-    """Write a lossless file from the top down: yield the function that writes the next rows of channels."""
+    """Write a lossless file from the top down: yield a function that writes the next rows."""
     header: dict[str, Any] = OpenEXR.Header(*size)
     header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
     header["channels"] = {
         name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type)))
         for name, kind in types.items()
     }
-    # This is OpenEXR's older interface: the newer one writes whole images only.
     file = OpenEXR.OutputFile(str(path), {**header, **attributes})
 
     def write(planes: Planes) -> None:
@@ -444,11 +439,11 @@ def _rows(
             file.close()
         raise
     file.close()
-    # OpenEXR reports no errors in the last bytes that it writes, so that its last row is read.
+    # OpenEXR reports no errors in the last bytes that it writes: read the last row to find them.
     with _silence():
         written = OpenEXR.InputFile(str(path))
         if not written.isComplete():
-            raise OSError("what was written is not complete")
+            raise OSError("the written file is not complete")
         written.channel(next(iter(types)), scanLine1=size[1] - 1, scanLine2=size[1] - 1)
 
 
@@ -459,11 +454,11 @@ def image_writer(
     arrays: Sequence[str] = (),
     rendering: Rendering | None = None,
 ) -> Iterator[Callable[[HogelImage], None]]:
-    """Write an image from the top down, band by band: yield the function that takes the next band.
+    """Write an image from the top down: yield a function that writes the next band.
 
-    A band is an image of full width and any number of rows; `arrays` names the optional arrays that
-    all have. The file appears, in place of an older one, when the block ends without an exception.
-    Raises InputError where it cannot be written, or the image has more than `MAX_PIXELS`.
+    A band is an image of full width and any number of rows; `arrays` names its optional arrays. The
+    file replaces an older one when the block ends without an exception. Raises InputError where it
+    cannot be written, or the image exceeds `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
     if width * height > MAX_PIXELS:
@@ -471,19 +466,14 @@ def image_writer(
             f"{path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
             f"{MAX_PIXELS:,}; lower frustum.resolution"
         )
-    names = [
-        *POSITION,
-        HEIGHT,
-        TRIANGLE,
-        OBJECT,
-        *(name for one in arrays for name in _OPTIONAL[one]),
-    ]
+    names = [*POSITION, HEIGHT, TRIANGLE, OBJECT]
+    names += [name for array in arrays for name in _OPTIONAL[array]]
     numbers = (TRIANGLE, OBJECT, CERTAINTY)
     types = {name: np.dtype(np.uint32 if name in numbers else np.float32) for name in names}
     attributes = {CAMERA_ATTRIBUTE: CAMERA_JSON.dump_json(camera)}
     if rendering is not None:
         attributes[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
-    aside = path
+    temporary = path
 
     @contextmanager
     def refused(advice: str) -> Iterator[None]:
@@ -491,8 +481,8 @@ def image_writer(
             yield
         except (OSError, RuntimeError) as error:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-            # OpenEXR names the file that was set aside, which does not exist afterwards.
-            reason = reason.replace(str(aside), path.name)
+            # OpenEXR names the temporary file, which does not exist afterwards.
+            reason = reason.replace(str(temporary), path.name)
             raise InputError(f"{path}: cannot write the image ({reason}); {advice}") from error
 
     def write_band(band: HogelImage) -> None:
@@ -508,8 +498,8 @@ def image_writer(
 
     with ExitStack() as stack:
         with refused("choose another folder"):
-            aside = stack.enter_context(new_file(path))
-            write = stack.enter_context(_rows(aside, camera.resolution, types, attributes))
+            temporary = stack.enter_context(new_file(path))
+            write = stack.enter_context(_rows(temporary, camera.resolution, types, attributes))
         yield write_band
         if written != height:
             raise ValueError(f"only {written} of {height} rows were written")
@@ -518,14 +508,14 @@ def image_writer(
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:
-    """Write an image: floats in 32 bits, numbers plus one, lossless; InputError where that fails."""
+    """Write an image: 32-bit floats, numbers plus one, lossless; InputError where that fails."""
     arrays = [name for name in _OPTIONAL if getattr(image, name) is not None]
     with image_writer(path, image.camera, arrays, image.rendering) as write:
         write(image)
 
 
 def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | None = None) -> None:
-    """Write channels (H, W) with their own types, not set aside first; InputError where that fails."""
+    """Write channels (H, W) of any type into a file in place; InputError where that fails."""
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
     try:
@@ -536,5 +526,5 @@ def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | N
 
 
 def write_eye_image(path: Path, image: EyeImage) -> None:
-    """Write what an eye sees, with the eye in the header; see `write_planes`."""
+    """Write the image of an eye, with the eye in the header; see `write_planes`."""
     write_planes(path, stored_planes(image), {EYE_ATTRIBUTE: EYE_JSON.dump_json(image.eye)})

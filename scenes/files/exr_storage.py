@@ -1,4 +1,4 @@
-"""How exactly OpenEXR files hold numbers: by the types of their pixels and by compressions with loss."""
+"""Error bounds of numbers in OpenEXR files, by pixel type and lossy compression."""
 
 from typing import Any
 
@@ -10,20 +10,21 @@ from xfrustum.scenes.arrays import Floats
 
 _DWA = (OpenEXR.DWAA_COMPRESSION, OpenEXR.DWAB_COMPRESSION)
 _B44 = (OpenEXR.B44_COMPRESSION, OpenEXR.B44A_COMPRESSION)
-#: Last letters of names of the channels that DWA changes; it keeps every bit of all others.
+#: last letters of channels that DWA changes; it keeps every bit of all others
 _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
-#: Largest relative change by rounding to half precision, and largest absolute one of subnormal
-#: numbers.
+#: rounding to half precision: relative error, and absolute error of subnormal numbers
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25
-PXR24_ROUNDING = 2.0**-16  #: PXR24 keeps 15 of the 23 bits of a float's fraction
+PXR24_ROUNDING = 2.0**-16  #: relative error; PXR24 keeps 15 of the 23 bits of a fraction
 DWA_LEVEL = 45.0  #: level of files that state none
 DWA_TABLE_NORM = 53.668
-"""Square root of the sum of squares of JPEG's luminance table over its least entry, 10: DWA allows the
-coefficient k of an 8 x 8 block an error of level / 100,000 times table_k / 10."""
+"""Norm of JPEG's luminance table over its least entry, 10.
+
+DWA allows the coefficient k of an 8 x 8 block an error of level / 100,000 times table_k / 10.
+"""
 
 
 def lossy(name: str, kind: np.dtype[Any], compression: Any) -> str | None:
-    """Return the name of the compression if it changes a channel of some type; None where it does not."""
+    """Return the name of a compression that changes a channel of some type, else None."""
     if compression in _DWA:
         changed = name.rpartition(".")[2].upper() in _DWA_CHANNELS and kind != np.uint32
     else:
@@ -32,7 +33,7 @@ def lossy(name: str, kind: np.dtype[Any], compression: Any) -> str | None:
 
 
 def largest_whole(kind: np.dtype[Any], compression: Any) -> int:
-    """Return the largest number up to which a channel of some type holds all whole numbers."""
+    """Return the largest number up to which a channel holds all whole numbers."""
     if kind == np.float16:
         return 1 << 11
     if kind == np.float32:
@@ -43,9 +44,9 @@ def largest_whole(kind: np.dtype[Any], compression: Any) -> int:
 def uncertainty(
     values: NDArray[Any], name: str, compression: Any, level: float | None
 ) -> Floats | None:
-    """Return how far values of a channel may be from those that were written; None as exactly as float32.
+    """Return the error bounds of a channel's values; None where they are exact in float32.
 
-    B44 has no bound that is of use: values in it must not be positions.
+    B44 has no useful bound, and is refused for positions.
     """
     if lossy(name, values.dtype, compression) is not None:
         assert compression in _DWA
@@ -58,12 +59,12 @@ def uncertainty(
 
 
 def _dwa(values: Floats, level: float) -> Floats:
-    """Return how far values may be from those that DWA compressed.
+    """Return the error bounds of values compressed by DWA.
 
-    It rounds a value to half precision, takes a curve v of it that is the power 1 / 2.2 up to 1 and
-    then a logarithm, and rounds the coefficients of the cosine transform of 8 x 8 values v, whose
-    basis is orthonormal: at each pixel the squares of its functions add up to 1. So errors e_k of
-    the coefficients change v by at most the square root of the sum of e_k^2. Coefficients are
+    DWA rounds a value to half precision and takes a curve v of it, the power 1 / 2.2 up to 1 and a
+    logarithm beyond. It rounds the coefficients of the cosine transform of 8 x 8 values v, whose
+    basis is orthonormal: at each pixel the squares of its functions add up to 1. Errors e_k of the
+    coefficients thus change v by at most the square root of the sum of e_k^2. Coefficients are
     rounded to half precision, which changes v by 2^-11 of their norm, at most 8 max |v|; v itself
     is rounded twice.
     """
@@ -78,5 +79,5 @@ def _dwa(values: Floats, level: float) -> Floats:
         return np.asarray(np.sign(curve) * np.where(size <= 1, size**2.2, np.exp(2.2 * (size - 1))))
 
     off = np.maximum(value(curve + error) - magnitude, magnitude - value(curve - error))
-    # Rounded to half precision at both ends.
+    # Rounding to half precision at both ends.
     return np.asarray(off + 2 * (HALF_ROUNDING * magnitude + HALF_SUBNORMAL))

@@ -1,4 +1,4 @@
-"""Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR."""
+"""Hogel images of other renderers: numbers packed in RGB, plain pictures, OpenEXR."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -21,7 +21,7 @@ class Encoding(StrEnum):
 
     RGB = "rgb"  #: linear radiance
     SRGB = "srgb"  #: radiance encoded as sRGB
-    #: Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing.
+    #: red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing
     TRIANGLE_ID = "triangle-id"
     OBJECT_ID = "object-id"  #: the same with the object's number
 
@@ -50,12 +50,10 @@ class Transfer(StrEnum):
                 return encoding_curve(stored)
 
     def step(self, stored: Singles) -> Singles:
-        """Return by how much linear radiance changes, at most, where stored values change by a level."""
+        """Return the largest change of linear radiance for a change of one stored level."""
         here, level = self.linear(stored), np.float32(1 / 255)
-        up, down = (
-            self.linear(np.minimum(stored + level, 1)),
-            self.linear(np.maximum(stored - level, 0)),
-        )
+        up = self.linear(np.minimum(stored + level, 1))
+        down = self.linear(np.maximum(stored - level, 0))
         return np.asarray(np.maximum(up - here, here - down))
 
 
@@ -69,7 +67,7 @@ class StoredPixels(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ForeignImage(HogelImage):
-    """A hogel image with the pixels of the picture that it was read from; None where it is from none."""
+    """A hogel image with the stored pixels of its picture; None for OpenEXR."""
 
     stored: StoredPixels | None = None
 
@@ -79,16 +77,15 @@ class Reading:
     """A way to read stored pixels."""
 
     encoding: Encoding
-    #: The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a
-    #: number.
+    #: channels (0 red, 1 green, 2 blue) of the high, middle and low byte of a number
     channels: tuple[int, int, int] = (0, 1, 2)
-    offset: int = 1  #: number that was added to triangle or object numbers before they were stored
-    background: int = 0  #: integer that is stored where there is no surface
-    transfer: Transfer | None = None  #: of colors; None for that of the encoding
+    offset: int = 1  #: difference of stored and actual numbers
+    background: int = 0  #: stored integer of no surface
+    transfer: Transfer | None = None  #: of colors; None: the encoding's
 
     @property
     def first_is_lost(self) -> bool:
-        """Whether number 0 and no surface are stored as the same integer."""
+        """Ambiguity of number 0 and no surface, stored as the same integer."""
         return (
             self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
             and self.offset == self.background
@@ -102,19 +99,19 @@ class Reading:
         )
 
     def numbers(self, packed: Numbers) -> Numbers:
-        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for no surface."""
+        """Return the numbers (H, W) of stored integers, `NOTHING` for no surface."""
         known = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, known).astype(np.int32)
 
     def stored(self, numbers: Numbers) -> Numbers:
-        """Return the integers that numbers are stored as: the inverse of `numbers`."""
+        """Return the stored integers of numbers: the inverse of `numbers`."""
         return np.where(numbers == NOTHING, self.background, numbers + self.offset).astype(np.int32)
 
 
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
-    """Read a hogel image by any renderer: OpenEXR with any channels of CONVENTIONS.md, or a picture.
+    """Read a hogel image of any renderer: OpenEXR with channels of CONVENTIONS.md, or a picture.
 
-    Raises InputError where the file is missing, unreadable, or of another size than the camera's.
+    Raises InputError where the file is missing, unreadable, or of another size than the film.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
         counted = {Encoding.TRIANGLE_ID: TRIANGLE, Encoding.OBJECT_ID: OBJECT}.get(encoding)
@@ -124,7 +121,7 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
 
 
 def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> HogelImage:
-    """Return the image that stored pixels mean."""
+    """Return the image of stored pixels."""
     shape = stored.rgb.shape[:2]
     nothing = np.full(shape, NOTHING, dtype=np.int32)
     position = np.full((*shape, 3), np.nan, dtype=np.float32)
@@ -145,10 +142,10 @@ def is_picture(image: HogelImage) -> bool:
 
 
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
-    """Return an image as it is when its stored pixels are read in another way.
+    """Return an image whose stored pixels are read in another way.
 
-    Of images without stored pixels only the offset is read anew, and whether they count triangles
-    or objects.
+    Images without stored pixels change by the offset, and by whether they count triangles or
+    objects.
     """
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
@@ -164,15 +161,15 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
 
 
 def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
-    """Return the integers (H, W) that a picture stores; for other images, their numbers plus one."""
+    """Return the stored integers (H, W) of a picture; of other images, numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return reading.packed(image.stored.rgb)
-    told = image.triangle if (image.triangle != NOTHING).any() else image.object
-    return np.asarray(told + np.int32(1))
+    numbers = image.triangle if (image.triangle != NOTHING).any() else image.object
+    return np.asarray(numbers + np.int32(1))
 
 
 def stored_rgb(image: HogelImage) -> Bytes:
-    """Return the bytes (H, W, 3) that a picture stores; for other images, those of their numbers plus one."""
+    """Return the stored bytes (H, W, 3) of a picture; of other images, of numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
     return bytes_of(stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID)))

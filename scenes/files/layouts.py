@@ -75,7 +75,7 @@ class Layout:
 
     @property
     def in_hogels(self) -> bool:
-        """Whether each file is one hogel, so that a plate can lack some of them."""
+        """One file per hogel, so that a plate can lack some of them."""
         return self.view is None
 
     def read_name(self, name: str) -> tuple[Index, Index] | None:
@@ -186,7 +186,7 @@ def tiled_views(pixels: Pixels, tiles: Index, *, downward: bool = False) -> Pixe
 
 
 def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
-    """Return columns and rows of tiles: the stated ones, a display's, or the nearest to a square."""
+    """Return columns and rows of tiles: as stated, of a display, or nearest to a square."""
     rows = max(number for number in range(1, math.isqrt(views) + 1) if views % number == 0)
     tiles = tiles or KNOWN_QUILTS.get(views, (views // rows, rows))
     if math.prod(tiles) != views:
@@ -205,7 +205,7 @@ LAYOUTS = (
     Layout("hocking-columns", "one picture per hogel column, a line per hogel, mirrored",
            r"Hogel_Column_(?P<i>\d+)", "Hogel_Column_{i}", "i",
            lambda pixels, index, _: middle_row(pixels)[:, index[0], ::-1], horizontal=True),
-    Layout("stanford", "one view per pixel of a hogel, row before column, with the camera's place",
+    Layout("stanford", "one view per pixel of a hogel, row before column, with camera positions",
            r"out_(?P<r>\d+)_(?P<c>\d+)_-?\d+(?:\.\d*)?_-?\d+(?:\.\d*)?_?",
            "out_{r:02}_{c:02}_{v:.6f}_{u:.6f}", "rc", _pixel_view),
     Layout("views", "one view per pixel of a hogel, row before column",
@@ -242,12 +242,12 @@ class Target:
     layout: Layout
     suffix: str = ".png"
     stem: str = ""  #: beginning of the name of a single picture; the layout's name where empty
-    aspect: float | None = None  #: width over height of a quilt's plate; None: that of the hogels
+    aspect: float | None = None  #: width over height of a quilt's plate; None: ratio of hogels
     tiles: tuple[int, int] | None = None  #: columns and rows of a quilt; None: by its views
 
     @property
     def floating(self) -> bool:
-        """Whether the files hold floating-point numbers."""
+        """Floating-point numbers in the files, instead of levels from 0 to 255."""
         return self.suffix == ".exr"
 
     def stated(self, shape: PlateShape) -> Index:

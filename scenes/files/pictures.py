@@ -115,7 +115,7 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
     """
     with _opened(path) as picture:
         if resolution is not None and picture.size != resolution:
-            size, expected = (" x ".join(map(str, one)) for one in (picture.size, resolution))
+            size, expected = (" x ".join(map(str, s)) for s in (picture.size, resolution))
             raise InputError(f"{path}: is {size}, but the scene says {expected}")
         input_files.check_picture_size(path, *picture.size)
         # Pillow reduces PPM files of 16 bits to 8 without a word; their largest level is the second

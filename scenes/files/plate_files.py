@@ -64,7 +64,7 @@ class PlateRows:
 
     @property
     def floating(self) -> bool:
-        """Whether pixels are floating-point numbers, and not levels from 0 to 255."""
+        """Floating-point pixels, instead of levels from 0 to 255."""
         return self.dtype.kind == "f"
 
     def whole(self) -> Pixels:
@@ -227,9 +227,9 @@ def find_files(
 ) -> FileSet:
     """Return the files of a place in the layout that their names fit.
 
-    The layout is the one that most names fit, then one that forms the known plate, then the first.
-    No name states whether the pictures are those of the layout: `verify` tests that. Raises
-    InputError, with the reason, where no layout fits.
+    Most fitting names decide, then the known plate, then the order of layouts. Names do not prove
+    the content of pictures: `verify` tests it. Raises InputError, with the reason, where no layout
+    fits.
     """
     paths = pictures_at(place)
     candidates: list[FileSet] = []
@@ -241,7 +241,7 @@ def find_files(
             if (numbers := layout.read_name(path.name)) is not None
         ]
         single = not layout.numbers
-        # A single picture is that of a mosaic only where its name states nothing.
+        # A single picture is a mosaic only where its name states nothing else.
         taken = single and not layout.stated and bool(candidates or problems)
         if not named or (single and len(paths) > 1) or taken:
             continue
@@ -251,12 +251,16 @@ def find_files(
             problems.append(f"{layout.name}: {error}")
     if candidates:
         return max(
-            candidates, key=lambda one: (-one.strangers, known is not None and one.shape == known)
+            candidates,
+            key=lambda files: (-files.strangers, known is not None and files.shape == known),
         )
     stated = layouts[0].name if len({layout.name for layout in layouts}) == 1 else None
-    likely = next(
-        (one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None
+    fitting = (
+        layout
+        for layout in LAYOUTS
+        if layout.numbers and all(layout.read_name(path.name) for path in paths)
     )
+    likely = next(fitting, None)
     why = "have names of no layout"
     if stated and likely is not None:
         why = f"are not named as those of {stated}; they look like {likely.name}"
@@ -321,12 +325,12 @@ def _file_set(
 
 def _stated_shape(layout: Layout, first: Path) -> PlateShape | None:
     """Return the shape that a mosaic, or the file beside pictures of hogels, states; else None."""
-    beside = first.parent / PLATE_FILE
+    plate_file = first.parent / PLATE_FILE
     try:
         if layout.name == "mosaic":
             stated: Any = picture_text(first)
-        elif layout.in_hogels and beside.is_file():
-            stated = json.loads(read_small(beside, "description of a plate", MAX_FACTS_BYTES))
+        elif layout.in_hogels and plate_file.is_file():
+            stated = json.loads(read_small(plate_file, "description of a plate", MAX_FACTS_BYTES))
         else:
             return None
         (columns, rows), (width, height) = (

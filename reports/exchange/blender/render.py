@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
 """A program of its own, run by Blender: renders hogels of a plate with Cycles.
 
-    python render.py --out HOGELS                        with the package bpy, 4.5 or newer blender
-    -b -P render.py -- --out HOGELS              in Blender 4.5 or newer blender -b MINE.blend -P
-    render.py -- --out HOGELS   a scene of yours, its materials and lights untouched
+    python render.py --out HOGELS                        with the package bpy, 4.5 or newer
+    blender -b -P render.py -- --out HOGELS              in Blender 4.5 or newer
+    blender -b MINE.blend -P render.py -- --out HOGELS   your scene, materials and lights untouched
 
-It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote beside it, and
-needs nothing of xfrustum. What is finished in HOGELS is kept: stopped and called again, it goes on
-where it was.
+It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote next to it, and
+needs nothing of xfrustum. Finished hogels are kept: a stopped run continues when it is repeated.
 
 The camera is the crossed frustum itself. Each ray starts at the viewer's end of its pixel's line, a
-- reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. So the first
-surface that it meets is what the hogel shows, in one pass and without a near plane.
+- reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. The hogel shows the
+first surface that the ray meets, in one pass and without a near plane.
 """
 
 import argparse
@@ -35,11 +34,9 @@ HERE = Path(__file__).resolve().parent
 Array = np.ndarray[Any, Any]
 """Numbers of any type and shape."""
 
+#: passes, and attributes of faces, with numbers from 1; 0 is no surface
 TRIANGLE, OBJECT = "xfrustum_triangle", "xfrustum_object"
-"""Names of the passes, and of the attributes of faces, that hold numbers from 1; 0 is nothing."""
-
-PLATE_EMPTY = "xfrustum plate"
-"""Name of the empty that stands for the plate: move, turn or scale it, and the hogels follow."""
+PLATE_EMPTY = "xfrustum plate"  #: empty that represents the plate; hogels follow its placement
 
 ENCODINGS = ("triangle-id", "exr", "picture")
 LAYOUTS = {
@@ -47,30 +44,35 @@ LAYOUTS = {
     "burnett": "Hogel_{j}x{i}",
     "hocking": "hogel_{i:04}_{columns:04}_{up:04}_{rows:04}",
 }
-"""Layouts of one file for each hogel, by names of files; `xfrustum convert` makes all others of them."""
+"""Layouts with one file per hogel, by names of files; `xfrustum convert` makes the others."""
 
 FILE_SUFFIXES = (".png", ".exr")
-"""Suffixes by which --out names a single file; all other names are those of folders."""
+"""Suffixes by which --out names a single file; any other name is a folder."""
 
 MIN_VERSION = (4, 5)
-"""Oldest version of Blender whose Cycles takes cameras as shaders."""
+"""Oldest version of Blender in which Cycles has cameras as shaders."""
 
 MAX_NUMBER = 1 << 24
-"""Numbers below this one are exact as 32-bit floating point, in which Cycles passes them on."""
+"""Bound of numbers that are exact in 32-bit floating point, in which Cycles passes them on."""
 
 CLIP_START, FAR_FACTOR = 1e-6, 1.01
-"""Start of the rays, and how much farther than the reach they run: what lies beyond the reach is left out
-afterwards, by its position."""
+"""Start of the rays, scene units, and their length in reaches.
+
+Surfaces beyond the reach are left out afterwards, by their positions.
+"""
 
 CENTER_FILTER_PX = 0.01
-"""Width of the pixel filter where one sample is taken: the smallest that Cycles has. The camera takes every
-sample to the center of its pixel; so none lies so near to the next pixel that it could be taken there."""
+"""Width of the pixel filter for one sample, pixels: the smallest of Cycles.
+
+The camera moves every sample to the center of its pixel; a wider filter could give it to the next.
+"""
 
 INTERRUPTED = 130
-"""Exit status after Ctrl-C, as of programs that a shell sees end by it."""
+"""Exit status after Ctrl-C, as in a shell."""
 
 SHADER = """
-shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
+shader crossed_frustum(output point position = 0, output vector direction = 0,
+                       output color throughput = 1)
 {{
     float column = P[0] * {width};
     float row = P[1] * {height};
@@ -85,12 +87,12 @@ shader crossed_frustum(output point position = 0, output vector direction = 0, o
     direction = line;
 }}
 """
-"""Camera space has x to the right, y up and z forward. P is the place on the film from 0 to 1,
-rows upward."""
+"""Camera shader. Camera space has x to the right, y up and z forward; P is the position on the film
+from 0 to 1, rows upward."""
 
 
 class UnusableError(Exception):
-    """Something that the user can mend, in one line."""
+    """Problem that the user can solve, in one line."""
 
 
 # ---------------------------------------------------------------- the plate
@@ -117,7 +119,7 @@ def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[fl
 def shader_of(
     plate: Mapping[str, Any], index: tuple[int, int], scale: float, *, centered: bool, turned: bool
 ) -> str:
-    """Return the camera shader of an aperture, for a plate that is enlarged by a scale."""
+    """Return the camera shader of an aperture of a scaled plate."""
     (kx, ky), (tx, ty) = film(plate, aperture_center(plate, *index))
     width, height = plate["resolution"]
     numbers = {"kx": kx, "ky": ky, "tx": tx, "ty": ty, "reach": plate["reach"][0] * scale}
@@ -132,7 +134,7 @@ def shader_of(
 
 # ---------------------------------------------------------------- files
 #
-# Blender's own Python has no library that writes OpenEXR channels of whole numbers.
+# Blender's Python has no library that writes OpenEXR channels of whole numbers.
 
 
 def png(pixels: Array) -> bytes:
@@ -190,7 +192,7 @@ def exr(planes: Mapping[str, Array]) -> bytes:
 
 
 def exr_planes(content: bytes) -> dict[str, Array]:
-    """Return the (H, W) planes of an OpenEXR file as Blender writes it: one part, lines, no compression."""
+    """Return the (H, W) planes of an OpenEXR file of Blender: one part, lines, uncompressed."""
     _, flags = struct.unpack_from("<II", content)
     place, attributes = 8, {}
     while content[place]:
@@ -201,7 +203,8 @@ def exr_planes(content: bytes) -> dict[str, Array]:
         place += 4 + size
     if flags & ~0x4FF or attributes["compression"] != b"\0":
         raise UnusableError(
-            "Blender wrote an OpenEXR file of several parts or with compression; this script reads neither"
+            "Blender wrote an OpenEXR file of several parts or with compression; this script reads "
+            "neither"
         )
     left, top, right, bottom = struct.unpack("<iiii", attributes["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
@@ -221,19 +224,19 @@ def exr_planes(content: bytes) -> dict[str, Array]:
 def encoded(
     planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Array, encoding: str
 ) -> bytes:
-    """Return a hogel's file from the passes that Cycles wrote, by the names of their channels.
+    """Return the file of a hogel from the passes of Cycles, by the names of their channels.
 
-    It is PNG for the encoding `triangle-id`, OpenEXR for `exr`; `to_plate` takes the world to the
-    plate's frame. Surfaces beyond the reach are left out: no other surface can lie before them on
-    the pixel's line.
+    The encoding `triangle-id` gives PNG, `exr` OpenEXR; `to_plate` maps the world to the plate's
+    frame. Surfaces beyond the reach are left out: no other surface can lie before them on the
+    pixel's line.
     """
 
     def named(*channels: str) -> Array:  # (channels, H, W), whatever the view layer is called
-        found = (
+        ends = (
             next(plane for name, plane in planes.items() if name.endswith(f".{end}"))
             for end in channels
         )
-        return np.stack(list(found)).astype(np.float64)
+        return np.stack(list(ends)).astype(np.float64)
 
     position = (
         np.moveaxis(named("Position.X", "Position.Y", "Position.Z"), 0, -1) @ to_plate[:3, :3].T
@@ -268,7 +271,7 @@ def encoded(
         normals = np.moveaxis(
             np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]], -1, 0
         )
-    else:  # the normals and colors that Cycles saw
+    else:  # normals and colors of Cycles
         seen = np.moveaxis(named("Normal.X", "Normal.Y", "Normal.Z"), 0, -1)
         seen = seen @ (to_plate[:3, :3] / np.linalg.norm(to_plate[:3, 0])).T
         normals = np.where(shown, np.moveaxis(seen, -1, 0), np.nan)
@@ -284,20 +287,19 @@ def encoded(
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file that is whole under its own name."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_bytes(content)
-    aside.replace(path)
+    """Write a file, whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_bytes(content)
+    temporary.replace(path)
 
 
 # ---------------------------------------------------------------- a run of hours
 
 
 def interruptions() -> list[int]:
-    """Return a list that Ctrl-C adds to from now on, and ends nothing by itself.
+    """Return a list to which Ctrl-C appends from now on, in place of ending the program.
 
-    Cycles calls back into Python while it renders, and a KeyboardInterrupt that is raised there is
-    lost.
+    Cycles calls back into Python while it renders, and a KeyboardInterrupt in that call is lost.
     """
     pressed: list[int] = []
 
@@ -310,10 +312,10 @@ def interruptions() -> list[int]:
 
 
 def hide_known_complaints() -> None:
-    """Leave out two harmless tracebacks of Blender as a Python module.
+    """Hide two harmless tracebacks of Blender as a Python module.
 
-    It lacks oslquery, which finds parameters of shaders, of which the camera has none; and
-    renderers are asked for a session after they were removed.
+    It lacks oslquery, which lists parameters of shaders, and the camera has none; and it queries
+    the session of renderers after their removal.
     """
     shown, unraisable = sys.excepthook, sys.unraisablehook
 
@@ -321,11 +323,10 @@ def hide_known_complaints() -> None:
         if getattr(error, "name", None) != "oslquery":
             shown(kind, error, trace)
 
-    def show_unraisable(told: Any) -> None:
-        if not (
-            isinstance(told.exc_value, ReferenceError) and "CyclesRender" in str(told.exc_value)
-        ):
-            unraisable(told)
+    def show_unraisable(hook: Any) -> None:
+        error = hook.exc_value
+        if not (isinstance(error, ReferenceError) and "CyclesRender" in str(error)):
+            unraisable(hook)
 
     sys.excepthook, sys.unraisablehook = show, show_unraisable
 
@@ -339,12 +340,14 @@ def blender_modules() -> tuple[Any, Any, Any]:
         import bpy  # noqa: PLC0415
     except ImportError as error:
         raise UnusableError(
-            "needs Blender: run it by `blender -b -P render.py --`, or by a Python with the package bpy; "
-            "scripts/make_blender_venv.sh of xfrustum's checkout makes one (build/blender/bin/python)"
+            "needs Blender: run it by `blender -b -P render.py --`, or by a Python with the "
+            "package bpy; scripts/make_blender_venv.sh of xfrustum's checkout makes one "
+            "(build/blender/bin/python)"
         ) from error
     if bpy.app.version[:2] < MIN_VERSION:
         raise UnusableError(
-            f"needs Blender 4.5 or newer, whose cameras may be shaders; this is {bpy.app.version_string}"
+            "needs Blender 4.5 or newer, in which cameras can be shaders; this is "
+            f"{bpy.app.version_string}"
         )
     import _cycles  # noqa: PLC0415
     import mathutils  # noqa: PLC0415
@@ -353,13 +356,14 @@ def blender_modules() -> tuple[Any, Any, Any]:
 
 
 def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
-    """Make the scene of the scene file: its meshes with numbers of triangles and objects, and its lights."""
+    """Make the scene of the scene file: meshes with numbers of triangles and objects, lights."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with np.load(HERE / "scene.npz") as stored:
         mesh = {name: stored[name] for name in stored.files}
     if len(mesh["faces"]) >= MAX_NUMBER - 1:
         raise UnusableError(
-            f"the scene has {len(mesh['faces']):,} triangles; Cycles passes on numbers up to {MAX_NUMBER:,}"
+            f"the scene has {len(mesh['faces']):,} triangles; Cycles passes on numbers up to "
+            f"{MAX_NUMBER:,}"
         )
     collection = bpy.context.scene.collection
     for number, name in enumerate(plate["objects"]):
@@ -398,7 +402,7 @@ def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
 
 
 def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
-    """Return a matte material that also writes the numbers of its triangle and object."""
+    """Return a matte material that writes the numbers of its triangle and object, too."""
     made = bpy.data.materials.new(name)
     if made.node_tree is None:
         made.use_nodes = True
@@ -419,7 +423,7 @@ def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
 
 
 def plate_empty(bpy: Any, plate: Mapping[str, Any]) -> Any:
-    """Return the empty that stands for the plate; it is made in the origin where there is none."""
+    """Return the empty that represents the plate, a new one in the origin if necessary."""
     empty = bpy.data.objects.get(PLATE_EMPTY)
     if empty is None:
         empty = bpy.data.objects.new(PLATE_EMPTY, None)
@@ -430,7 +434,7 @@ def plate_empty(bpy: Any, plate: Mapping[str, Any]) -> Any:
 
 
 def placed(empty: Any) -> tuple[Array, float]:
-    """Return the (4, 4) matrix to the world from the plate's frame, and by how much it enlarges."""
+    """Return the (4, 4) matrix from the plate's frame to the world, and its scale."""
     matrix = np.array(empty.matrix_world, dtype=np.float64)
     scales = np.linalg.norm(matrix[:3, :3], axis=0)
     gram = matrix[:3, :3].T @ matrix[:3, :3]
@@ -446,7 +450,7 @@ def placed(empty: Any) -> tuple[Array, float]:
 def set_renderer(
     bpy: Any, plate: Mapping[str, Any], encoding: str, samples: int | None, scale: float
 ) -> None:
-    """Set Cycles for an encoding: numbers take one sample and no bounce, pictures what the user has set."""
+    """Set Cycles for an encoding: one sample and no bounce for numbers, the user's for pictures."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = plate["resolution"]
@@ -478,7 +482,7 @@ def set_renderer(
             image.use_exr_interleave = True
     camera = bpy.data.cameras.new("xfrustum aperture")
     camera.type, camera.clip_start = "CUSTOM", CLIP_START
-    # The largest length of a line per unit of depth is at one of the plate's corners.
+    # The longest line per unit of depth belongs to one of the plate's corners.
     columns, rows = plate["hogels"]
     corners = ((0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1))
     films = (film(plate, aperture_center(plate, *index)) for index in corners)
@@ -498,7 +502,7 @@ def render_hogels(
     apertures: Sequence[tuple[int, int]],
     say: Callable[[str], None],
 ) -> None:
-    """Render the hogels that are not there yet."""
+    """Render the missing hogels."""
     bpy, cycles, mathutils = blender_modules()
     if arguments.blend:
         bpy.ops.wm.open_mainfile(filepath=str(arguments.blend))
@@ -515,16 +519,16 @@ def render_hogels(
     matrix, scale = placed(empty)
     set_renderer(bpy, plate, encoding, arguments.samples, scale)
     paths = files_of(arguments, plate, apertures, ".exr" if encoding == "exr" else ".png")
-    wanted = [index for index in apertures if arguments.again or not paths[index].exists()]
-    say(f"{len(wanted)} hogels to render, {len(apertures) - len(wanted)} found")
+    missing = [index for index in apertures if arguments.again or not paths[index].exists()]
+    say(f"{len(missing)} hogels to render, {len(apertures) - len(missing)} found")
     if arguments.out.suffix.lower() not in FILE_SUFFIXES:
-        # Whoever reads the folder learns from it how many hogels the plate has.
+        # Readers of the folder take the number of hogels from this file.
         arguments.out.mkdir(parents=True, exist_ok=True)
         put(arguments.out / "plate.json", (HERE / "plate.json").read_bytes())
     hide_known_complaints()
     pressed, start = interruptions(), time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
-        for number, index in enumerate(wanted):
+        for number, index in enumerate(missing):
             began = time.monotonic()
             if pressed:
                 raise KeyboardInterrupt
@@ -550,7 +554,7 @@ def render_hogels(
                 content = encoded(exr_planes(content), plate, np.linalg.inv(matrix), encoding)
             paths[index].parent.mkdir(parents=True, exist_ok=True)
             put(paths[index], content)
-            now, more = time.monotonic(), len(wanted) - number - 1
+            now, more = time.monotonic(), len(missing) - number - 1
             left = (
                 f", about {(now - start) / (number + 1) * more:.0f} s for {more} more"
                 if more
@@ -565,7 +569,7 @@ def files_of(
     apertures: Sequence[tuple[int, int]],
     suffix: str,
 ) -> dict[tuple[int, int], Path]:
-    """Return the files of apertures' hogels; a name with a suffix is that of a single file."""
+    """Return the file of each aperture; --out with a suffix names a single file."""
     out = arguments.out
     if out.suffix.lower() in FILE_SUFFIXES:
         if len(apertures) > 1:
@@ -614,38 +618,38 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def chosen(plate: Mapping[str, Any], text: str | None) -> list[tuple[int, int]]:
-    """Return the apertures that are asked for: those of --apertures, those of plate.json, or all."""
+    """Return the apertures of --apertures, else of plate.json, else of the whole plate."""
     columns, rows = plate["hogels"]
     if text is None:
         named = plate["apertures"] or [(i, j) for j in range(rows) for i in range(columns)]
         return [(int(i), int(j)) for i, j in named]
     try:
         pairs = [tuple(int(part) for part in pair.split(",")) for pair in text.split(";")]
-        found = [(i, j) for i, j in pairs]
+        indices = [(i, j) for i, j in pairs]
     except ValueError as error:
         raise UnusableError(
             f"--apertures {text!r} is not a list of column,row such as 40,30;0,0"
         ) from error
-    for i, j in found:
+    for i, j in indices:
         if not (0 <= i < columns and 0 <= j < rows):
             raise UnusableError(
                 f"aperture {i},{j} lies outside the plate of {columns} x {rows} hogels"
             )
-    return found
+    return indices
 
 
 def main(argv: Sequence[str]) -> int:
-    """Render, and return the exit status: 0 done, 2 something that the user can mend, 130 interrupted."""
+    """Render, and return the exit status: 0 done, 2 problem of the user's, 130 interrupted."""
     arguments = parsed(argv)
     try:
         plate = json.loads((HERE / "plate.json").read_text(encoding="utf-8"))
-        asked = chosen(plate, arguments.apertures)
-        render_hogels(arguments, plate, asked, lambda line: print(line, flush=True))
+        apertures = chosen(plate, arguments.apertures)
+        render_hogels(arguments, plate, apertures, lambda line: print(line, flush=True))
     except (UnusableError, OSError) as error:
         print(f"render.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("render.py: interrupted; call again to go on", file=sys.stderr)
+        print("render.py: interrupted; repeat the command to continue", file=sys.stderr)
         return INTERRUPTED
     return 0
 

@@ -90,7 +90,7 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
         assert told in error and error.count("\n") == 1
     monkeypatch.setattr(render, "render_hogels", interrupted)
     assert render.main(["--out", str(tmp_path / "hogels")]) == 130
-    assert capsys.readouterr().err == "render.py: interrupted; call again to go on\n"
+    assert capsys.readouterr().err == "render.py: interrupted; repeat the command to continue\n"
     before = signal.getsignal(signal.SIGINT)
     try:
         pressed = render.interruptions()

@@ -152,7 +152,7 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(path, Encoding.TRIANGLE_ID).triangle, expected)
     np.testing.assert_array_equal(read(path, Encoding.OBJECT_ID).object, expected)
     with pytest.raises(
-        InputError, match=r"say with --encoding triangle-id or object-id .* it has id"
+        InputError, match=r"state with --encoding triangle-id or object-id .* it has id"
     ):
         read(path)
     placed = written(tmp_path / "b.exr", ("", {"id": numbers()} | vector("P.", points(7.5))))

@@ -64,7 +64,8 @@ def list_(asked: _List) -> None:
             some = [case for case in cases if case.level == level]
             lines += [f"{level}: {subject} ({len(some)} cases)"] if some else []
             lines += [
-                f"  {case.name:<{width}}  {case.encoding:<11}  {len(case.hogels)} hogels  {case.why}"
+                f"  {case.name:<{width}}  {case.encoding:<11}  {len(case.hogels)} hogels  "
+                f"{case.why}"
                 for case in some
             ]
         return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
