@@ -3,41 +3,50 @@
 import itertools
 import json
 import re
-import shlex
-import string
 import sys
-import textwrap
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from click import Context
 from PIL import Image
 
 import xfrustum
 from tests.reports.verification.synthetic import packed, verification
+from tests.support.foreign_renderers import oblong, saying
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis import defects
 from xfrustum.compare.diagnosis.defects import HYPOTHESES, Defect
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
-from xfrustum.compare.judging.judged import MeasuredBy
+from xfrustum.compare.diagnosis.encodings import TRANSFER_FAULTS as defects_of_transfer
+from xfrustum.compare.judging.judged import MeasuredBy, judge
+from xfrustum.compare.judging.verdict import Check, Limits
+from xfrustum.compare.judging.where import places_of
 from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import OneCamera, RendererModel
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import (
     plate_map,
     render_page,
     table,
 )
 from xfrustum.reports.verification.verification import with_tested_diagnosis
-from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene, open_scene
-from xfrustum.scenes.arguments import check_program
+from xfrustum.reports.verification.words import defect_words
+from xfrustum.scenes import (
+    NOTHING,
+    Aperture,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+    Scene,
+    open_scene,
+)
 from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
@@ -167,19 +176,6 @@ def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
 def test_a_program_that_is_not_there_is_told_before_anything_is_run(world: Scene) -> None:
     with pytest.raises(InputError, match="no-such-renderer is no program that can be run"):
         xfrustum.verify(world, command="no-such-renderer {out}")
-
-
-def test_a_program_beside_its_folder_is_found_wherever_that_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "renderer").write_text("#!/bin/sh\n")
-    (tmp_path / "renderer").chmod(0o755)
-    check_program("./renderer {out}", tmp_path)
-    monkeypatch.chdir(tmp_path)
-    for folder in (None, Path()):
-        check_program("./renderer {out}", folder)
-        with pytest.raises(InputError, match=r"with \./"):
-            check_program("renderer {out}", folder)
 
 
 def test_a_function_that_raises_or_returns_something_else_is_reported(world: Scene) -> None:
@@ -331,11 +327,6 @@ def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None
     assert plate_map(verification({(0, 0): 0, (1, 0): 0})) is None
 
 
-# The examples of docs/verify.md run, and say what they say they say.
-
-# This library is untyped, and needed here only.
-yaml: Any = import_module("yaml")
-
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "verify.md"
 
 
@@ -368,20 +359,89 @@ def test_every_fault_is_in_the_table() -> None:
     assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []
 
 
-def test_the_job_gives_verify_a_command_line_that_it_takes() -> None:
-    """The job's pip fetches a checkout; tests/test_wheel.py tests that a wheel installs and runs."""
-    (block,) = re.findall(
-        r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE
-    )
-    (job,) = yaml.safe_load(textwrap.dedent(block)).values()
-    install, line = [step["run"].strip() for step in job["steps"] if "run" in step][-2:]
-    words = shlex.split(string.Template(install).substitute(job["env"]))
-    assert words[:3] == ["pip", "install", f"git+{job['env']['XFRUSTUM_URL']}@main"]
-    program, name, *words = shlex.split(line.replace("\\\n", " "))
-    command = cli.get_command(Context(cli), name)
-    assert (program, name) == ("xfrustum", "verify") and command is not None
-    asked = command.make_context("verify", words).params
-    (kept,) = [
-        step["with"]["path"] for step in job["steps"] if "upload-artifact" in step.get("uses", "")
-    ]
-    assert kept.split() == [str(asked["out"]), str(asked["junit"])]
+PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "mended"),
+    [
+        (FAIL, PASS, True),
+        (FAIL, FAIL, False),
+        (FAIL, BLIND, False),  # blinded by the correction: nothing says that it is right
+        (BLIND, BLIND, True),
+        (BLIND, PASS, True),
+        (BLIND, FAIL, False),
+    ],
+)
+def test_hogels_that_cannot_be_judged_refute_no_fault(
+    before: Any, after: Any, mended: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def checks(_: Limits, figures: Any, excused: int = 0) -> tuple[Check, ...]:
+        return tuple(
+            Check(figure="", value=None, limit=1.0, unit="px", held=held) for held in figures.kept
+        )
+
+    monkeypatch.setattr(Limits, "checks", checks)
+    found, corrected = (SimpleNamespace(kept=kept, rounded=0) for kept in (before, after))
+    assert Limits().mends(found, corrected, RendererModel()) is mended  # type: ignore[arg-type]
+
+
+def test_a_plain_picture_shows_what_is_not_black() -> None:
+    """Colors that are wrong in all of a picture but its black corner."""
+    scene, right = oblong(), RendererModel()
+    reference = Reference(scene)
+    truth = trace_drawn(reference, right, scene.plate.aperture(2, 2))
+    picture = saying(colored(scene, right, truth), "color")
+    assert picture.color is not None
+    picture.color[...] = np.random.default_rng(0).uniform(0.1, 1.0, picture.color.shape)
+    picture.color[:12, :16] = 0.0
+    places = places_of(judge(reference, right, picture, picture.position.astype(np.float64)))
+    wrong, _ = places["shown/nothing"]
+    assert wrong == (truth.triangle[:12, :16] != NOTHING).sum() > 0
+
+
+def samples() -> list[Defect]:
+    """Return defects of all names, with values of their kinds."""
+    hogels = (((1, 0), ((2, 0), (2, 1))),)
+    coded: dict[str, Any] = {
+        "orientation": "transposed",
+        "aperture-order": "rows counted from the bottom",
+        "pivot": "camera",
+        "fit": "screen",
+        "not-recentered": "no shear",
+        "shear-sign": "C*",
+        "equal-angles": "x and y",
+        "wrapped": "by 5 px to the right",
+        "z-negated": "x, y, -z",
+        "axes-exchanged": "x, z, y",
+        "object-missing": "object 1 (box)",
+        "channel-order": "BGR",
+        "wrong-encoding": "object-id",
+        "gamma": "gamma",
+        "layout": "views",
+    }
+    made = [Defect(fault=name, value=value, stated="rgb") for name, value in coded.items()]
+    made = [replace(one, details=("GBR",)) for one in made]
+    made += [Defect(fault=name, value="1 hogels", details=hogels) for name in ("stale-hogel",)]
+    made += [Defect(fault=one.fault, value=one.value) for one in HYPOTHESES]
+    numbers = {*ENCODING_FAULTS, "resampled", "view-shear"} - {one.fault for one in made}
+    numbers -= set(defects_of_transfer)
+    for name in (*numbers, *drawn_model.FAULT_NAMES):
+        made.append(Defect(fault=name, value=2.0, stated=1.0, unit="share"))
+    for side, name in itertools.product((-1, 1), ("near", "shift-x", "fov-y")):
+        model = RendererModel(one_camera=OneCamera(side))
+        own = defects.one_camera_name(name, model)
+        made.append(Defect(fault=own, value=2.0, stated=0.0, alternatives=("pitch-x",)))
+    return made
+
+
+@pytest.mark.parametrize("defect", samples(), ids=lambda defect: defect.fault)
+def test_every_defect_has_a_sentence(defect: Defect) -> None:
+    scene = named_screen()
+    words = defect_words(defect, scene)
+    assert len(words) > 20 and not re.search(r"[{}]|None", words)
+    assert words.endswith("cannot tell") is bool(defect.alternatives) or "cannot tell)" in words
+
+
+def named_screen() -> Scene:
+    return open_scene("asymmetric-recentered")
