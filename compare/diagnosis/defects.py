@@ -113,7 +113,7 @@ HYPOTHESES = (
     *map(_flipped, FLIPPED),
     *SHADINGS,
 )
-"""All of them; where images cannot tell some apart, the first one is named first."""
+"""All of them; where some show the same images, the first is named first."""
 
 
 def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
@@ -160,10 +160,16 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
     if model.film != nominal.film:
         defects += _of_film(model.film)
     defects += _numbers(scene, nominal, fit)
-    compositions = [[one.fault for one in hypotheses_in(other)] for other in fit.alternatives]
+    compositions = [
+        [hypothesis.fault for hypothesis in hypotheses_in(other)] for other in fit.alternatives
+    ]
     defects += [
-        Defect(fault=one.fault, value=one.value, alternatives=_others(one.fault, compositions))
-        for one in hypotheses_in(model)
+        Defect(
+            fault=hypothesis.fault,
+            value=hypothesis.value,
+            alternatives=_others(hypothesis.fault, compositions),
+        )
+        for hypothesis in hypotheses_in(model)
     ]
     return tuple(defects)
 
@@ -199,7 +205,7 @@ def with_joint_numbers(
     together = Defect(
         fault=TOGETHER,
         value=", ".join(f"{defect.fault} {defect.value:.4g}" for defect in joint),
-        alternatives=tuple(dict.fromkeys(name for one in joint for name in one.alternatives)),
+        alternatives=tuple(dict.fromkeys(name for defect in joint for name in defect.alternatives)),
         parts=tuple(joint),
     )
     return (*(defect for defect in defects if defect not in joint), together)
@@ -218,10 +224,12 @@ def _shear_name(recentering: Recentering) -> str:
 
 
 def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[str]:
-    """Return the names of a candidate's defects in its shear, its mirrored films and its numbers."""
+    """Return the names of a candidate's defects in shear, mirrored films and numbers."""
     off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
     names = [] if model.recentering is nominal.recentering else [_shear_name(model.recentering)]
-    names += [one.fault for one in hypotheses_in(model) if "one_camera" in one.fields]
+    names += [
+        hypothesis.fault for hypothesis in hypotheses_in(model) if "one_camera" in hypothesis.fields
+    ]
     return names + [one_camera_name(FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
 
 
@@ -234,7 +242,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
     alternatives = [_names(scene, nominal, model) for model in fit.alternatives]
     for place, own in zip(odd, named, strict=True):
         name, numbers = FAULT_NAMES[place], np.array([values, stated, least, most])[:, place]
-        # A defect states the place of a screen in scene units, other numbers as they are.
+        # Places of screens are stated in scene units, other numbers unchanged.
         screen = scene.frustum.screen
         if screen is not None and name == "screen-height":
             numbers = screen.height * numbers

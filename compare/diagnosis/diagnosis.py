@@ -58,7 +58,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 # and the two symmetries.
 MIN_FITTED_CLAIMS = 100
 
-# Shares of the scene's vertices below the heights at which other explanations of pictures are tried.
+# Shares of the scene's vertices below the heights at which twins of pictures are tried.
 TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 # Largest relative difference between the pitches of columns and rows at which they count as equal:
@@ -116,21 +116,23 @@ class Diagnosis:
     faults: tuple[Defect, ...] = ()  #: differences from the nominal model
     does_not_explain: tuple[
         Defect, ...
-    ] = ()  #: those of the best candidate that explains too little
+    ] = ()  #: defects of the best candidate that explains too little
     evidence: Evidence = Evidence()
     refutation: Refutation | None = None  #: why the defects are no diagnosis, of all judged hogels
 
     @property
     def guesses(self) -> tuple[Defect, ...]:
         """The defects of `does_not_explain` that explain more than 0 %, as printed."""
-        return tuple(one for one in self.does_not_explain if round(100 * (one.explains or 0.0)) > 0)
+        return tuple(
+            defect for defect in self.does_not_explain if round(100 * (defect.explains or 0.0)) > 0
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
     """Reading of a renderer's images, their diagnosis in it, and the rules by which to judge.
 
-    The defects of the diagnosis include those of the reading.
+    The defects of the diagnosis include the reading's.
     """
 
     encoding: FoundEncoding
@@ -159,7 +161,8 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
             encoding = find_transfer(reference, test.images)
         if not encoding.faults:
             return Findings(encoding=encoding, diagnosis=stated, judging=judging)
-    # Step 2: the other reading with the diagnosis of the images in it. Where numbers were stated and
+    # Step 2: the other reading with the diagnosis of the images in it. Where numbers were stated
+    # and
     # colors are stored, shading was not stated: only geometry counts.
     if encoding.as_colors:
         judging = replace(judging, compared=Compared.GEOMETRY)
@@ -185,21 +188,21 @@ def diagnosis_of(test: TestSet) -> Diagnosis:
     """Find the model of a renderer whose pixels are read as stated."""
     nominal = test.nominal
     if not test.images or any(test.of([image]).wrong(nominal) for image in test.images):
-        found = _of_wrong(test)
+        diagnosis = _of_wrong(test)
     else:
         # Nothing needs an explanation: a candidate that fits a little better fits noise.
         evidence = Evidence(basis=Basis.RIGHT, hogels=len(test.tested))
-        found = Diagnosis(model=nominal, evidence=evidence)
-    return _with_shading(test, _with_film(test, found))
+        diagnosis = Diagnosis(model=nominal, evidence=evidence)
+    return _with_shading(test, _with_film(test, diagnosis))
 
 
 def declared(
-    nominal: RendererModel, found: RendererModel, accepted: Sequence[str]
+    nominal: RendererModel, diagnosis: RendererModel, accepted: Sequence[str]
 ) -> RendererModel:
-    """Return the model that images are judged by: the nominal one with the accepted conventions found."""
+    """Return the nominal model with the accepted conventions of the diagnosed one."""
     assert set(accepted) <= set(CONVENTIONS)
     also = ("pivot", "fit") if "near" in accepted else ()
-    return replace(nominal, **{name: getattr(found, name) for name in (*accepted, *also)})
+    return replace(nominal, **{name: getattr(diagnosis, name) for name in (*accepted, *also)})
 
 
 def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Diagnosis:
@@ -248,48 +251,48 @@ def _of_wrong(test: TestSet) -> Diagnosis:
         fit = register(test.reference, pictures, nominal)
         basis = Basis.OBJECTS if fit.by_objects else Basis.COLORS
         evidence = Evidence(basis=basis, hogels=len(pictures))
-    kept = [one for one in test.images if one.camera.aperture.index not in fit.spoiled]
+    kept = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
     whole, test = test, test.of(kept)
     # Step 2: the candidate that explains most, and the test whether it explains enough and spoils
     # nothing.
     best = _best(test, fit)
     faults, share = _named(test, best), test.share(best.model)
     explains = share is None or (share >= MIN_EXPLAINED_FRACTION and test.spares(best.model))
-    found = Diagnosis(model=nominal, evidence=evidence)
+    diagnosis = Diagnosis(model=nominal, evidence=evidence)
     if not (explains and (faults or share is None)):
         # No candidate explains enough: the best fit is reported as doubtful, though fewer defects
         # may do.
-        found = replace(found, does_not_explain=faults or _named(test, fit))
+        diagnosis = replace(diagnosis, does_not_explain=faults or _named(test, fit))
     elif share is not None and test.pays(best.model):
-        found = replace(found, model=best.model, faults=faults)
+        diagnosis = replace(diagnosis, model=best.model, faults=faults)
     # else the wrong pixels have causes that are no defect, and need no other model
     # Step 3: scene and single hogels, where something is left to explain, or where other axes alone
     # may make the pictures that several mistakes of cameras make together.
-    left = whole.leaves_outliers(found.model)
-    if not left and len(found.faults) <= MAX_CAMERA_DEFECTS:
-        return found
+    left = whole.leaves_outliers(diagnosis.model)
+    if not left and len(diagnosis.faults) <= MAX_CAMERA_DEFECTS:
+        return diagnosis
     plain, values = fit.model.with_parameters(nominal.parameters), nominal.parameters
     bare = [
         replace(fit, model=model, low=values, high=values, alternatives=())
         for model in (plain, nominal)
     ]
-    fits = [best] if found.faults else [best, fit, *bare]
-    distinct = list({one.model: one for one in reversed(fits)}.values())[::-1]
+    fits = [best] if diagnosis.faults else [best, fit, *bare]
+    distinct = list({fit.model: fit for fit in reversed(fits)}.values())[::-1]
     if not left:
-        return _with_other_defects(whole, with_axes(whole, distinct[-1]), found)
+        return _with_other_defects(whole, with_axes(whole, distinct[-1]), diagnosis)
     candidates = chain(
         with_other_hogels(whole, claims, distinct),
         # One mistake that turns everything comes before objects that are left out.
         with_axes(whole, distinct[-1]),
         without_objects(whole, distinct),
     )
-    return _with_other_defects(whole, candidates, found)
+    return _with_other_defects(whole, candidates, diagnosis)
 
 
 def _with_other_defects(
-    test: TestSet, candidates: Iterator[Candidate], found: Diagnosis
+    test: TestSet, candidates: Iterator[Candidate], diagnosis: Diagnosis
 ) -> Diagnosis:
-    """Return a diagnosis with defects of scene or hogels that explain more, or as much with fewer."""
+    """Return a diagnosis with scene or hogel defects that explain more, or need fewer."""
     for fit, more in candidates:
         named = {index for index, _ in fit.model.shows}
         odd = [image for image in test.images if image.camera.aperture.index in named]
@@ -304,61 +307,62 @@ def _with_other_defects(
             # that pay.
             known = known.unbounded(test.nominal)
         faults = (*_named(test, known), *(replace(defect, explains=share) for defect in more))
-        better = of_named.pays(model, found.model)
-        simpler = len(faults) < len(found.faults) and not of_named.pays(found.model, model)
+        better = of_named.pays(model, diagnosis.model)
+        simpler = len(faults) < len(diagnosis.faults) and not of_named.pays(diagnosis.model, model)
         if test.spares(model) and (better or simpler):
-            found = replace(found, model=model, faults=faults, does_not_explain=())
+            diagnosis = replace(diagnosis, model=model, faults=faults, does_not_explain=())
             # Several missing objects may be one mistake of the cameras, which is tried later.
-            if len(more) <= 1 and not test.leaves_outliers(found.model):
+            if len(more) <= 1 and not test.leaves_outliers(diagnosis.model):
                 break
-    return found
+    return diagnosis
 
 
-def _with_film(test: TestSet, found: Diagnosis) -> Diagnosis:
+def _with_film(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
     """Return a diagnosis that names the film, where that explains what nothing else does.
 
-    Pictures that are moved by whole pixels may be rolled: then what they show beside their borders
-    tells.
+    Pictures that are moved by whole pixels may be rolled, which their borders show.
     """
-    nominal, shift = test.nominal, np.rint(found.model.shift).astype(int)
-    if found.faults:
-        more = any(getattr(found.model, name) != getattr(nominal, name) for name in OTHER_FIELDS)
+    nominal, shift = test.nominal, np.rint(diagnosis.model.shift).astype(int)
+    if diagnosis.faults:
+        more = any(
+            getattr(diagnosis.model, name) != getattr(nominal, name) for name in OTHER_FIELDS
+        )
         rolled = Film(rolled=(int(-shift[0]), int(-shift[1])))
-        model = replace(found.model, shift=nominal.shift, film=rolled)
-        if not shift.any() or more or not test.pays(model, found.model):
-            return found
+        model = replace(diagnosis.model, shift=nominal.shift, film=rolled)
+        if not shift.any() or more or not test.pays(model, diagnosis.model):
+            return diagnosis
     elif not test.images or not test.wrong(nominal):
-        return found
+        return diagnosis
     else:
         # A few hogels choose the film, which all of them test.
         few = test.few()
         model = min((replace(nominal, film=film) for film in films(few)), key=few.wrong)
     if not (test.explains(model) and test.spares(model) and test.pays(model)):
-        return found
+        return diagnosis
     fit = GeometryFit(model=model, low=model.parameters, high=model.parameters)
-    return Diagnosis(model=model, faults=_named(test, fit), evidence=found.evidence)
+    return Diagnosis(model=model, faults=_named(test, fit), evidence=diagnosis.evidence)
 
 
-def _with_shading(test: TestSet, found: Diagnosis) -> Diagnosis:
+def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
     """Return a diagnosis that names the shading of images that have both numbers and colors.
 
     Numbers of surfaces do not depend on light, so that colors are tested by themselves.
     """
     pictures = [image for image in test.images if image.color is not None]
-    if not pictures or not found.model.plain or {*SHADINGS} & {*hypotheses_in(found.model)}:
-        return found
+    if not pictures or not diagnosis.model.plain or {*SHADINGS} & {*hypotheses_in(diagnosis.model)}:
+        return diagnosis
     nothing = np.full_like(pictures[0].triangle, NOTHING)
     nowhere = np.full_like(pictures[0].position, np.nan)
     colors = test.of(
         [replace(image, triangle=nothing, object=nothing, position=nowhere) for image in pictures]
     )
     for hypothesis in SHADINGS:
-        lit = hypothesis.of(found.model)
+        lit = hypothesis.of(diagnosis.model)
         share = colors.share(lit) or 0.0
-        if share >= MIN_EXPLAINED_FRACTION and colors.pays(lit, found.model):
+        if share >= MIN_EXPLAINED_FRACTION and colors.pays(lit, diagnosis.model):
             defect = Defect(fault=hypothesis.fault, value=hypothesis.value, explains=share)
-            return replace(found, model=lit, faults=(*found.faults, defect))
-    return found
+            return replace(diagnosis, model=lit, faults=(*diagnosis.faults, defect))
+    return diagnosis
 
 
 def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
@@ -374,7 +378,7 @@ def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
 
 
 def _named(test: TestSet, fit: GeometryFit) -> tuple[Defect, ...]:
-    """Return the defects of a candidate, each with the share of the wrong pixels that all explain."""
+    """Return the defects of a candidate, with the share of wrong pixels that they explain."""
     defects = defects_of(test.reference.scene, test.nominal, fit)
     share = test.share(fit.model) if defects else None
     if len(defects) > 1:
@@ -383,7 +387,7 @@ def _named(test: TestSet, fit: GeometryFit) -> tuple[Defect, ...]:
 
 
 def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
-    """Return the candidate that explains most of what is wrong, without defects that add nothing."""
+    """Return the candidate that explains most wrong pixels, without needless defects."""
     # Step 1: the fitted candidate, with the halves put together as the images have them.
     nominal, recentered = test.nominal, test.reference.scene.frustum.recentered
     model, *others = _composed(test, fit.model)
@@ -392,7 +396,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         turned, *rest = _composed(test, replace(fit.model, orientation=nominal.orientation))
         if test.explains(turned):
             model, others = turned, rest
-    shears = [one for one in Recentering if recentered and one != nominal.recentering]
+    shears = [shear for shear in Recentering if recentered and shear != nominal.recentering]
     if model != fit.model:
         # A half that a wrong shear moves off the film is not missing.
         sheared = (replace(fit.model, recentering=shear) for shear in shears)
@@ -400,7 +404,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
     if test.explains(model):
         also = (*fit.alternatives, *others, *_alike(test, model, by_depth=fit.by_color))
         return replace(fit, model=model, alternatives=also)
-    # Step 2: its alternatives. Claims cannot tell them apart, but the reach may cut them
+    # Step 2: its alternatives. Claims hold equally under them, but the reach may cut them
     # differently.
     best = next(filter(test.explains, fit.alternatives), None)
     others = [fit.model, *(other for other in fit.alternatives if other != best)]
@@ -420,7 +424,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
 def _unfitted(
     test: TestSet, fit: GeometryFit, model: RendererModel, shears: Sequence[Recentering]
 ) -> list[RendererModel]:
-    """Return a candidate, and those with nominal numbers or gross mistakes beside its conventions."""
+    """Return candidates with nominal numbers or gross mistakes beside fitted conventions."""
     nominal, tried = test.nominal, [model]
     plain = fit.model.with_parameters(nominal.parameters)
     if plain != fit.model:
@@ -477,7 +481,7 @@ def _moved_alike(test: TestSet, model: RendererModel) -> list[RendererModel]:
 
     An image depends on (P - a) / s alone. Moving the apertures to one side equals moving the scene
     to the other side, and enlarging the scene equals shrinking the plate by the same factor, except
-    for what the reach cuts off.
+    for surfaces beyond the reach.
     """
     nominal, same = test.nominal, []
     (x, y, z), factor, pitch = model.scene_offset, model.scene_scale, model.pitch[0]
@@ -502,7 +506,7 @@ def _sheared_alike(test: TestSet, model: RendererModel) -> list[RendererModel]:
     if model.recentering is not Recentering.NONE:
         kept = (nominal.recentering, model.recentering, Recentering.NONE)
         tried += [replace(model, recentering=shear) for shear in Recentering if shear not in kept]
-    apertures = {model.placed(model.answers(scene, one.camera.aperture)) for one in test.images}
+    apertures = {model.placed(model.answers(scene, image.camera.aperture)) for image in test.images}
     factor, screen = model.recentering.factor(1), scene.frustum.screen
     if len(apertures) == 1 and factor == model.recentering.factor(-1) and screen is not None:
         (there,) = apertures
@@ -542,7 +546,7 @@ def _alike_at_depths(test: TestSet, model: RendererModel) -> list[RendererModel]
 
 
 def _sheared_instead(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return candidates with a wrong shear that show images of one aperture as a moved screen does."""
+    """Return wrong shears that show images of one aperture as a moved screen does."""
     nominal, scene = test.nominal, test.reference.scene
     apertures = {model.answers(scene, image.camera.aperture) for image in test.images}
     if model.screen_center == nominal.screen_center or len(apertures) != 1:
@@ -558,12 +562,12 @@ def _sheared_instead(test: TestSet, model: RendererModel) -> list[RendererModel]
 
 
 def _with_view_shear(test: TestSet) -> Diagnosis | None:
-    """Return a diagnosis that names the shear of views where it explains what is wrong.
+    """Return a diagnosis that names the shear of views where it explains the wrong pixels.
 
     An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by
-    a factor f of what the plate needs registers them at height d (1 - 1/f): there, and not in the
-    plate, the lines of one hogel meet. Seen from that plane the picture is that of a plate 1/f
-    times as wide, under a screen 1/f times as high. So one number explains what the fit of geometry
+    a factor f of the plate's need registers them at height d (1 - 1/f): there, and not in the
+    plate, the lines of one hogel meet. Seen from that plane it shows a plate 1/f times as wide,
+    under a screen 1/f times as high. So one number does for which the fit
     would need three groups for.
     """
     scene, nominal = test.reference.scene, test.nominal
@@ -577,7 +581,7 @@ def _with_view_shear(test: TestSet) -> Diagnosis | None:
         return replace(
             nominal,
             scene_offset=(0.0, 0.0, offset),
-            # The renderer's views end where those of the scene do, not about the plane of
+            # The renderer's views end where the scene's do, not about the plane of
             # registration.
             reach=(max(viewer + offset, 0.0), max(back - offset, 0.0)),
             pitch=(nominal.pitch[0] / factor, nominal.pitch[1] / factor),

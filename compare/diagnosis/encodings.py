@@ -1,8 +1,8 @@
 """The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
 Readings are found by trying. Numbers of triangles are judged by the claims that they make
-(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Everything else is
-compared with what the truth would have stored, and with the damage that explains the difference.
+(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Other readings are
+compared with the stored truth, and with damage of it.
 Another reading is a finding only where it holds and the stated one fails.
 """
 
@@ -42,8 +42,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
-# Colors are stored through another curve than was stated; the last name is that of curves without a
-# name.
+# Colors are stored through another curve than was stated; the last name stands for other curves.
 SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = (
@@ -59,34 +58,33 @@ ENCODING_FAULTS = (
     *TRANSFER_FAULTS,
     *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of the faults; after the last four numbers are lost."""
+"""Names of the defects; after the last four numbers are lost."""
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
-# The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
+# The damage that loses number 0 alone, where it is stored like nothing; no defect by itself.
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-# Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the
-# one that comes first here is named first.
+# Orders of the channels, RGB first, then OpenCV's BGR. Where several show the same images, the
+# first is named first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
 # Largest mean distance by which the claims of a right reading fail: about 20 times that by which
 # rasterizers snap edges (`geometry_fit.SNAP_PX`). A pixel off, even claims at the other side of a
-# triangle fail. One claim counts with the cap at most, as does that of a triangle that does not
-# exist.
+# triangle fail. One claim counts with the cap at most, as does a triangle that does not exist.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
-# Smallest ratio of the misfit of the stated reading to that of a better one. Most wrong numbers
+# Smallest ratio of the stated reading's misfit to a better one's. Most wrong numbers
 # belong to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a
-# fine mesh; but that of the right reading is that of rounding alone.
+# fine mesh; but the right reading has rounding alone.
 MIN_IMPROVEMENT = 4.0
 
 # Smallest share of the stored integers that name something in the scene under a right reading; one
 # in a hundred may be damaged.
 MIN_VALID_FRACTION = 0.99
 
-# Smallest number of claims by which readings are told apart; numbers of claims and of hogels, and
+# Smallest number of claims that distinguish readings; numbers of claims and of hogels, and
 # rows and columns of each, with more of which the same reading or damage is found; near offsets
 # that are tried, as parts of the reach.
 MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600, 3, 100
@@ -100,8 +98,8 @@ MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
 # Smallest share of pixels with a number between those around them in a resampled picture; fewer are
 # accidents. And the smallest ratio of the number of different integers to that in the truth: values
-# between two numbers are new, while merely wrong numbers, such as those of objects in another
-# order, are as many as the right ones.
+# between two numbers are new, while merely wrong numbers, such as objects in another order, are as
+# many as the right ones.
 MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 
 # Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
@@ -109,7 +107,7 @@ MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 MAX_LOSSY_STEPS = 24
 
 # Smallest number of gray values in a shaded picture, where masks and outlines have fewer, and
-# correlation of brightness with the truth's, where that of numbers is random. And the share of
+# correlation of brightness with the truth's, where numbers correlate at random. And the share of
 # pixels as bright as the truth for pictures to be read as sRGB: under the right reading nearly all
 # are, under another light few.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
@@ -131,7 +129,7 @@ _NAMED_TRANSFERS = {
 
 @dataclass(frozen=True, kw_only=True)
 class IdRepair:
-    """A way to restore damaged numbers with the help of the truth, and the share of pixels that it explains.
+    """Repair of damaged numbers by the truth, and the share of pixels that it explains.
 
     Restored numbers serve the figures after correction only; no image passes because of them.
     `bits` are the low bits of each number that `OVERFLOW` has kept, `first` the first number of
@@ -148,18 +146,18 @@ class IdRepair:
     nominal: RendererModel = TRUE  # the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
-        """Return an image with the truth's number wherever the damage explains what is stored instead."""
+        """Return an image with the truth's number wherever damage explains the stored one."""
         plate, name = reference.scene.plate, _name(self.reading)
         aperture = plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels))
         truth = _stated(reference, self.nominal, aperture)
-        beside, as_read = (
+        pair, as_read = (
             _Beside.from_images(truth, image, self.orientation),
             read_again(image, self.reading),
         )
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
         # The pixel's own number is tried last, and wins.
-        meant = getattr(beside, name)
-        for mask, number in reversed(list(zip(beside.explained(self), meant, strict=False))):
+        meant = getattr(pair, name)
+        for mask, number in reversed(list(zip(pair.explained(self), meant, strict=False))):
             numbers[mask] = number[mask]
         restored = self.orientation.applied(numbers)
         return (
@@ -170,7 +168,7 @@ class IdRepair:
 
 
 def _stated(reference: Reference, nominal: RendererModel, aperture: Aperture) -> HogelImage:
-    """Return what a renderer should draw by its author's statements: the truth, or with a near offset."""
+    """Return the image by the author's statements: the truth, or with a near offset."""
     if nominal == TRUE:
         return reference.trace(aperture)
     return reference_colors(reference, nominal, trace_drawn(reference, nominal, aperture))
@@ -186,9 +184,7 @@ class _Beside:
     """The stored bytes of an image, upright, beside the truth's numbers and brightness."""
 
     rgb: Bytes  # (h, w, 3)
-    triangle: (
-        Numbers  # (9, h, w): first the number of the pixel itself, then those of its neighbors
-    )
+    triangle: Numbers  # (9, h, w): first the number of the pixel itself, then its neighbors'
     object: Numbers
     gray: Floats  # (h, w)
 
@@ -196,13 +192,15 @@ class _Beside:
     def from_images(
         cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0
     ) -> _Beside:
-        """Return an image beside the truth; with `lines`, about so many rows and columns of both."""
+        """Pair an image with the truth; `lines` limits the rows and columns of both."""
         height, width = truth.triangle.shape
         step = max(1, min(height, width) // lines) if lines else 1
         places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
         triangle, objects = (
             np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
-            for padded in (np.pad(one, 1, mode="edge") for one in (truth.triangle, truth.object))
+            for padded in (
+                np.pad(entry, 1, mode="edge") for entry in (truth.triangle, truth.object)
+            )
         )
         rgb = orientation.upright(stored_rgb(image))[::step, ::step]
         gray = as_gray(as_stored(truth, image))[::step, ::step]
@@ -218,11 +216,11 @@ class _Beside:
         return reading.stored(getattr(self, _name(reading)))
 
     def same(self, reading: Reading) -> Mask:
-        """Return where pixels store the truth's number of the same pixel or of a neighbor, (9, h, w)."""
+        """Mark pixels that store the truth's number of the pixel or a neighbor, (9, h, w)."""
         return np.asarray(reading.packed(self.rgb) == self.stored(reading))
 
     def explained(self, damage: IdRepair) -> Mask:
-        """Return where damage turns the truth's own and neighbors' numbers into the bytes, (n, h, w).
+        """Mark pixels whose bytes are damaged numbers of the pixel or a neighbor, (n, h, w).
 
         Where numbers are mixed, n is 1: bytes lie in the range of those around them.
         """
@@ -259,7 +257,7 @@ class FoundEncoding:
 
     @property
     def as_colors(self) -> bool:
-        """Whether pixels that should be numbers are colors."""
+        """True if pixels that should be numbers are colors."""
         read = self.reading
         return read is not None and read.transfer is None and read.encoding not in NUMBER_ENCODINGS
 
@@ -281,7 +279,7 @@ def find_encoding(
 
     `nominal` is the model of the renderer by its author's statements.
     """
-    # Of images without numbers or stored colors, no other reading is possible.
+    # Images without numbers or stored colors have no other reading.
     if any((image.triangle != NOTHING).any() for image in images):
         stated = Reading(encoding=Encoding.TRIANGLE_ID)
     elif any((image.object != NOTHING).any() for image in images):
@@ -290,36 +288,40 @@ def find_encoding(
         stated = Reading(encoding=Encoding.RGB)
     else:
         return FoundEncoding()
-    told = [one for one in images if (stored_integers(one, stated) != 0).any()]
-    if not told:
+    filled = [image for image in images if (stored_integers(image, stated) != 0).any()]
+    if not filled:
         return FoundEncoding()
-    search = _Search(reference, told, nominal, stated)
-    found = search.found()
-    if found is not None and found.reading is not None and found.reading.first_is_lost:
-        return replace(found, restoring=search.agreement(found.reading, FIRST_NUMBER))
-    return found or FoundEncoding()
+    search = _Search(reference, filled, nominal, stated)
+    result = search.reading()
+    if result is not None and result.reading is not None and result.reading.first_is_lost:
+        return replace(result, restoring=search.agreement(result.reading, FIRST_NUMBER))
+    return result or FoundEncoding()
 
 
 def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEncoding:
-    """Find the transfer function under which pictures of colors have the truth's distribution of brightness.
+    """Find the transfer function that gives pictures the truth's distribution of brightness.
 
-    That is a guess: geometry is not known, and the pictures in this reading are to be diagnosed.
+    Geometry is unknown: the diagnosis of the pictures in this reading is the test.
     """
     if not all(is_picture(image) and image.color is not None for image in images):
         return FoundEncoding()
-    # A few pictures tell; those of one plate have one transfer function.
+    # A few pictures suffice: a plate has one transfer function.
     chosen = np.unique(np.linspace(0, len(images) - 1, MAX_COMPARED_HOGELS).astype(int))
     stored = [radiance(stored_rgb(images[index]), Encoding.RGB) for index in chosen]
     truths = [reference.trace(images[index].camera.aperture).color for index in chosen]
     expected = np.sort(
-        np.clip(np.concatenate([one.ravel() for one in truths if one is not None]), 0.0, 1.0)
+        np.clip(np.concatenate([truth.ravel() for truth in truths if truth is not None]), 0.0, 1.0)
     )
-    values = np.sort(np.concatenate([one.ravel() for one in stored]))
-    # Transfer functions rise: the order of the values is that of the radiance.
-    distances = {one: float(np.abs(one.linear(values) - expected).mean()) for one in Transfer}
+    values = np.sort(np.concatenate([entry.ravel() for entry in stored]))
+    # Transfer functions rise: values and radiance have the same order.
+    distances = {
+        transfer: float(np.abs(transfer.linear(values) - expected).mean()) for transfer in Transfer
+    }
     first, pixels = images[chosen[0]].color, stored_rgb(images[chosen[0]])
     ways = STATED_TRANSFERS.items()
-    stated = next(one for one, way in ways if np.array_equal(first, radiance(pixels, way)))
+    stated = next(
+        candidate for candidate, way in ways if np.array_equal(first, radiance(pixels, way))
+    )
     best = min(distances, key=distances.__getitem__)
     if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
         return FoundEncoding()
@@ -354,42 +356,42 @@ class _Search:
         plate = reference.scene.plate
         self.truth = cache(lambda index: _stated(reference, nominal, plate.aperture(*index)))
 
-    def found(self) -> FoundEncoding | None:
+    def reading(self) -> FoundEncoding | None:
         """Find another reading that holds where the stated one fails."""
         stated, pictures = self.stated, any(map(is_picture, self.images))
-        triangles, objects = (replace(stated, encoding=one) for one in NUMBER_ENCODINGS)
+        triangles, objects = (replace(stated, encoding=encoding) for encoding in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:
-            found = self._by_claims(triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT)
-            return found or self._by_objects(objects, 0.0)
+            result = self._by_claims(triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT)
+            return result or self._by_objects(objects, 0.0)
         if stated.encoding is Encoding.OBJECT_ID:
             agreeing = self.agreement(stated).share
             if agreeing >= MIN_AGREEING_FRACTION:
                 return None
-            found = self._by_objects(stated, agreeing)
-            if found is None and pictures:
-                found = self._by_claims(triangles, np.inf)
+            result = self._by_objects(stated, agreeing)
+            if result is None and pictures:
+                result = self._by_claims(triangles, np.inf)
         else:
             left = self._misfit(stated)
             if left <= MAX_HELD_MISFIT_PX:
                 return None
-            found = self._by_claims(stated, left)
-            found = found or self._restarting()
+            result = self._by_claims(stated, left)
+            result = result or self._restarting()
             # Enlarged pictures claim triangles beside the right ones: they fail by less than a
-            # pixel, and are explained by their film (`film_faults`).
-            if found is None and left <= MIN_FAILED_MISFIT_PX:
+            # pixel, and are explained by their film (`enumeration.films`).
+            if result is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
-            found = found or self._by_objects(objects, 0.0)
+            result = result or self._by_objects(objects, 0.0)
             # Numbers that lie where some camera draws their triangles are whole; of few triangles,
             # damage would account for nearly any.
-            found = found or self._drawn()
-        # What is left is compared with the truth.
-        found = found or self._spoiled()
+            result = result or self._drawn()
+        # Remaining readings are compared with the truth.
+        result = result or self._spoiled()
         # Pixels that name things in the scene are numbers, right or wrong, and not colors.
-        if found is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
+        if result is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
             colors = self._colors()
             if colors is not None:
                 return FoundEncoding(faults=_defects(stated, colors, ()), reading=colors)
-        return found
+        return result
 
     def _best(
         self,
@@ -397,7 +399,7 @@ class _Search:
         matching: Callable[[_Beside], Mask] | None = None,
         background: int = 0,
     ) -> tuple[IdRepair, list[_Beside]]:
-        """Return damage with the conventions under which most pixels match, and the images beside truth."""
+        """Return damage under the conventions in which most pixels match, and the pairs."""
         matching = matching or partial(_Beside.explained, damage=damage)
         damage = replace(damage, nominal=self.nominal)
         best: list[_Beside] = []
@@ -409,14 +411,14 @@ class _Search:
                 truth = self.truth(
                     order.index(image.camera.aperture.index, self.scene.plate.hogels)
                 )
-                beside = _Beside.from_images(truth, image, orientation, COMPARED_LINES)
-                some = beside.triangle[0] != NOTHING
-                some |= not background and beside.lit
+                pair = _Beside.from_images(truth, image, orientation, COMPARED_LINES)
+                some = pair.triangle[0] != NOTHING
+                some |= not background and pair.lit
                 shown, matched = (
                     shown + some.sum(),
-                    matched + (matching(beside).any(axis=0) & some).sum(),
+                    matched + (matching(pair).any(axis=0) & some).sum(),
                 )
-                parts.append(beside)
+                parts.append(pair)
             share = float(matched / shown) if shown else 0.0
             best = best or parts
             # Where conventions agree equally well, the first one, no change, wins.
@@ -428,7 +430,7 @@ class _Search:
         return damage, best
 
     def agreement(self, reading: Reading, kind: str = RESAMPLED) -> IdRepair:
-        """Return the conventions under which most pixels store the number of the same pixel or a neighbor."""
+        """Return the conventions under which most pixels store numbers of truth or neighbors."""
         same = partial(_Beside.same, reading=reading)
         return self._best(IdRepair(kind=kind, reading=reading), same, reading.background)[0]
 
@@ -436,11 +438,11 @@ class _Search:
         """Return how to read pixels that are colors of the scene; None where they are not."""
         colors = Reading(encoding=Encoding.RGB)
         # Pixels are lit where the truth around them shows a surface, and black where not.
-        found, parts = self._best(
+        result, parts = self._best(
             IdRepair(kind=WRONG_ENCODING, reading=colors),
-            lambda one: (one.triangle != NOTHING) == one.lit,
+            lambda entry: (entry.triangle != NOTHING) == entry.lit,
         )
-        if found.share < MIN_AGREEING_FRACTION:
+        if result.share < MIN_AGREEING_FRACTION:
             return None
         inner = [part.lit & (part.triangle[0] != NOTHING) for part in parts]
         rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
@@ -456,26 +458,26 @@ class _Search:
         # The shares of pixels that are as bright as the truth in either encoding.
         linear, encoded = (
             np.mean(
-                np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0))
+                np.abs(radiance(rgb, entry).mean(axis=-1) - np.clip(gray, 0.0, 1.0))
                 <= COLOR_TOLERANCE
             )
-            for one in (Encoding.RGB, Encoding.SRGB)
+            for entry in (Encoding.RGB, Encoding.SRGB)
         )
         is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
         return replace(colors, encoding=Encoding.SRGB) if is_encoded else colors
 
     def _spoiled(self) -> FoundEncoding | None:
-        """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
+        """Find damage by which numbers are lost: cut high bits, mixing, lossy compression."""
         count, stated = len(self.scene.faces), self.stated
         for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID and count >= 2**8 else ():
-            found, _ = self._best(IdRepair(kind=OVERFLOW, reading=stated, bits=bits))
-            if count >= 2**bits and found.share >= MIN_AGREEING_FRACTION:
+            result, _ = self._best(IdRepair(kind=OVERFLOW, reading=stated, bits=bits))
+            if count >= 2**bits and result.share >= MIN_AGREEING_FRACTION:
                 defect = Defect(fault=OVERFLOW, value=float(bits), unit="bits")
-                return FoundEncoding(faults=(defect,), restoring=found)
+                return FoundEncoding(faults=(defect,), restoring=result)
         stored_as = [getattr(image, "stored", None) for image in self.compared]
-        named_lossy = any(one is not None and one.lossy for one in stored_as)
+        named_lossy = any(storage is not None and storage.lossy for storage in stored_as)
         for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
-            found, parts = self._best(IdRepair(kind=kind, reading=stated))
+            result, parts = self._best(IdRepair(kind=kind, reading=stated))
             shown = [part.lit | (part.triangle[0] != NOTHING) for part in parts]
             same = [
                 part.same(stated)[:, some].any(axis=0)
@@ -485,14 +487,16 @@ class _Search:
             stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
             should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
             new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
-            accounted = found.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
+            accounted = (
+                result.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
+            )
             if accounted or (kind == LOSSY and named_lossy):
                 defect = Defect(fault=kind, value=mixed, unit="share")
-                return FoundEncoding(faults=(defect,), restoring=found)
+                return FoundEncoding(faults=(defect,), restoring=result)
         return None
 
     def _drawn(self) -> FoundEncoding | None:
-        """Return the stated reading where claims hold under a guess with one group of numbers at most."""
+        """Return the stated reading where claims hold with at most one group of numbers off."""
         claims = self._read(self.stated)
         if len(claims) < MIN_CLAIMS:
             return None
@@ -503,23 +507,25 @@ class _Search:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
         _, first = np.unique(self.scene.object_of_triangle, return_index=True)
         damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
-        found, parts = self._best(damage)
-        # The first object has the same numbers either way: the others must say that theirs begin
+        result, parts = self._best(damage)
+        # The first object has the same numbers either way: the others must show that theirs begin
         # anew.
         telling = np.concatenate([(part.object[0] > 0).ravel() for part in parts])
-        matching = np.concatenate([part.explained(found).any(axis=0).ravel() for part in parts])
-        if not telling.any() or min(found.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
+        matching = np.concatenate([part.explained(result).any(axis=0).ravel() for part in parts])
+        if not telling.any() or min(result.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
             return None
         defect = Defect(fault=RESTARTING, value=float(len(first)), unit="number")
-        return FoundEncoding(faults=(defect,), restoring=found)
+        return FoundEncoding(faults=(defect,), restoring=result)
 
     def _read(self, reading: Reading) -> PixelClaims:
-        """Return what the images claim in some reading."""
+        """Return the claims of the images in some reading."""
         return claims_of(self.scene, [read_again(image, reading) for image in self.images])
 
     def _by_claims(self, start: Reading, left: float) -> FoundEncoding | None:
-        """Find the reading, derived from one whose claims have the misfit `left`, under which claims hold."""
-        readings = [one for one in self._others(start) if len(self._read(one)) >= MIN_CLAIMS]
+        """Find the reading under which claims hold, from one whose misfit is `left`."""
+        readings = [
+            _other for _other in self._others(start) if len(self._read(_other)) >= MIN_CLAIMS
+        ]
         misfits = [self._misfit(reading) for reading in readings]
         least = min(misfits, default=np.inf)
         if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
@@ -546,14 +552,16 @@ class _Search:
         return self._as_found(readings[shares.index(most)], readings)
 
     def _as_found(self, best: Reading, readings: Sequence[Reading]) -> FoundEncoding:
-        """Return a reading with its faults, and with those that give the same numbers from other channels."""
+        """Return a reading with its defects, and with channel orders of the same numbers."""
         stored = [stored_rgb(image) for image in self.images]
-        others = (replace(best, channels=one) for one in CHANNEL_ORDERS if one != best.channels)
+        others = (
+            replace(best, channels=order) for order in CHANNEL_ORDERS if order != best.channels
+        )
         same = [
-            one
-            for one in others
-            if one in readings
-            and all(np.array_equal(one.packed(rgb), best.packed(rgb)) for rgb in stored)
+            other
+            for other in others
+            if other in readings
+            and all(np.array_equal(other.packed(rgb), best.packed(rgb)) for rgb in stored)
         ]
         return FoundEncoding(faults=_defects(self.stated, best, same), reading=best)
 
@@ -566,7 +574,7 @@ class _Search:
                 # Nothing may be stored as the most frequent integer that names nothing in the
                 # scene.
                 packed = np.concatenate(
-                    [stored_integers(one, plain).ravel() for one in self.images]
+                    [stored_integers(image, plain).ravel() for image in self.images]
                 )
                 strange = packed[plain.numbers(packed) >= self._count(plain)]
                 values, counts = np.unique(strange, return_counts=True)
@@ -584,7 +592,7 @@ class _Search:
         )
 
     def _valid_share(self, reading: Reading) -> float:
-        """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
+        """Return the share of pixels with a number whose number exists in the scene."""
         parts = [reading.numbers(stored_integers(image, reading)).ravel() for image in self.images]
         numbers = np.concatenate(parts)
         named = int((numbers != NOTHING).sum())
@@ -592,7 +600,7 @@ class _Search:
         return valid / named if named else 0.0
 
     def _misfit(self, reading: Reading) -> float:
-        """Return the mean distance by which claims fail under the best conventions and near offset, px."""
+        """Return the mean failure of claims under the best conventions and near offset, px."""
         scene, nominal, valid = self.scene, self.nominal, self._valid_share(reading)
         claims = self._read(reading).thinned(MAX_SEARCHED_CLAIMS) if valid else None
         if claims is None or not len(claims):
@@ -608,26 +616,29 @@ class _Search:
                 orientations(scene.frustum.resolution), self.orders, sorted(nears)
             )
             models = (
-                replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried
+                replace(nominal, orientation=candidate, order=two, near=near)
+                for candidate, two, near in tried
             )
             held = min(held, *map(failing, models))
         return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
-def _defects(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
+def _defects(stated: Reading, result: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
     """Return the differences between a reading and the stated one."""
-    letters, *others = ("".join("RGB"[one] for one in way.channels) for way in (found, *same))
+    letters, *others = (
+        "".join("RGB"[channel] for channel in way.channels) for way in (result, *same)
+    )
     defects = []
-    if found.encoding is not stated.encoding:
-        value = str(found.encoding)
+    if result.encoding is not stated.encoding:
+        value = str(result.encoding)
         defects.append(Defect(fault=WRONG_ENCODING, value=value, stated=str(stated.encoding)))
-    if found.channels != stated.channels:
+    if result.channels != stated.channels:
         defects.append(Defect(fault=CHANNEL_ORDER, value=letters, details=tuple(others)))
-    offset, nothing = float(found.offset - stated.offset), float(found.background)
+    offset, nothing = float(result.offset - stated.offset), float(result.background)
     if offset:
         was = float(stated.offset)
         defects.append(Defect(fault=ID_OFFSET, value=offset, unit="number", stated=was))
-    if found.background != stated.background:
+    if result.background != stated.background:
         was = float(stated.background)
         defects.append(Defect(fault=BACKGROUND_ID, value=nothing, unit="number", stated=was))
     return tuple(defects)

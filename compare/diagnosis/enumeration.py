@@ -1,4 +1,4 @@
-"""Candidates that differ from a fitted model in discrete ways: halves, films, scene, single hogels."""
+"""Candidates with discrete defects: composition of halves, film, scene, single hogels."""
 
 from __future__ import annotations
 
@@ -64,9 +64,10 @@ Picture = NDArray[Any]
 """Numbers (H, W) or colors (H, W, 3) of an upright image."""
 
 Candidate = tuple[GeometryFit, tuple[Defect, ...]]
-"""A candidate model, and its defects beside those of the cameras."""
+"""A candidate model, and its defects beside the cameras'."""
 
-# Compositions of the two halves, the right one first. One depth test, taken for the other, makes two
+# Compositions of the two halves, the right one first. One depth test, taken for the other, makes
+# two
 # mistakes.
 COMPOSITIONS: tuple[tuple[Hypothesis, ...], ...] = (
     (),
@@ -74,16 +75,16 @@ COMPOSITIONS: tuple[tuple[Hypothesis, ...], ...] = (
     (NEAREST, NOT_OVERLAID),
 )
 
-# Smallest number of pixels in which two compositions differ for images to tell them apart: fewer may
-# be outlines that rounding has moved.
+# Smallest number of pixels that distinguishes two compositions: fewer may be outlines that rounding
+# has moved.
 MIN_DIFFERING_PIXELS = 20
 
-# Smallest gain of right pixels, as a share of the best composition's, with which images cannot tell
-# a composition from the best: on closed bodies, leaving out the faces toward the viewer leaves the
+# Smallest gain of right pixels, over the best composition's, of its equals: on closed bodies,
+# leaving out the faces toward the viewer leaves the
 # surface nearest to the plate. Two percent leave room for outlines, which rounding moves.
 MIN_ALIKE_FRACTION = 0.98
 
-# Resolutions, over the nominal one, at which pictures may have been drawn before they were enlarged.
+# Resolutions, over the nominal one, of pictures that were enlarged.
 DRAWN_SIZES = (3 / 4, 2 / 3, 1 / 2, 1 / 3, 1 / 4)
 
 # Axes drawn in place of x, y and z.
@@ -96,7 +97,7 @@ EXCHANGED_AXES = (
 # hidden.
 MAX_TRIED_OBJECTS = 12
 
-# Smallest number of claims by which axes, or the apertures of one hogel, are told apart.
+# Smallest number of claims that distinguishes axes, or the apertures of one hogel.
 MIN_PART_CLAIMS = 30
 
 # Largest share of an outlier's wrong pixels that may stay wrong when it is taken for another
@@ -117,9 +118,12 @@ def compositions(
     ways = [
         reduce(lambda made, hypothesis: hypothesis.of(made), way, model)
         for way in COMPOSITIONS
-        if (model.one_camera is None or not any("one_camera" in one.fields for one in way))
+        if (
+            model.one_camera is None
+            or not any("one_camera" in hypothesis.fields for hypothesis in way)
+        )
         # Nor is anything culled where a ray tracer draws.
-        and (model.film == EVEN or not any("culled" in one.fields for one in way))
+        and (model.film == EVEN or not any("culled" in hypothesis.fields for hypothesis in way))
         and (FLAT not in way or reference.scene.surface.vertex_normals is not None)
     ]
     # At least one half is there.
@@ -152,13 +156,13 @@ def compared(
     if (image.object != NOTHING).any() or image.color is None:
         return upright(image.object), [answer.object for answer in answers]
     colors = [colored(scene, way, answer) for way, answer in zip(ways, answers, strict=True)]
-    return upright(image.color), [np.asarray(as_stored(one, image).color) for one in colors]
+    return upright(image.color), [np.asarray(as_stored(color, image).color) for color in colors]
 
 
-def _differing(one: Picture, other: Picture) -> int:
-    if one.ndim == 2:
-        return int(np.count_nonzero(one != other))
-    return int(np.count_nonzero((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1)))
+def _differing(entry: Picture, other: Picture) -> int:
+    if entry.ndim == 2:
+        return int(np.count_nonzero(entry != other))
+    return int(np.count_nonzero((np.abs(entry - other) > COLOR_TOLERANCE).any(axis=-1)))
 
 
 def films(few: TestSet) -> Iterator[Film]:
@@ -169,7 +173,10 @@ def films(few: TestSet) -> Iterator[Film]:
         if not (shown.any() and right.any()):  # black pictures lie nowhere
             continue
         # Neighboring numbers are unrelated: each gets a gray of its own.
-        grays = [one.mean(axis=-1) if one.ndim == 3 else one * 0.618 % 1 for one in (shown, right)]
+        grays = [
+            entry.mean(axis=-1) if entry.ndim == 3 else entry * 0.618 % 1
+            for entry in (shown, right)
+        ]
         down, across = phase_cross_correlation(*grays)[0].astype(int).tolist()
         rolls.append((across, down))
     yield from (Film(rolled=rolled) for rolled in dict.fromkeys(rolls))
@@ -180,7 +187,7 @@ def films(few: TestSet) -> Iterator[Film]:
         if all(image.color is not None for image in few.images):
             yield Film(size=size, smooth=True)
     if not any((image.triangle != NOTHING).any() for image in few.images):
-        # Of triangles, the fit of geometry has tried them.
+        # The fit of geometry has tried them for triangles.
         yield from (Film(angles=angles) for angles in ANGLES)
 
 
@@ -227,7 +234,7 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[Candidate]:
         least = min(float(outside_px(few, way, cap).mean()) for way in ways)
         if least <= MAX_NOISE_PX:
             add(axes, fit_geometry(claims, nominal, simple=True), least)
-    yield from (candidate for *_, candidate in sorted(ranked, key=lambda one: one[:2]))
+    yield from (candidate for *_, candidate in sorted(ranked, key=lambda entry: entry[:2]))
 
 
 def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Candidate]:
@@ -259,8 +266,8 @@ def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Cand
 def with_other_hogels(
     test: TestSet, claims: PixelClaims | None, fits: Sequence[GeometryFit]
 ) -> Iterator[Candidate]:
-    """Yield candidates in which hogels show the images of other apertures, from fits of the cameras."""
-    # Without claims every candidate is drawn: the best one and the nominal one are all that is tried.
+    """Yield candidates in which hogels show images of other apertures."""
+    # Without claims every candidate is drawn: only the best and the nominal one are tried.
     for fit in fits if claims is not None else list(dict.fromkeys((fits[0], fits[-1]))):
         shows = _shown_apertures(test, claims, fit.model)
         if not shows:
@@ -271,7 +278,9 @@ def with_other_hogels(
             Defect(
                 fault=name,
                 value=f"{len(chosen)} hogels",
-                details=tuple((one, tuple(shows[one])) for one in sorted(chosen, key=_by_row)),
+                details=tuple(
+                    (entry, tuple(shows[entry])) for entry in sorted(chosen, key=_by_row)
+                ),
             )
             for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs))
             if chosen
@@ -297,7 +306,7 @@ def _shown_apertures(
             alone.wrong(replace(model, shows=((index, other),)), explained=True) for other in likely
         ]
         if min(left, default=np.inf) <= MAX_LEFT_FRACTION * alone.wrong(model, explained=True):
-            # Images that do not differ where the scene is far away cannot be told apart.
+            # Images of far scenes may not differ: all that are as good are kept.
             limit = min(left) + MAX_LEFT_FRACTION * MIN_OUTLYING_FRACTION * image.triangle.size
             ranked = sorted(zip(left, likely, strict=True))
             shows[index] = [other for count, other in ranked if count <= limit]

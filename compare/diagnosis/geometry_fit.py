@@ -1,8 +1,8 @@
 """Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
-A claim says: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer
+A claim: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer
 shows a triangle only where the triangle projects to. Therefore conventions and geometry can be
-found without knowing which surface is visible: under the right guess every claim holds, under a
+found without the visible surface: under the right candidate every claim holds, under a
 wrong one many fail, each by a distance in pixels. First come the discrete conventions: those under
 which claims fail least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust
 least squares, with as few groups of them off their nominal values as suffice; other sets of groups
@@ -64,8 +64,8 @@ MIN_DEPTH_PER_NEAR = 0.5
 # subpixel bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the
-# intervals. The search tries hundreds of guesses and only ranks them; the fit needs more for its
+# Largest numbers of claims used by the search, by the screening of candidates, by the fit and by the
+# intervals. The search tries hundreds of candidates and only ranks them; the fit needs more for its
 # precision; the intervals are bounded by the few claims nearest to an edge, and are computed once.
 MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = (
     1200,
@@ -74,17 +74,17 @@ MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS
     16000,
 )
 
-# Largest share of claims that may fail under the right guess: damaged pixels, and edges that
-# anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of
+# Largest share of claims that may fail under the right candidate: damaged pixels, and edges that
+# anti-aliasing or rounding has moved. The noise of a candidate is the distance that this share of
 # claims exceeds; a convention that is off by more than a pixel explains no image.
 MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
-# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good,
+# Largest ratio of a simpler candidate's noise to the best candidate's at which the simpler one is as good,
 # and of the noise on few claims to that on all: the comparison has two noises of the same size.
 NOISE_FACTOR = 2.0
 
 # Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
-# left out: ten times the share that may fail under the right guess. And the largest share of the
+# left out: ten times the share that may fail under the right candidate. And the largest share of the
 # hogels that may be left out: a rule that holds in fewer than half of them is no convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
@@ -97,8 +97,7 @@ USUAL_GROUPS, MAX_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS), 4
 ATTRACTION_PX = 1.0
 
 # Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows
-# the same images: a pixel is sampled within itself, and the rest is what a shift must have to be
-# noticed.
+# the same images: a pixel is sampled within itself, and the rest is the smallest named shift.
 MAX_SAMPLING_PX = 0.5 + SMALLEST_SHIFT_PX
 
 # Largest distance from the corner of a hogel at which an aperture counts as being there, in
@@ -118,7 +117,7 @@ UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 SMALLEST_SLOPE_PX = 1e-9
 
 # Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at
-# which offsets are told apart it widens the film by the smallest factor that has a name.
+# which offsets differ visibly it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
 # Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with
@@ -134,7 +133,7 @@ MAX_LENS_RATIO = (
     0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
 )
 Found = list[tuple[RendererModel, tuple[str, ...]]]
-"""Guesses, the preferred one first, each with the names of its groups that were fitted."""
+"""Candidates, the preferred one first, each with the names of its groups that were fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,7 +141,7 @@ class PixelClaims:
     """Pixels and the triangles that they claim to show.
 
     Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved
-    or scaled; triangles lie in the scene as it was asked for.
+    or scaled; triangles lie in the nominal scene.
     """
 
     scene: Scene
@@ -170,7 +169,7 @@ class PixelClaims:
 
 
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
-    """Collect the claims of images at the outlines of triangles, where a small move of the geometry shows.
+    """Collect the claims of images at the outlines of triangles, where small moves show.
 
     From an image that names no triangles the surface points are taken as claims.
     """
@@ -179,13 +178,13 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
         named = (image.triangle >= 0) & (image.triangle < len(scene.faces))
         points = not named.any()
         if points:
-            asked = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
+            stated = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
         else:
             # Pixels that have a neighbor of another triangle or beyond the image's border.
             padded = np.pad(image.triangle, 1, constant_values=NOTHING - 1)
-            beside = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
-            asked = named & np.any([image.triangle != other for other in beside], axis=0)
-        rows, columns = np.nonzero(asked)
+            pair = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
+            stated = named & np.any([image.triangle != other for other in pair], axis=0)
+        rows, columns = np.nonzero(stated)
         if len(rows) > MAX_HOGEL_CLAIMS:
             some = np.random.default_rng(len(rows)).choice(
                 len(rows), MAX_HOGEL_CLAIMS, replace=False
@@ -206,13 +205,13 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
 
 
 def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:
-    """Return the distance by which each pixel's center lies outside its triangle, at most `cap` px, (N,)."""
+    """Return the distance of pixel centers outside their triangles, at most `cap` px, (N,)."""
     _, outside = inside_px(claims, model)
     return np.asarray(np.minimum(outside.min(axis=0), cap))
 
 
 def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats]:
-    """Return signed distances of pixels' centers from their triangles' edges under a guess, and outside.
+    """Return signed distances of pixel centers from their triangles' edges, and outside.
 
     The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N),
     infinite behind the camera.
@@ -239,12 +238,17 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
             distance, depth = -distance, -depth
         else:
             # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a
-            # pencil are affine in the aperture's place along the same axis: two pencils say those
-            # of all.
-            one, other = (model.bundle(scene, aperture, side) for aperture in two)
-            w = side * (one.center[2] - z)
+            # pencil are affine in the aperture's place along the same axis: two pencils determine
+            # all.
+            entry, other = (model.bundle(scene, aperture, side) for aperture in two)
+            w = side * (entry.center[2] - z)
             lines = zip(
-                one.center, other.center, one.shear, other.shear, one.half_extent, strict=False
+                entry.center,
+                other.center,
+                entry.shear,
+                other.shear,
+                entry.half_extent,
+                strict=False,
             )
             x, y = (
                 (side * (p - c - (c1 - c) * a) - (k + (k1 - k) * a) * w) / t
@@ -259,12 +263,12 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
             if model.film == EVEN:
                 values = line_x * u + line_y * v + line_1
             else:
-                across, up = model.film.bent(u, v, one.half_extent)
+                across, up = model.film.bent(u, v, entry.half_extent)
                 values = line_x * across + line_y * up + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
             # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's
-            # plane at the point follows from the same quantities. The determinant's sign says which
-            # side is inside.
+            # plane at the point follows from the same quantities. The determinant's sign marks the
+            # inside.
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
                 depth = volume / values.sum(axis=0) * model.scene_scale
@@ -278,9 +282,9 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
-    """A guess about a renderer that was fitted to claims, with intervals and alternatives."""
+    """A candidate about a renderer that was fitted to claims, with intervals and alternatives."""
 
-    model: RendererModel  # the simplest guess under which the claims hold
+    model: RendererModel  # the simplest candidate under which the claims hold
     # (P,) ends of the intervals of its numbers; the nominal value where a number was not free
     low: Floats
     high: Floats
@@ -289,63 +293,67 @@ class GeometryFit:
     spoiled: frozenset[tuple[int, int]] = (
         frozenset()
     )  # hogels that were left out, as their files are named
-    by_color: bool = False  # whether the guess rests on pictures that were registered,
+    by_color: bool = False  # whether the candidate rests on pictures that were registered,
     by_objects: bool = False  # and whether these name objects, all of them
 
     @property
     def holds(self) -> bool:
-        """Whether the claims hold at all."""
+        """True if the claims hold at all."""
         return self.noise_px <= MAX_NOISE_PX
 
     def unbounded(self, nominal: RendererModel) -> GeometryFit:
-        """Return the guess without intervals of what is off nominal: its numbers were not fitted so."""
-        values, asked = self.model.parameters, nominal.parameters
-        unknown = np.where(values == asked, asked, np.nan)
+        """Return the candidate without intervals of numbers off nominal, which were not fitted."""
+        values, stated = self.model.parameters, nominal.parameters
+        unknown = np.where(values == stated, stated, np.nan)
         return replace(self, low=unknown, high=unknown)
 
 
 def fit_geometry(
     claims: PixelClaims, nominal: RendererModel, *, simple: bool = False
 ) -> GeometryFit:
-    """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
+    """Find the simplest conventions and geometry under which claims of several hogels hold.
 
     A single hogel leaves order and pitch open. `nominal` is the renderer by its author's
     statements. A `simple` fit has a lens and one group of numbers off nominal at most, and is
-    nominal where no such guess holds.
+    nominal where no such candidate holds.
     """
     fitting = _Fitting(scene=claims.scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
-    found: Found = [(nominal, ())]
+    result: Found = [(nominal, ())]
     spoiled: frozenset[tuple[int, int]] = frozenset()
-    # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
+    # Step 1: the nominal candidate is often right or nearly right. The search is skipped where it is.
     if _noise(some, nominal) > SNAP_PX:
-        # Step 2: search the conventions, and try guesses with at most one group off nominal.
+        # Step 2: search the conventions, and try candidates with at most one group off nominal.
         starts = fitting.starts(few)
-        found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
-        found = found or fitting.bent(some, starts)
-        if not found and simple:
-            found = [(nominal, ())]
-        if not found:
+        result = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
+        result = result or fitting.bent(some, starts)
+        if not result and simple:
+            result = [(nominal, ())]
+        if not result:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as
-            # the limit for the simplest guess.
-            freest = fitting.freest(few, [one for one in starts if not _alone(one)])
+            # the limit for the simplest candidate.
+            freest = fitting.freest(few, [start for start in starts if not _alone(start)])
             claims, spoiled = _without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
             freest = fitting.fitted(some, freest, fitting.groups(claims, together=True))
             noise = _noise(some, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
-                alone = [one for one in starts if one.one_camera is not None]
-                found = fitting.simplest(some, [freest, *alone], counts, limit)
-            if not found:
-                # The best guess with at most one group off nominal, to be told where no guess is
+                alone = [start for start in starts if start.one_camera is not None]
+                result = fitting.simplest(some, [freest, *alone], counts, limit)
+            if not result:
+                # The best candidate with at most one group off nominal, reported where none is
                 # good.
                 sets = ((), *((name,) for name in fitting.groups(some)))
-                ways = [(one, free) for free in sets for one in fitting.variants([freest], free)]
-                fits = [(fitting.fitted(some, one, free), free) for one, free in ways]
-                found = [min(fits, key=lambda fit: _misfit(some, fit[0]))]
+                ways = [
+                    (candidate, free)
+                    for free in sets
+                    for candidate in fitting.variants([freest], free)
+                ]
+                fits = [(fitting.fitted(some, candidate, free), free) for candidate, free in ways]
+                result = [min(fits, key=lambda fit: _misfit(some, fit[0]))]
     # Step 4: an interval for each number that is off nominal.
-    (best, free), *others = found
+    (best, free), *others = result
     noise = _noise(some, best)
     determined = _determined(claims.scene, free)
     values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), best, determined, noise)
@@ -385,7 +393,7 @@ def _without_spoiled(
 ) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
     """Return the claims of the hogels in which nearly all hold, and the indices of the others.
 
-    Where most hogels would be left out, the guess is wrong and not the hogels: then all are kept.
+    Where most hogels would be left out, the candidate is wrong and not the hogels: then all are kept.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -398,20 +406,20 @@ def _without_spoiled(
 
 def _alone(model: RendererModel) -> bool:
     """Return whether one camera alone has other numbers, its film being mirrored nowhere."""
-    one = model.one_camera
-    return one is not None and not (one.flip_x or one.flip_y)
+    entry = model.one_camera
+    return entry is not None and not (entry.flip_x or entry.flip_y)
 
 
 def _changes(model: RendererModel) -> tuple[int, int]:
-    """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
-    one = model.one_camera
-    flips = 0 if one is None else 1 + one.flip_x + one.flip_y
+    """Return the sort key of candidates that fit equally well: the plainest has the smallest."""
+    entry = model.one_camera
+    flips = 0 if entry is None else 1 + entry.flip_x + entry.flip_y
     changes = model.orientation.changes + model.order.changes + flips
     return changes, tuple(Recentering).index(model.recentering)
 
 
 def _with_pivots(model: RendererModel) -> list[RendererModel]:
-    """Return a guess with every pivot and fit of its offset cameras."""
+    """Return a candidate with every pivot and fit of its offset cameras."""
     return [
         replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
     ]
@@ -419,13 +427,13 @@ def _with_pivots(model: RendererModel) -> list[RendererModel]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Fitting:
-    """The search for the guess under which claims about a scene hold."""
+    """The search for the candidate under which claims about a scene hold."""
 
     scene: Scene
     nominal: RendererModel
 
     def groups(self, claims: PixelClaims, *, together: bool = False) -> tuple[str, ...]:
-        """Return the groups that claims can determine, one by one or all of them free `together`."""
+        """Return the groups that claims determine, singly or all free `together`."""
         # Claimed points move with the scene, and do not show it; a centered frustum has no
         # projection screen. To move the apertures is to move scene and film.
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
@@ -434,7 +442,7 @@ class _Fitting:
         return tuple(group for group in GROUPS if group not in unseen)
 
     def starts(self, claims: PixelClaims) -> list[RendererModel]:
-        """Return the best few conventions and numbers from which fits start: those that fail least."""
+        """Return the conventions and numbers that fail least, from which fits start."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
         several = len(np.unique(claims.hogel, axis=0)) > 1
@@ -444,10 +452,10 @@ class _Fitting:
             yield from (
                 replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]}
             )
-            for one, part in itertools.product(sides, START_NEARS[4::4]):
-                yield replace(upright, near=reach * part, one_camera=one)
-            for one in FLIPPED:
-                yield replace(upright, one_camera=replace(one, other_near=nominal.near))
+            for entry, part in itertools.product(sides, START_NEARS[4::4]):
+                yield replace(upright, near=reach * part, one_camera=entry)
+            for entry in FLIPPED:
+                yield replace(upright, one_camera=replace(entry, other_near=nominal.near))
             yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
             yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
             if frustum.recentered:
@@ -459,33 +467,47 @@ class _Fitting:
                     yield replace(upright, near=near, recentering=shear)
 
         def ranked(models: Iterable[RendererModel]) -> list[RendererModel]:
-            found = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
-            return [model for *_, model in sorted(found, key=lambda one: one[:2])]
+            result = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
+            return [model for *_, model in sorted(result, key=lambda entry: entry[:2])]
 
         # Step 1: every orientation and order, each with every single other hypothesis.
         orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(frustum.resolution), orders)
-        upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
+        upright = (replace(nominal, orientation=candidate, order=two) for candidate, two in ways)
         tried = ranked(itertools.chain.from_iterable(map(hypotheses, upright)))
         # Step 2: the best conventions, each with all values of near.
         conventions = {
-            (one.orientation, one.order, one.recentering, one.one_camera): one
-            for one in reversed(tried[:6])
+            (
+                candidate.orientation,
+                candidate.order,
+                candidate.recentering,
+                candidate.one_camera,
+            ): candidate
+            for candidate in reversed(tried[:6])
         }
         nears = dict.fromkeys((nominal.near, *(reach * part for part in START_NEARS)))
-        best = ranked(replace(one, near=near) for one in conventions.values() for near in nears)
+        best = ranked(
+            replace(convention, near=near) for convention in conventions.values() for near in nears
+        )
         # Step 3: the best starts, and the best one of each group that was searched.
         plain = [
-            one
-            for one in tried
-            if one.recentering is nominal.recentering and one.one_camera is None
+            candidate
+            for candidate in tried
+            if candidate.recentering is nominal.recentering and candidate.one_camera is None
         ]
         alone = [
-            ranked(replace(plain[0], near=near, one_camera=one) for near in nears)[0]
-            for one in sides
+            ranked(replace(plain[0], near=near, one_camera=camera) for near in nears)[0]
+            for camera in sides
         ]
         of_groups = [
-            next((one for one in tried if getattr(one, name) != getattr(nominal, name)), tried[0])
+            next(
+                (
+                    candidate
+                    for candidate in tried
+                    if getattr(candidate, name) != getattr(nominal, name)
+                ),
+                tried[0],
+            )
             for name in ("scene_scale", "fov", "screen_height")
         ]
         return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain[0], *alone]))
@@ -498,7 +520,7 @@ class _Fitting:
         *,
         roughly: bool = False,
     ) -> RendererModel:
-        """Return a guess with some groups fitted and the others nominal; `roughly` ends at about a pixel."""
+        """Fit some groups of a candidate, the others nominal; `roughly` ends near a pixel."""
         values, index = (
             self.nominal.parameters,
             np.array(_determined(self.scene, free), dtype=np.int64),
@@ -532,17 +554,19 @@ class _Fitting:
         return start.with_parameters(values)
 
     def bent(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> Found:
-        """Return the guess with a lens before the film, and one group off nominal at most, that holds."""
+        """Return the candidate with equal angles and at most one group off nominal that holds."""
         few, films = claims.thinned(MAX_SCREENED_CLAIMS), [Film(angles=angles) for angles in ANGLES]
-        plain = dict.fromkeys(one.with_parameters(self.nominal.parameters) for one in starts)
+        plain = dict.fromkeys(start.with_parameters(self.nominal.parameters) for start in starts)
         tried = [replace(start, film=film) for start, film in itertools.product(plain, films)]
-        least, best = min(((_misfit(few, one), one) for one in tried), key=lambda pair: pair[0])
+        least, best = min(
+            ((_misfit(few, candidate), candidate) for candidate in tried), key=lambda pair: pair[0]
+        )
         if least > MAX_LENS_RATIO * min(_misfit(few, start) for start in starts):
             return []
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:
-        """Return the best guess with everything free, the usual, better conditioned groups first."""
+        """Return the best candidate with all groups free, the better conditioned ones first."""
         groups = self.groups(claims, together=True)
         fits: list[RendererModel] = []
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
@@ -565,7 +589,7 @@ class _Fitting:
         counts: Iterable[int],
         limit_px: float,
     ) -> Found:
-        """Return guesses with the fewest groups off nominal whose noise keeps a limit, preferred first."""
+        """Return candidates with fewest groups off nominal whose noise keeps a limit."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
         passing: dict[object, tuple[tuple[float, ...], RendererModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
@@ -591,23 +615,25 @@ class _Fitting:
                             passing[key] = rank, model, free
             if passing:
                 break
-        found = [
-            (one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])
+        result = [
+            (item, free) for _, item, free in sorted(passing.values(), key=lambda entry: entry[0])
         ]
         # A picture that is mirrored with the other half is the same, and no explanation of its own.
-        turned = {(one.orientation, one.order) for one, _ in found[:1]}
-        return [(one, free) for one, free in found if (one.orientation, one.order) in turned]
+        turned = {(entry.orientation, entry.order) for entry, _ in result[:1]}
+        return [
+            (entry, free) for entry, free in result if (entry.orientation, entry.order) in turned
+        ]
 
     def _rank(
         self, claims: PixelClaims, model: RendererModel, free: tuple[str, ...]
     ) -> tuple[float, ...]:
-        """Return the sort key of a guess: the preferred one, with fewest numbers, has the smallest."""
+        """Return the sort key of a candidate: fewest numbers first, then by preference."""
         off = np.abs(model.parameters - self.nominal.parameters) > smallest_named(self.scene)
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
         preference = sum(PREFERENCE.index(name) for name in free)
-        # Apertures at corners or edges of hogels, half a pitch off center, are what a renderer
-        # rather does.
+        # Apertures at corners or edges of hogels, half a pitch off center, are the likelier
+        # mistakes.
         pitch = np.divide(self.scene.plate.size, self.scene.plate.hogels)
         offset = np.abs(model.aperture_offset)
         at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
@@ -626,7 +652,7 @@ class _Fitting:
     ) -> list[RendererModel]:
         """Return the start values of fits of some groups, taken from the starting points.
 
-        A fault that a starting point states in another group is translated: the freest guess has a
+        A defect that a starting point states in another group is translated: the freest candidate has a
         moved scene in place of moved apertures, may have another pitch in place of another size,
         and may have a part of a moved screen as a shift of the sampling points, or the reverse.
         """
@@ -660,11 +686,11 @@ class _Fitting:
 def _interval(
     claims: PixelClaims, model: RendererModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return middle, lowest and highest values (P,) of a guess under which no claim fails by more than noise.
+    """Return middle, lowest and highest values (P,) under which claims fail by noise alone.
 
     Each claim gives an inequality: the distance of the pixel's center from each edge of its
     triangle, counted inward, is at least zero, rounding and noise allowed. After linearizing, the
-    guesses that satisfy all claims form a convex cell; linear programming finds its extent along
+    candidates that satisfy all claims form a convex cell; linear programming finds its extent along
     each axis. A renderer without a near offset may have one that is too small to be seen, because
     no camera has its near plane in its center: all values are allowed that some such offset allows.
     """
@@ -701,7 +727,7 @@ def _interval(
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
     # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in
     # pixels by which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no
-    # bounds, the solver failed, and said so on standard output, among the JSON.
+    # bounds, the solver failed, and wrote so into the JSON on standard output.
     known = np.where(np.abs(slopes[kept]) < SMALLEST_SLOPE_PX, 0.0, slopes[kept])
     largest = np.abs(known).max(axis=0, initial=0.0)
     largest[largest == 0] = 1.0
@@ -711,9 +737,9 @@ def _interval(
         ends = []
         for sign, end in zip((1.0, -1.0), box[column], strict=True):
             cost = sign * (np.arange(len(moving)) == column)
-            found = linprog(cost, A_ub=scaled, b_ub=room, bounds=limits)
-            bounded = found.status == 0 and abs(found.x[column]) < UNBOUNDED_PX
-            ends.append((found.x[column] / largest[column] if bounded else end) * step)
+            result = linprog(cost, A_ub=scaled, b_ub=room, bounds=limits)
+            bounded = result.status == 0 and abs(result.x[column]) < UNBOUNDED_PX
+            ends.append((result.x[column] / largest[column] if bounded else end) * step)
         low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
         if np.isfinite(ends).all():
             middle[place] = (low[place] + high[place]) / 2

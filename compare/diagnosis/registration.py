@@ -1,4 +1,4 @@
-"""Conventions and geometry from pictures without numbers of triangles: registered with the reference's own.
+"""Registration: conventions and geometry from pictures without triangle numbers.
 
 Orientation and order are found by normalized correlation. The sampling point and the field of view
 are found by moving a finer picture of the reference until its difference from the image is least.
@@ -57,13 +57,13 @@ NEAR_PRECISION = 1e-3
 BLUR_PX = 1.5
 
 # Largest difference in brightness that is taken for a small error. A pixel with a larger one shows
-# another surface, and how much brighter this surface is says nothing about the geometry.
+# another surface, and its brightness is unrelated to the geometry.
 MAX_BRIGHTNESS_DIFFERENCE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pair:
-    """Brightness (H, W) of an image, upright, and a finer and wider picture of the hogel by the reference.
+    """Brightness (H, W) of an upright image, and the reference's finer and wider picture.
 
     The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, another
     one for each hogel: without them, the best shift would always be a whole number of the picture's
@@ -75,7 +75,7 @@ class _Pair:
     offset: Floats
 
     def difference(self, values: Floats, order: int = 1) -> Floats:
-        """Return the reference's picture at the image's pixels with some shift and fov, minus the image."""
+        """Return the reference's picture under some shift and fov, minus the image."""
         fine = []
         for count, total, shift, factor, offset in zip(
             self.image.shape,
@@ -98,7 +98,7 @@ class _Pair:
 def register(
     reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
 ) -> GeometryFit:
-    """Find orientation, order, shift and field of view of pictures, which have colors or name objects.
+    """Find orientation, order, shift and field of view of pictures of colors or objects.
 
     A single hogel leaves order and intervals open. `nominal` is the renderer by its author's
     statements.
@@ -148,7 +148,7 @@ def register(
 
 
 def with_near(test: TestSet, model: RendererModel) -> RendererModel:
-    """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
+    """Return a candidate with the best near offset in place of another film."""
     few, plain = test.few(), replace(model, fov=test.nominal.fov)
     reach = test.reference.scene.frustum.longest_reach
 
@@ -158,10 +158,10 @@ def with_near(test: TestSet, model: RendererModel) -> RendererModel:
     powers = np.log(START_NEARS[1:])
     first = int(np.argmin([wrong(power) for power in powers.tolist()]))
     around = tuple(powers[np.clip((first - 1, first + 1), 0, len(powers) - 1)].tolist())
-    found = minimize_scalar(
+    finest = minimize_scalar(
         wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION}
     )
-    return replace(plain, near=reach * float(np.exp(found.x)))
+    return replace(plain, near=reach * float(np.exp(finest.x)))
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
@@ -201,7 +201,7 @@ def _conventions(
         stored = as_stored(shown, images[0])
         return as_gray(stored if images[0].color is not None else replace(shown, color=None))
 
-    best, found = -np.inf, nominal
+    best, chosen = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
     for order, orientation in itertools.product(
         orders, list(orientations(scene.frustum.resolution))
@@ -216,12 +216,12 @@ def _conventions(
         # Pictures of a symmetric scene agree equally well: the first convention, no change, wins
         # then.
         if agreement > best + 1e-6 * len(images):
-            best, found = agreement, model
-    return found
+            best, chosen = agreement, model
+    return chosen
 
 
 def _start(pairs: Sequence[_Pair]) -> Floats:
-    """Return the start values of shift (columns, rows) and fov (x, y), the shift by phase correlation."""
+    """Return start values of shift (columns, rows), by phase correlation, and fov (x, y)."""
     nominal = np.array([0.0, 0.0, 1.0, 1.0])
     moved = [
         phase_cross_correlation(
@@ -238,7 +238,7 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
 
 
 def _per_px(pairs: Sequence[_Pair]) -> Floats:
-    """Return by how much shift and fov change where the borders of the picture move by a pixel, (4,)."""
+    """Return the changes of shift and fov that move the picture's borders by a pixel, (4,)."""
     height, width = pairs[0].image.shape
     return 1 / np.array([1.0, 1.0, width / 2, height / 2])
 
@@ -254,7 +254,7 @@ def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
-    """Return shift and fov (4,) at which fewest pixels show another surface, from a start nearly right.
+    """Return shift and fov (4,) at which fewest pixels show another surface, from a near start.
 
     The search needs no derivatives, which discontinuous outlines do not have, and does not
     interpolate between surfaces.
@@ -271,7 +271,7 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
 
 
 def _least_units(errors: Callable[[Floats], Floats], count: int, trials: int) -> Floats:
-    """Return the numbers (count,) near zero at which errors are least, with derivatives by steps of one."""
+    """Return the numbers (count,) near zero of least errors, with derivatives by unit steps."""
 
     def slopes(units: Floats) -> Floats:
         return np.stack(
@@ -283,7 +283,7 @@ def _least_units(errors: Callable[[Floats], Floats], count: int, trials: int) ->
 
 
 def _closest_units(different: Callable[[Floats], float], count: int, trials: int) -> Floats:
-    """Return the numbers (count,), in pixels, near zero at which a difference without slopes is least."""
+    """Return the numbers (count,), pixels, near zero of least difference, without slopes."""
     simplex = np.vstack([np.zeros(count), DERIVATIVE_STEP_PX * np.eye(count)])
     settings = {
         "initial_simplex": simplex,
@@ -297,7 +297,7 @@ def _closest_units(different: Callable[[Floats], float], count: int, trials: int
 
 
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
-    """Return half the width of the intervals by the jackknife over hogels; infinite for too few of them."""
+    """Return half the interval widths by the jackknife over hogels; infinite for too few."""
     count = len(pairs)
     if count < MIN_INTERVAL_HOGELS:
         return np.full(4, np.inf)

@@ -37,8 +37,8 @@ larger part unexplained.
 # one camera or object that is blamed on all of them spoils right pixels.
 MAX_SPOILED_FRACTION = 0.02
 
-# Largest number of tested hogels, spread over the sample. Each has thousands of pixels: the share of
-# one hogel is that of all within a few percent.
+# Largest number of tested hogels, spread over the sample. Each has thousands of pixels: one hogel
+# has the share of all within a few percent.
 MAX_TESTED_HOGELS = 9
 
 # Smallest surplus of pixels that a defect makes right over those that it makes wrong, in standard
@@ -72,7 +72,7 @@ class TestSet:
     masks: dict[tuple[RendererModel, bool], Mask] = field(default_factory=dict, repr=False)
 
     def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> TestSet:
-        """Return the test set of other images of the same renderer, perhaps judged by other rules."""
+        """Return the test set of other images of the renderer, perhaps with other rules."""
         return replace(self, images=images, judging=judging or self.judging, masks={})
 
     def few(self) -> TestSet:
@@ -98,13 +98,13 @@ class TestSet:
 
     @property
     def infeasible(self) -> bool:
-        """Whether most of the shown pixels are wrong; false where images show nothing."""
+        """True if most of the shown pixels are wrong; false where images show nothing."""
         speaking = np.array([shows(image) for image in self.tested])
         shown = int(self._covered[speaking].sum()) if speaking.any() else 0
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def mask(self, model: RendererModel, *, explained: bool = False) -> Mask:
-        """Return the wrong pixels (N, H, W) of a candidate; if `explained`, those without a cause."""
+        """Return a candidate's wrong pixels (N, H, W); if `explained`, without a cause."""
         if (model, explained) not in self.masks:
             pairs = [
                 wrong_pixels(self.reference, model, image, self.judging, explained=explained)
@@ -117,7 +117,7 @@ class TestSet:
         return self.masks[model, explained]
 
     def wrong(self, model: RendererModel, *, explained: bool = False) -> int:
-        """Return the number of wrong pixels of a candidate; if `explained`, without a known cause."""
+        """Count a candidate's wrong pixels; if `explained`, without a known cause."""
         return int(self.mask(model, explained=explained).sum())
 
     def outlying(self, model: RendererModel) -> bool:
@@ -132,7 +132,8 @@ class TestSet:
     def share(self, model: RendererModel) -> float | None:
         """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
 
-        A pixel is explained if it is wrong by the nominal model, and right by the candidate or wrong
+        A pixel is explained if it is wrong by the nominal model, and right by the candidate or
+        wrong
         by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes wrong
         count against it. The smaller of the shares among all pixels and among those in which images
         show something counts: a candidate under which nothing is visible explains black pixels, but
@@ -157,14 +158,14 @@ class TestSet:
 
     def spares(self, model: RendererModel) -> bool:
         """Return whether right pixels of the nominal model stay right, rounding excused."""
-        # Only triangle numbers tell rounding from errors; of other images the share alone decides.
+        # Only triangle numbers separate rounding from errors; else the share alone decides.
         named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
         before, after = self.mask(self.nominal)[named], self.mask(model)[named]
         spoiled = self.mask(model, explained=True)[named] & ~before
         return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
 
     def pays(self, model: RendererModel, simpler: RendererModel | None = None) -> bool:
-        """Return whether a candidate makes more pixels right than a simpler one, or the nominal one."""
+        """Return whether a candidate gains pixels over a simpler one, or the nominal one."""
         mine, other = self.mask(model), self.mask(simpler or self.nominal)
         gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
         return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
@@ -181,8 +182,8 @@ class TestSet:
 
     def joint_groups(self, model: RendererModel) -> tuple[str, ...]:
         """Return the groups of numbers of which none makes pixels right without the others."""
-        # Groups are added to the candidate's conventions one after another, each the one that mends
-        # most; groups that are left when none of them pays explain only together.
+        # Groups are added to the candidate's conventions one after another, each time the best one;
+        # groups that are left when none of them pays explain only together.
         known = model.with_parameters(self.nominal.parameters)
         left = {name: {field_of(name): getattr(model, field_of(name))} for name in GROUPS}
         left = {name: group for name, group in left.items() if replace(known, **group) != known}

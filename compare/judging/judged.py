@@ -1,7 +1,7 @@
 """One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
 
-The arithmetic is that of `xfrustum.compare.metrics`. `compare_images` has a truth and an image that
-answer the same question, name surfaces and say where these lie. A foreign image may be turned, may
+The arithmetic is the same as in `xfrustum.compare.metrics`. `compare_images` has a truth and an
+image of the same question, with surfaces and their points. A foreign image may be turned, may
 name triangles that do not exist, or show colors alone, and its question may be two offset cameras,
 which see the plate, and of which the front one covers the other. Here colors are right or wrong
 within a tolerance; there their error is measured.
@@ -67,16 +67,18 @@ OFFSET_DEPTH = DepthFormat.D24, DepthMapping.STANDARD
 CENTERED_DEPTH = DepthFormat.D32F, DepthMapping.REVERSED
 
 NEAR_PLANE_PER_REACH = 1e-6
-"""Near plane of a camera that stands in the aperture, as a part of the reach: such a camera has none, but
-depths are stored relative to one."""
+"""Near plane, as a part of the reach, to which depths of a camera in the aperture are stored."""
 
 MAX_MISSING_OUTLINES = 0.1
-"""Largest share of the truth's outlines that a right picture in another shading may lack. Two grays drawn
-from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %, of all pairs."""
+"""Largest share of the truth's outlines that a right picture in another shading may lack.
+
+Two grays drawn from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %,
+of
+all pairs.
+"""
 
 MIN_SHADING_RATIO = 2.0
-"""Smallest ratio of the variation of brightness that is unexplained by normals of a wrong composition to that
-of the right one at which a picture's shading tells them apart."""
+"""Smallest ratio of unexplained brightness variation, wrong composition over right one."""
 
 COMPOSITIONS: tuple[dict[str, Any], ...] = (
     {"front": Front.MISSING},
@@ -84,7 +86,7 @@ COMPOSITIONS: tuple[dict[str, Any], ...] = (
     {"back": Back.MISSING},
     {"back": Back.FARTHEST},
 )
-"""Ways to put the halves together that a picture must be told from, to be right."""
+"""Wrong compositions that a right picture must differ from."""
 
 COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
@@ -93,17 +95,15 @@ class MeasuredBy(StrEnum):
     """Means by which a displacement was measured."""
 
     POINTS = "surface points"
-    """The surface point of each pixel; where a pixel's line misses the triangle that it names, the point of
-    that triangle drawn nearest to it."""
+    """Surface point of each pixel, else the point of its triangle drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
-    """The truth has too few outlines to be registered. Colors are then judged by wrong pixels alone; an image
-    without colors and points shows nothing by which it could be judged."""
+    """Too few outlines to register: only colors are judged, by wrong pixels."""
     NOTHING = "nothing"  # The displacement cannot be known
 
 
 def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> int:
-    """Return the largest number of pixels that a `COMPOSITIONS` makes wrong and outlines do not tell."""
+    """Return the most pixels that a composition makes wrong and outlines do not show."""
     scene, answer, worst = reference.scene, seen.answer, 0
     outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
     aperture, known = answer.camera.aperture, pictures.Layers()
@@ -119,11 +119,11 @@ def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> i
             reference, aperture, pictures.drawn(reference, model, aperture, known)
         )
         wrong = seen.shown & wrong_surfaces(reference, question, answer, other, placed=True).wrong
-        told = (other.covered != answer.covered).sum() > wrong.sum() / 2
+        text = (other.covered != answer.covered).sum() > wrong.sum() / 2
         missing = int(missing_outlines(outlines, true_outlines(scene, other)).sum())
-        told |= alone * missing > MAX_MISSING_OUTLINES * count
+        text |= alone * missing > MAX_MISSING_OUTLINES * count
         left = [unlike_shading(scene, shown, seen.upright, wrong) for shown in (answer, other)]
-        if not told and MIN_SHADING_RATIO * left[0] >= left[1]:
+        if not text and MIN_SHADING_RATIO * left[0] >= left[1]:
             worst = max(worst, int(wrong.sum()))
     return worst
 
@@ -132,9 +132,9 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     """Return how far the outlines of an image have moved, and what that was measured by.
 
     Labels of which no judged pixel differs have the answer's outlines: they have moved by
-    0. So have colors with the answer's contrast to the last bit. Registration would say less,
-       because few or
-    straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are
+    0. So have colors with the answer's contrast to the last bit. Registration would measure less:
+    few or straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance
+    are
     registered, for a dim outline may have moved within it. An answer without an outline, such as
     soft shading, has nothing that could be seen to move, and what moves into the film from outside
     is wrong pixels.
@@ -160,7 +160,7 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     # judge by.
     if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
-    same = all(np.array_equal(one, other) for one, other in zip(expected, shown, strict=True))
+    same = all(np.array_equal(entry, other) for entry, other in zip(expected, shown, strict=True))
     if not differs.any() and (same or by not in COLOR_ONLY):
         return Spread.from_values(np.zeros(1)), MeasuredBy.OUTLINES
     spread = outline_displacement(expected, shown)
@@ -170,7 +170,7 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
 def foreign_cameras(
     scene: Scene, model: RendererModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
-    """Return C and C* of a renderer, which may have drawn anything, and may clip at their films' borders."""
+    """Return C and C* of a renderer, which may clip at their films' borders."""
     # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any
     # ratio.
     depth, mapping = (
@@ -189,22 +189,22 @@ def foreign_cameras(
 
 
 class Compared(StrEnum):
-    """What pictures that name no surfaces are judged by."""
+    """Property by which pictures without surfaces are judged."""
 
     COLOR = "color"  # Colors, within a tolerance
     GEOMETRY = "geometry"
-    """Where they show something, and whether outlines have an edge: shading is the renderer's own."""
+    """Shown pixels, and edges along outlines: shading is the renderer's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judging:
-    """Property that images are compared by, and the difference of colors beyond which they are wrong."""
+    """Property by which images are compared, and the tolerance of colors."""
 
     compared: Compared = Compared.COLOR
     color_tolerance: float = pictures.COLOR_TOLERANCE
     device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
-    # The curve through which pictures are read, if not the stated one. A level of what they store
-    # is a larger difference than the tolerance where the curve is steep: half of it is lost by each
+    # The curve through which pictures are read, if not the stated one. A stored level is a larger
+    # difference than the tolerance where the curve is steep: half of it is lost by each
     # rounding.
     transfer: Transfer | None = None
 
@@ -230,7 +230,7 @@ SURFACES = "wrong surfaces"
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceFigures:
-    """Pixels that show the wrong surface, their share, and those of them that show what belongs outside."""
+    """Pixels that show the wrong surface, their share, and surfaces from outside the film."""
 
     wrong: int
     fraction: float
@@ -243,8 +243,7 @@ class OutlineFigures:
 
     They are `missing` where any shading would show the outline (`seen_outlines`), and else
     `unknown`. `untold` is the largest number of pixels that a missing half or a reversed depth test
-    would make wrong with hardly an outline out of its place: what the outlines of this film cannot
-    tell from the truth.
+    would make wrong with hardly an outline out of its place.
     """
 
     shown: int
@@ -262,30 +261,30 @@ class ColorFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelNumbers:
-    """How one image differs from what a question asks for, as it is written."""
+    """Numbers of the difference of one image from a model's answer, as written."""
 
     shown: int  # judged pixels where image or answer shows a surface
     by: str  # what `wrong` counts: triangle, object, color, outlines, or coverage
     wrong: int  # shown pixels that differ in it
     fraction: float
-    surface: SurfaceFigures | None  # None where the image does not say surfaces
+    surface: SurfaceFigures | None  # None where the image names no surfaces
     invalid: int  # shown pixels that name a triangle or an object which the scene does not have
     displacement_px: Spread | None  # None where it cannot be known
     displacement_by: MeasuredBy
     radiance: (
         ColorFigures | None
     )  # None where the image lacks surfaces or colors, or these are not compared
-    causes: dict[str, int] | None  # wrong pixels by cause; None where that was not asked
-    outlines: OutlineFigures | None = None  # None where outlines are not what is compared
+    causes: dict[str, int] | None  # wrong pixels by cause; None if not classified
+    outlines: OutlineFigures | None = None  # None where outlines are not compared
 
     @property
     def blind(self) -> bool:
-        """Whether nothing that such an image could show would be wrong."""
+        """True if such an image could show nothing wrong."""
         return self.by != "color" and self.displacement_by is MeasuredBy.NO_OUTLINES
 
     @property
     def limited(self) -> int:
-        """The count that a limit on wrong pixels is compared with: surfaces, where the image tells them."""
+        """Number of wrong pixels that is limited: surfaces, where the image names them."""
         return self.wrong if self.surface is None else self.surface.wrong
 
     @property
@@ -312,8 +311,8 @@ class Figures:
     claimed: int  # shown pixels where the image shows something
     cause_masks: Causes | None
     answer: HogelImage  # what should be shown,
-    image: HogelImage  # and what is, as the question turns it
-    error: Mask  # (H, W) wrong surface or color, or other in `by` where the image says no surfaces
+    image: HogelImage  # and the image, upright
+    error: Mask  # (H, W) wrong surface or color, or another `by` without surfaces
 
     @property
     def rounded(self) -> int:
@@ -335,10 +334,10 @@ def judge(
     *,
     explained: bool = False,
 ) -> Figures:
-    """Compare an image with what a question asks for; `RendererModel()` asks for the true crossed frustum.
+    """Compare an image with a model's answer; `RendererModel()` is the true crossed frustum.
 
-    Image and surface points (H, W, 3), those of `shown_points`, are as found; the image's camera is
-    that of the aperture that its file is named after. Causes are found if `explained`, which needs
+    Image and surface points (H, W, 3) of `shown_points` are as decoded; the image's camera stands
+    in the aperture of its file's name. Causes are found if `explained`, which needs
     triangle numbers.
     """
     reference = pictures.drawn_scene(reference, question)
@@ -367,7 +366,7 @@ def judge(
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
         length = lengths(_shifts(scene, question, seen))
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
-        # What most pixels do not say, the others do not say for them.
+        # A minority of pixels does not stand for all.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
             spread, measured_by = Spread.from_values(length[known]), MeasuredBy.POINTS
     else:
@@ -409,7 +408,7 @@ def wrong_pixels(
 ) -> tuple[Mask, Mask]:
     """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
 
-    Unless `explained`, rounding is not asked about, and both are the same. Points without numbers
+    Unless `explained`, causes are not classified, and both are the same. Points without numbers
     are wrong where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
     reference = pictures.drawn_scene(reference, question)
@@ -429,7 +428,7 @@ def wrong_pixels(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Compared:
-    """An image, upright, beside what a question asks for, and where (H, W) the two differ."""
+    """An upright image, the model's answer, and the pixels (H, W) that differ."""
 
     answer: HogelImage
     upright: HogelImage
@@ -448,7 +447,7 @@ class _Compared:
         points: Floats,
         judging: Judging,
     ) -> _Compared:
-        """Turn an image as a question does, and compare it as that of the aperture which it answers for."""
+        """Turn an image upright, and compare it with the answer of its aperture."""
         scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
         answer = pictures.trace_drawn(reference, question, aperture)
@@ -463,7 +462,7 @@ class _Compared:
             color=None if image.color is None else upright(image.color),
             uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
         )
-        # One that shows no surface at all is judged by what it could have.
+        # An image without any surface is judged by the property that it could have.
         by = "triangle"
         if not (image.triangle != NOTHING).any():
             if (image.object != NOTHING).any():
@@ -485,7 +484,7 @@ class _Compared:
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
                 outlines = true_outlines(scene, answer)
-                # What the answer itself does not show, such as an edge between equal grays, may be
+                # Outlines that the answer itself does not show, as between equal grays, may be
                 # absent.
                 absent = missing_outlines(outlines, contrast(turned)) & shown
                 missing = absent & (strongest_steps(seen_outlines(scene, answer, outlines)) > 0)
@@ -538,19 +537,19 @@ def wrong_surfaces(
     known = pointed & covered_by(image)
     wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
     if question.film != EVEN:
-        # No camera's lines are those of such a film: the triangle itself is compared.
+        # No camera has the lines of such a film: triangles are compared.
         wrong |= image.triangle != answer.triangle
         return SurfaceErrors(wrong=wrong, outside=np.zeros_like(wrong))
     sides = [(0, known & (image.height != plate))]
     if not question.one_pencil:
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     outside = np.zeros_like(wrong)
-    for side, asked in sides:
+    for side, stated in sides:
         outside |= outside_film(
-            asked, image, scene, unflipped(question.bundle(scene, aperture, side))
+            stated, image, scene, unflipped(question.bundle(scene, aperture, side))
         )
     wrong |= outside
-    for side, asked in sides if question.plain else ():
+    for side, stated in sides if question.plain else ():
 
         def hides(points: SurfacePoints, side: int = side) -> Mask:
             bundle = unflipped(question.bundle(scene, aperture, side))
@@ -565,9 +564,9 @@ def wrong_surfaces(
             with np.errstate(invalid="ignore"):
                 return np.asarray(behind | (on_film & (answer.height[row, column] > plate)))
 
-        wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
+        wrong |= hidden_pixels(stated & ~wrong, image, scene, hides)
         if placed:
             lines = unflipped(question.bundle(scene, aperture, side))
             hidden = partial(reference.hidden_from, lines)
-            wrong |= floating_pixels(asked & ~wrong, answer, image, lines, hidden)
+            wrong |= floating_pixels(stated & ~wrong, answer, image, lines, hidden)
     return SurfaceErrors(wrong=wrong, outside=outside)

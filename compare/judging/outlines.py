@@ -1,4 +1,4 @@
-"""Outlines of pictures in any shading: where they run, which are missing, and how far they have moved.
+"""Outlines of pictures in any shading: course, gaps and displacement.
 
 An outline runs between two neighboring pixels, and the place between them is called a step.
 Displacement is measured by registration: the steps of the truth's outlines are moved by every whole
@@ -20,8 +20,8 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-# Largest displacement that is searched, along each axis: what has moved farther has no peak among
-# 17 by 17.
+# Largest displacement that is searched, along each axis: larger displacements have no peak among 17
+# by 17.
 MAX_DISPLACEMENT_PX = 8
 
 # Smallest number of steps from which a displacement is taken. A peak is an accident where by chance
@@ -41,10 +41,10 @@ MAX_STEPS, STEPS_PER_TILE, MAX_TILES_PER_SIDE = 4000, 300, 4
 # `MIN_STEPS` steps (1.16 with half as many), which leaves as much again for noise of other kinds.
 MIN_PEAK_RATIO = 1.3
 
-# Smallest ratio to the peak at which the contrast of another displacement cannot be told from it,
-# as along a straight outline; the smallest of such displacements is taken. Rounding to 8 bits moves
+# Smallest ratio to the peak at which another displacement is as good, as along a straight outline;
+# the smallest of such displacements is taken. Rounding to 8 bits moves
 # the contrast of one step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of
-# the largest that counts; that of the mean of `MIN_STEPS` is 0.25 %. The largest and the smallest
+# the largest that counts; the mean of `MIN_STEPS` has 0.25 %. The largest and the smallest
 # of 17 displacements along an outline then differ by 3.6 standard deviations, 0.9 %, on the
 # average; twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
@@ -54,16 +54,16 @@ EQUAL_PEAK_RATIO = 0.98
 OUTLINE_TOLERANCE_PX = 1
 
 # Smallest difference between two neighboring pixels that is an edge, of the square root of the
-# radiance, which is nearly what a display encodes: 8 bits and dithering move one brightness by at
+# radiance, nearly the encoding of displays: 8 bits and dithering move one brightness by at
 # most 2 steps on either side. And the contrast beyond which one edge counts no more than another.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
 Steps = tuple[Floats, Floats]
-"""A quantity between neighboring pixels: (H, W - 1) between the columns and (H - 1, W) between the rows."""
+"""A quantity between neighboring pixels: (H, W - 1) of columns and (H - 1, W) of rows."""
 
 
 def steps_of(values: NDArray[np.generic]) -> Steps:
-    """Return absolute differences of neighboring pixels of numbers (H, W); of labels, 1 where they differ."""
+    """Return absolute differences of neighboring numbers (H, W); of labels, 1 where unequal."""
     if np.issubdtype(values.dtype, np.floating):
         return np.abs(np.diff(values, axis=1)), np.abs(np.diff(values, axis=0))
     across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
@@ -71,7 +71,7 @@ def steps_of(values: NDArray[np.generic]) -> Steps:
 
 
 def contrast(image: HogelImage, most: float = np.inf) -> Steps:
-    """Return a picture's contrast as it is seen: differences of the square root of its mean radiance."""
+    """Return a picture's visible contrast: differences of the root of its mean radiance."""
     assert image.color is not None
     gray = np.nan_to_num(image.color.astype(np.float64), posinf=1.0, neginf=0.0).mean(axis=-1)
     across, down = steps_of(np.sqrt(np.clip(gray, 0.0, 1.0)))
@@ -79,18 +79,18 @@ def contrast(image: HogelImage, most: float = np.inf) -> Steps:
 
 
 def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
-    """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
+    """Return 1 along outlines of objects or of their parts, else 0."""
     # The normals of triangles decide whether neighboring points lie on one surface.
-    found = contours(replace(answer, normal=_normals(scene, answer)))
-    chosen = found.kind != Kind.SEAM
+    result = contours(replace(answer, normal=_normals(scene, answer)))
+    chosen = result.kind != Kind.SEAM
     first, second = (
-        np.minimum(found.front, found.back)[chosen],
-        np.maximum(found.front, found.back)[chosen],
+        np.minimum(result.front, result.back)[chosen],
+        np.maximum(result.front, result.back)[chosen],
     )
     across, down = np.zeros(answer.triangle.shape), np.zeros(answer.triangle.shape)
-    beside = second - first == 1
-    across.flat[first[beside]] = 1.0
-    down.flat[first[~beside]] = 1.0
+    pair = second - first == 1
+    across.flat[first[pair]] = 1.0
+    down.flat[first[~pair]] = 1.0
     return across[:, :-1], down[:-1]
 
 
@@ -124,7 +124,7 @@ def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
 
 
 def _normals(scene: Scene, answer: HogelImage) -> Floats:
-    """Return the normals (H, W, 3) of the triangles that an image shows, NaN where it shows none."""
+    """Return the normals (H, W, 3) of an image's triangles, NaN without one."""
     normals = scene.normals.take(answer.triangle, axis=0, mode="clip")
     return np.where((answer.triangle == NOTHING)[..., None], np.nan, normals)
 
@@ -132,8 +132,8 @@ def _normals(scene: Scene, answer: HogelImage) -> Floats:
 def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
     """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
 
-    What diffuse light makes of a normal is a polynomial of its coordinates of the second degree,
-    nearly (Ramamoorthi and Hanrahan, 2001); light at the camera, one of its cosine. Each object has
+    Diffuse light is nearly a polynomial of the second degree of the normal (Ramamoorthi and
+    Hanrahan, 2001); light at the camera, one of its cosine. Each object has
     its own.
     """
     assert picture.color is not None
@@ -170,31 +170,31 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 
     def moved(chosen: Mask) -> tuple[float, float] | None:
         some = places[chosen], axis[chosen], weights[chosen]
-        found = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
-        if found is None or max(map(abs, found)) <= 0.5:
-            return found
+        result = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
+        if result is None or max(map(abs, result)) <= 0.5:
+            return result
         # A tile of dim outlines beside a strong one has more contrast at the strong one, however
         # right the picture is. So what does not even register with itself, within half a pixel,
         # measures nothing.
         own = _peak(*some, expected)
-        return found if own is not None and max(map(abs, own)) <= 0.5 else None
+        return result if own is not None and max(map(abs, own)) <= 0.5 else None
 
     whole = moved(np.ones(len(places), dtype=np.bool_))
     if whole is None:
         return None
-    found = [whole]
+    displacements = [whole]
     side = int(np.clip(np.sqrt(len(places) / STEPS_PER_TILE), 1, MAX_TILES_PER_SIDE))
     tile = places * side // (len(expected[0]), expected[1].shape[1])
     for number in range(side * side) if side > 1 else ():
         of_tile = moved(tile[:, 0] * side + tile[:, 1] == number)
-        found += [] if of_tile is None else [of_tile]
-    return Spread.from_values(np.hypot(*np.array(found).T))
+        displacements += [] if of_tile is None else [of_tile]
+    return Spread.from_values(np.hypot(*np.array(displacements).T))
 
 
 def _peak(
     places: Indices, axis: Indices, weights: Floats, shown: Steps
 ) -> tuple[float, float] | None:
-    """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
+    """Return the displacement (rows, columns) of most contrast; None if none stands out."""
     reach = MAX_DISPLACEMENT_PX
     scores = counted = np.zeros((2 * reach + 1, 2 * reach + 1))
     moves = np.indices(scores.shape)[:, None]
@@ -212,7 +212,7 @@ def _peak(
     row, column = alike[np.argmin(np.square(alike - reach).sum(axis=1))].tolist()
 
     def between(three: Floats) -> float:
-        """Return where a parabola through a peak and its two neighbors is highest, from -0.5 to 0.5."""
+        """Return the vertex of a parabola through a peak and its neighbors, -0.5 to 0.5."""
         before, here, after = three.tolist() if len(three) == 3 else (0.0, 0.0, 0.0)
         bend = before - 2 * here + after
         return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0

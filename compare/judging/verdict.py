@@ -1,7 +1,7 @@
 """The verdict engine: figures of hogel images, and the limits that they keep or exceed.
 
 `verify` and the conformance suite judge by it: `judge_images` returns the verdict on decoded images
-by what a model draws. Sentences about verdicts are made in `xfrustum.reports.verification.words`.
+by a model. Sentences about verdicts are made in `xfrustum.reports.verification.words`.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Limits:
             )
 
     def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
-        """Compare an image's figures with the limits (`compare.beyond`), some wrong pixels `excused`.
+        """Compare figures with the limits (`compare.beyond`), some wrong pixels `excused`.
 
         Shares are of the shown pixels, so that an empty film excuses nothing; but a single pixel is
         no share, unless none may be wrong. Images that show nothing need no displacement, nor do
@@ -169,13 +169,13 @@ class Hogel:
 
     @property
     def passed(self) -> bool:
-        """Whether it is there and keeps to every limit."""
+        """True if it is there and keeps to every limit."""
         return self.verdict is Outcome.PASS
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlateNumbers:
-    """Numbers of all judged hogels together, as they are written; see `HogelNumbers`."""
+    """Numbers of all judged hogels together; see `HogelNumbers`."""
 
     hogels: int
     by: str
@@ -192,29 +192,35 @@ class PlateNumbers:
     @classmethod
     def from_hogels(cls, figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
         """Return the figures of all hogels together, None where there are none."""
-        known = [one for one in figures if one is not None]
+        known = [figure for figure in figures if figure is not None]
         if not known:
             return None
-        shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
-        spreads = [one.displacement_px.p99 for one in known if one.displacement_px]
-        colored = [one.radiance.wrong for one in known if one.radiance]
-        causes = [one.causes for one in known if one.causes]
+        shown, wrong = (
+            sum(numbers.shown for numbers in known),
+            sum(numbers.wrong for numbers in known),
+        )
+        spreads = [numbers.displacement_px.p99 for numbers in known if numbers.displacement_px]
+        colored = [numbers.radiance.wrong for numbers in known if numbers.radiance]
+        causes = [numbers.causes for numbers in known if numbers.causes]
         surface = None
-        if surfaces := [one.surface for one in known if one.surface]:
-            bad, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
+        if surfaces := [numbers.surface for numbers in known if numbers.surface]:
+            bad, outside = (
+                sum(surface.wrong for surface in surfaces),
+                sum(surface.outside for surface in surfaces),
+            )
             surface = SurfaceFigures(wrong=bad, fraction=bad / max(shown, 1), outside=outside)
         return cls(
             hogels=len(known),
-            by=" or ".join(sorted({one.by for one in known})),
+            by=" or ".join(sorted({numbers.by for numbers in known})),
             shown=shown,
             wrong=wrong,
             fraction=wrong / shown if shown else 0.0,
             surface=surface,
-            invalid=sum(one.invalid for one in known),
+            invalid=sum(numbers.invalid for numbers in known),
             displacement_px={"worst_p99": max(spreads)} if spreads else None,
-            displacement_by=" or ".join(sorted({one.displacement_by for one in known})),
+            displacement_by=" or ".join(sorted({numbers.displacement_by for numbers in known})),
             radiance=ColorFigures(wrong=sum(colored)) if colored else None,
-            causes={name: sum(one[name] for one in causes) for name in causes[0]}
+            causes={name: sum(cause[name] for cause in causes) for name in causes[0]}
             if causes
             else None,
         )
@@ -229,7 +235,7 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Whether every hogel is there and keeps to the limits."""
+        """True if every hogel is there and keeps to the limits."""
         return all(hogel.passed for hogel in self.hogels)
 
     @property
@@ -243,11 +249,11 @@ class Verdict:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """The worst hogel's check of each figure: limits are for every hogel, not for their mean."""
+        """Worst hogel's check of each figure: limits hold for every hogel."""
         worst: dict[str, Check] = {}
         for check in (check for hogel in self.hogels for check in hogel.checks):
             known = worst.get(check.figure, check)
-            worst[check.figure] = max(known, check, key=lambda one: one.badness)
+            worst[check.figure] = max(known, check, key=lambda entry: entry.badness)
         return tuple(worst.values())
 
     @property
@@ -269,7 +275,7 @@ def judge_images(
     *,
     excuse_rounding: bool = False,
 ) -> Verdict:
-    """Judge decoded hogel images by what a model draws, and return the verdict by some limits.
+    """Judge decoded hogel images by a model, and return the verdict by some limits.
 
     `RendererModel()` draws the true crossed frustum. Wrong pixels have causes in `as_found.causes`;
     with `excuse_rounding`, pixels that rounding explains count as right.

@@ -19,7 +19,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 DISTANCES_PX = (1.5, 4.5)
-"""Ends of the ranges of distance: a neighbor of an outline, as rounding moves it, and its surroundings."""
+"""Ends of the ranges of distance, px: neighbors of an outline, and its surroundings."""
 
 Places = dict[str, tuple[int, int]]
 """Numbers of wrong pixels and of pixels where image or truth shows something, by place."""
@@ -53,11 +53,11 @@ def places_of(figures: Figures) -> Places:
 
 
 def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
-    """Return wrong pixels, of the shown ones, of all hogels by place; None where nothing is wrong."""
+    """Return wrong and shown pixels of all hogels by place; None where none is wrong."""
     wrong, shown = Counter[str](), Counter[str]()
     for aperture, places in hogels:
         sides = [count for name, count in places.items() if name.startswith("side/")]
-        total = (sum(one for one, _ in sides), sum(one for _, one in sides))
+        total = (sum(camera for camera, _ in sides), sum(camera for _, camera in sides))
         lines = {f"row/{aperture.row}": total, f"column/{aperture.column}": total}
         for name, (bad, of) in (places | lines).items():
             wrong[name] += bad
@@ -65,7 +65,7 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
     if not any(wrong.values()):
         return None
     shares: dict[str, Any] = {}
-    for name in sorted(shown, key=lambda one: (one.split("/")[0], shown[one] == 0)):
+    for name in sorted(shown, key=lambda entry: (entry.split("/")[0], shown[entry] == 0)):
         group, place = name.split("/")
         if group == "object":
             place = f"{place} ({PurePath(scene.objects[int(place)].name).stem})"

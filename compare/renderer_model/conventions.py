@@ -1,4 +1,4 @@
-"""Conventions of a renderer: the names of those that its author may declare, and the symmetries of grids."""
+"""Conventions that a renderer's author may declare, and the symmetries of grids."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
 """Conventions that a renderer's author may declare, so that images are judged by them."""
 
 ENCODING = "encoding"
-"""Name under which `accept` takes all faults of encoding; lost numbers cannot be accepted."""
+"""Name under which `accept` takes all defects of encoding; lost numbers cannot be accepted."""
 
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
 
-# What was done to an upright picture, and how apertures are counted: by transpose, flip_x, flip_y.
+# Codes of pictures and of the order of apertures, by transpose, flip_x, flip_y.
 _LABELS = {
     (False, False, False): ("upright", "as in the scene"),
     (False, True, False): ("mirrored left to right", "columns counted from the right"),
@@ -47,7 +47,7 @@ _LABELS = {
 
 @dataclass(frozen=True, order=True)
 class Orientation:
-    """Where cell (column, row) of what was found belongs: exchange the two, then reverse either.
+    """Right place of a stored cell (column, row): exchange the two, then reverse either.
 
     With `flip_x` columns are counted from the right, with `flip_y` rows from the bottom, after the
     exchange.

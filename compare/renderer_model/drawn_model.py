@@ -1,9 +1,9 @@
-"""A model of how somebody drew a plate: conventions, geometry, and which camera wins where.
+"""Model of a foreign renderer: conventions, geometry, and composition of its cameras.
 
 Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups
 that tend to be wrong together. A new group needs a row in `GROUPS`, a field of the same name in
-`RendererModel`, what it does to the lines in `RendererModel.bundle`, and its words in
-`xfrustum.compare.diagnosis.faults`.
+`RendererModel`, its effect on the lines in `RendererModel.bundle`, and its sentence in
+`reports.verification.words`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
-# Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a
+# Half of the tenth of a pixel to which a sampling point is measured, and half of a tenth of a
 # percent: smaller shifts and factors have no name.
 SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
 
@@ -62,7 +62,7 @@ GROUPS: dict[str, tuple[str, Kind]] = {
     "screen-center": ("xy", Kind.SCREEN),
     "screen-height": ("", Kind.SIZE),
 }
-"""The axes that each group has a number for, and their kind, in the order of `RendererModel.parameters`."""
+"""Axes and kind of each group of numbers, in the order of `RendererModel.parameters`."""
 
 SCREEN_GROUPS = (
     "screen-center",
@@ -93,7 +93,7 @@ def places(*groups: str) -> list[int]:
 
 
 def screen_lengths(scene: Scene) -> Floats:
-    """Return how far a shift by a pixel to the right and one down moves the film on the screen, x and y (2,).
+    """Return the move of the film on the screen by a pixel to the right and down, (2,).
 
     On a screen before the plate the film is mirrored in both axes.
     """
@@ -109,7 +109,7 @@ class Table:
 
     smallest: Floats  # difference from nominal that is worth a name
     scale: Floats  # a small step for the least squares
-    step: Floats  # for derivatives, small against what is to be told apart
+    step: Floats  # for derivatives, small against named differences
     low: Floats
     high: Floats
 
@@ -153,7 +153,7 @@ def smallest_named(scene: Scene) -> Floats:
 
 
 class Front(StrEnum):
-    """What became of the half on the viewer's side, which C* draws: the farthest surface must win."""
+    """Surface that wins on the viewer's side, drawn by C*: rightly the farthest."""
 
     FARTHEST = "farthest"
     NEAREST = "nearest"
@@ -161,7 +161,7 @@ class Front(StrEnum):
 
 
 class Back(StrEnum):
-    """What became of the half behind the plate, which C draws: the nearest surface must win."""
+    """Surface that wins behind the plate, drawn by C: rightly the nearest."""
 
     NEAREST = "nearest"
     FARTHEST = "farthest"
@@ -169,7 +169,7 @@ class Back(StrEnum):
 
 
 class Culled(StrEnum):
-    """Which faces are left out: those whose corners run around in this sense as the viewer sees them."""
+    """Culled faces, by the sense in which the viewer sees their corners."""
 
     NONE = "none"
     COUNTERCLOCKWISE = "counterclockwise"
@@ -177,10 +177,10 @@ class Culled(StrEnum):
 
 
 class Normals(StrEnum):
-    """What triangles are shaded with."""
+    """Normals by which triangles are shaded."""
 
     RIGHT = "right"
-    FLAT = "flat"  # their own normals, not those of their vertices
+    FLAT = "flat"  # their own normals, not their vertices'
     INVERTED = "inverted"  # normals on the side that is not seen
 
 
@@ -204,7 +204,7 @@ class Recentering(StrEnum):
 
 @dataclass(frozen=True)
 class OneCamera:
-    """The camera that alone draws otherwise than asked; it may be mirrored left to right and upside down."""
+    """The camera that alone is off nominal; its film may be mirrored along both axes."""
 
     # 1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it
     side: int
@@ -223,7 +223,7 @@ FLIPPED = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class Film:
-    """Where the pixels of a picture sample their film: by default each at its own place, evenly spaced."""
+    """Sampling of a film by pixels: by default each at its own place, evenly spaced."""
 
     # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the
     # radius.
@@ -231,10 +231,9 @@ class Film:
     # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the
     # other side.
     rolled: tuple[int, int] = (0, 0)
-    # Whether it is rolled by whole pixels in place of the shear of the frustum.
+    # True if it is rolled by whole pixels in place of the shear of the frustum.
     unsheared: bool = False
-    # Resolution at which it was drawn, over that of the file, and whether it was enlarged by
-    # interpolation.
+    # Resolution of drawing over the file's, and whether it was enlarged by interpolation.
     size: float = 1.0
     smooth: bool = False
 
@@ -277,13 +276,13 @@ EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
 class RendererModel:
     """How a plate was drawn. Lengths are in scene units, pairs and triples along x, y and z."""
 
-    # What brings its images upright, and its apertures in order.
+    # Transforms that bring its images upright, and its apertures in order.
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
     # Where in an upright image's pixels it samples: px to the right and down from the pixel's
     # center.
     shift: tuple[float, float] = (0.0, 0.0)
-    # Half-extents of its film, and distances between its apertures, over those of the scene.
+    # Half-extents of its film, and distances between its apertures, over the scene's.
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
     # Offset of both cameras; 0 for cameras in the aperture itself.
@@ -293,7 +292,7 @@ class RendererModel:
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
-    # By how much the projection screen's center is moved, and its height over that of the scene's;
+    # By how much the projection screen's center is moved, and its height over the scene's;
     # a screen at another height keeps its size. They and the shear mean nothing for a centered
     # frustum.
     screen_center: tuple[float, float] = (0.0, 0.0)
@@ -302,14 +301,14 @@ class RendererModel:
     # As in the design; they mean nothing at near 0.
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
-    # How the halves are put together: whether the viewer's covers the other, and what is left out.
+    # How the halves are put together: whether the viewer's covers the other, and omitted surfaces.
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back: Back = Back.NEAREST
     # The camera to which alone shift, fov and near apply; None where they apply to both.
     one_camera: OneCamera | None = None
-    # Whether the lights of the viewer's half are conjugated.
+    # True if the lights of the viewer's half are conjugated.
     conjugated: bool = True
     # Axes drawn in place of x, y and z, and numbers of the objects that are left out
     # (`pictures.drawn_scene`).
@@ -325,23 +324,25 @@ class RendererModel:
 
     @property
     def plain(self) -> bool:
-        """Whether all faces are drawn, the first surface of each half wins, and the viewer's half wins."""
+        """True if all faces are drawn and the right surface and half win."""
         first = self.back is Back.NEAREST and self.front is Front.FARTHEST
         return first and self.culled is Culled.NONE and self.overlaid
 
     @property
     def one_pencil(self) -> bool:
-        """Whether C and C* share their lines: both stand in the aperture, with the same film and shear."""
+        """True if C and C* share their lines: in the aperture, with one film and shear."""
         if self.near or self.one_camera is not None:
             return False
         return self.recentering.factor(1) == self.recentering.factor(-1)
 
     def camera(self, side: int) -> RendererModel:
-        """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""
-        one = self.one_camera
-        if one is None or one.side == side:
+        """Return the model with shift, fov and near of C (side 1 or 0) or C* (side -1)."""
+        entry = self.one_camera
+        if entry is None or entry.side == side:
             return self
-        return replace(self, shift=(0.0, 0.0), fov=(1.0, 1.0), near=one.other_near, one_camera=None)
+        return replace(
+            self, shift=(0.0, 0.0), fov=(1.0, 1.0), near=entry.other_near, one_camera=None
+        )
 
     @property
     def parameters(self) -> Floats:
@@ -349,7 +350,7 @@ class RendererModel:
         return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
 
     def with_parameters(self, values: Floats) -> RendererModel:
-        """Return the same guess with other numbers (P,)."""
+        """Return the same candidate with other numbers (P,)."""
         numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
         fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
         return replace(self, **fields)  # type: ignore[arg-type]
@@ -373,12 +374,12 @@ class RendererModel:
         return self.orientation.applied(picture)
 
     def placed(self, aperture: Aperture) -> Aperture:
-        """Return an aperture where the guess has it."""
+        """Return an aperture where the candidate has it."""
         x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
         return replace(aperture, x=float(x), y=float(y))
 
     def frustum(self, scene: Scene) -> Frustum:
-        """Return the scene's frustum with the projection screen where the guess has it."""
+        """Return the scene's frustum with the projection screen where the candidate has it."""
         screen, (x, y) = scene.frustum.screen, self.screen_center
         if screen is None or (x, y, self.screen_height) == (0.0, 0.0, 1.0):
             return scene.frustum
@@ -389,16 +390,16 @@ class RendererModel:
         return replace(scene.frustum, screen=replace(screen, height=height, center=center))
 
     def bundle(self, scene: Scene, aperture: Aperture, side: int) -> RayBundle:
-        """Return the lines of C (side 1), of C* (side -1), or of both where they share them (side 0).
+        """Return the lines of C (side 1), C* (side -1), or of both if shared (side 0).
 
-        They are lines of the scene as it was asked for: where a renderer has moved it or made it
-        larger, the cameras are moved and made smaller instead. The half-extents of a mirrored film
+        They are lines of the nominal scene: where a renderer has moved it or made it larger, the
+        cameras are moved and made smaller instead. The half-extents of a mirrored film
         are negative.
         """
         camera, frustum = self.camera(side), self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
-        factor, one, near = self.recentering.factor(side), camera.one_camera, camera.near
-        signs = (-1.0 if one and one.flip_x else 1.0, -1.0 if one and one.flip_y else 1.0)
+        factor, entry, near = self.recentering.factor(side), camera.one_camera, camera.near
+        signs = (-1.0 if entry and entry.flip_x else 1.0, -1.0 if entry and entry.flip_y else 1.0)
         (kx, ky), (tx, ty), fov = crossed.shear, crossed.half_extent, camera.fov
         half_extent = tx * fov[0] * signs[0], ty * fov[1] * signs[1]
         crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=half_extent)
@@ -429,17 +430,17 @@ class RendererModel:
         )
 
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
-        """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate.
+        """Return column and row (.., 2) of drawn surface points; NaN in the plate's plane.
 
         NaN everywhere on an uneven film, of which only the reverse is known.
         """
-        found = np.full((*points.shape[:-1], 2), np.nan)
+        result = np.full((*points.shape[:-1], 2), np.nan)
         if self.film != EVEN:
-            return found
+            return result
         plate = self.plate_height
         for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
-            found[here] = pixel_places(points[here], self.bundle(scene, aperture, side))
-        return found
+            result[here] = pixel_places(points[here], self.bundle(scene, aperture, side))
+        return result
 
 
 def unflipped(bundle: RayBundle) -> RayBundle:

@@ -1,4 +1,4 @@
-"""Images that a guess about a renderer makes of a scene: traced and decided like the truth, and colored."""
+"""Images of a renderer model: traced and decided like the truth, and colored."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2
 CAMERA_DISTANCE_PER_REACH = 1e-6
 
 # Largest distance from a triangle of a point that is on it, as a part of the reach: a million
-# roundings of doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
+# roundings of doubles, and a thousandth of a pixel of 1000 at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
 # Number of changed scenes that are kept: one candidate at a time draws some hogels.
@@ -81,21 +81,21 @@ def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Refer
 
 
 def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
-    """Return the reference of the scene that a candidate draws: with its axes, without missing objects."""
+    """Return the reference of a candidate's scene: its axes, without missing objects."""
     if model.axes == RIGHT_AXES and not model.missing:
         return reference
     return _changed(reference, model.axes, model.missing)
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
-    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
+    """Return the upright image of a candidate for an aperture, without color."""
     return as_image(reference, aperture, drawn(reference, model, aperture))
 
 
 def drawn(
     reference: Reference, model: RendererModel, aperture: Aperture, known: Layers | None = None
 ) -> Layer:
-    """Return what the cameras of a guess show; `known` holds layers of this aperture for other guesses."""
+    """Return the layer of a candidate's cameras; `known` caches layers of this aperture."""
     known, scene = {} if known is None else known, reference.scene
 
     def shown(side: int, *, last: bool = False) -> Layer:
@@ -120,7 +120,7 @@ def drawn(
 def layer(
     scene: Scene, bundle: RayBundle, *, last: bool = False, culled: Culled = Culled.NONE
 ) -> Layer:
-    """Return what is first along a camera's lines, or what is last."""
+    """Return the first surfaces along a camera's lines, or the last ones."""
     triangles, film = scene.triangles, unflipped(bundle)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
@@ -129,21 +129,21 @@ def layer(
         kept = np.flatnonzero(facing(triangles, film) != left_out)
         triangles = triangles[kept]
     if last:
-        # Seen through a point mirror in its center, what was last along a line is first.
+        # Seen through a point mirror in its center, the last surface along a line is first.
         (low, high), mirrored = film.s_range, 2 * np.asarray(film.center) - triangles
         decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
         decided = replace(decided, s=-decided.s)
     else:
         decided = first_surfaces(triangles, film)
-    found = Layer.from_surfaces(film, decided.renumbered(kept))
+    result = Layer.from_surfaces(film, decided.renumbered(kept))
     # A film whose half-extents are negative has its pixels in another order.
     flipped = Orientation(False, *(extent < 0 for extent in bundle.half_extent))
     if flipped == UPRIGHT:
-        return found
-    row, column, number = found.tied_triangles.T
+        return result
+    row, column, number = result.tied_triangles.T
     column, row = flipped.cells(column, row, bundle.resolution)
     arrays = {
-        name: flipped.applied(getattr(found, name))
+        name: flipped.applied(getattr(result, name))
         for name in ("triangle", "certainty", "position")
     }
     return Layer(tied_triangles=np.stack((row, column, number), axis=1), **arrays)
@@ -152,7 +152,7 @@ def layer(
 def uneven_layer(
     reference: Reference, bundle: RayBundle, film: Film, *, last: bool = False
 ) -> Layer:
-    """Return what is first, or last, along the lines of an uneven film: traced, and no faces culled."""
+    """Return first, or last, surfaces along lines of an uneven film, traced, none culled."""
     directions, center, (low, high) = (
         film.directions(bundle),
         np.asarray(bundle.center),
@@ -222,16 +222,16 @@ def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImag
 
 @lru_cache(maxsize=2)
 def _with_normals(scene: Scene, normals: Normals) -> Scene:
-    """Return a scene whose triangles, numbered as they are, have the normals by which a guess shades them."""
+    """Return the scene with the normals by which a candidate shades its triangles."""
     if normals is Normals.RIGHT:
         return scene
     parts = []
-    for number, one in enumerate(scene.objects):
-        part = replace(one, vertex_normals=None)
+    for number, entry in enumerate(scene.objects):
+        part = replace(entry, vertex_normals=None)
         if normals is Normals.INVERTED:
-            # The side that is seen is that of the winding, which stays; each corner has a normal of
+            # The visible side follows the winding, which stays; each corner has a normal of
             # its own.
-            corners, smooth = one.faces.reshape(-1), one.vertex_normals
+            corners, smooth = entry.faces.reshape(-1), entry.vertex_normals
             flat = np.repeat(scene.normals[scene.object_of_triangle == number], 3, axis=0)
             own = (
                 flat
@@ -239,11 +239,11 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
                 else np.where(np.isnan(smooth[corners]), flat, smooth[corners])
             )
             part = replace(
-                one,
-                vertices=one.vertices[corners],
+                entry,
+                vertices=entry.vertices[corners],
                 faces=np.arange(len(corners)).reshape(-1, 3),
-                uv=None if one.uv is None else one.uv[corners],
-                vertex_colors=None if one.vertex_colors is None else one.vertex_colors[corners],
+                uv=None if entry.uv is None else entry.uv[corners],
+                vertex_colors=None if entry.vertex_colors is None else entry.vertex_colors[corners],
                 vertex_normals=-own,
             )
         parts.append(part)
@@ -274,7 +274,7 @@ def _enlarged(reference: Reference, model: RendererModel, aperture: Aperture) ->
     """Return the color (H, W, 3) of a smaller picture whose pixels are interpolated between."""
     scene = reference.scene
     count = scene.frustum.resolution
-    width, height = drawn_size = [max(1, round(one * model.film.size)) for one in count]
+    width, height = drawn_size = [max(1, round(entry * model.film.size)) for entry in count]
     small = replace(scene, frustum=replace(scene.frustum, resolution=(width, height)))
     even, there = replace(model, film=EVEN), Reference(small)
     color = reference_colors(there, even, trace_drawn(there, even, aperture)).color
@@ -285,7 +285,8 @@ def _enlarged(reference: Reference, model: RendererModel, aperture: Aperture) ->
     )
     places = np.meshgrid(rows, columns, indexing="ij")
     parts = [
-        map_coordinates(one, places, order=1, mode="nearest") for one in np.moveaxis(color, -1, 0)
+        map_coordinates(moveaxi, places, order=1, mode="nearest")
+        for moveaxi in np.moveaxis(color, -1, 0)
     ]
     return np.stack(parts, axis=-1)
 
@@ -333,12 +334,12 @@ def colors_differ(
 ) -> Mask:
     """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
     assert answer.color is not None and image.color is not None
-    # What is not a number is within no tolerance.
+    # NaN is within no tolerance.
     return np.asarray(~(np.abs(answer.color - image.color) <= tolerance).all(axis=-1))
 
 
 def as_stored(answer: HogelImage, image: HogelImage) -> HogelImage:
-    """Return an answer with colors as the file of an image can store them: a picture holds at most one."""
+    """Return an answer with colors clipped as the file of an image stores them."""
     if answer.color is None or not is_picture(image):
         return answer
     return replace(answer, color=np.minimum(answer.color, 1))
@@ -353,12 +354,12 @@ def as_gray(image: HogelImage) -> Floats:
 
 
 def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Floats:
-    """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
+    """Return the surface points (H, W, 3) that a decoded image shows, NaN without one.
 
     They are the image's own where it has them; else they lie where the line that a pixel has by a
     model meets the triangle that it names. Where the line misses that triangle, the point of it
-    that the model draws nearest to the pixel's center is taken: a displacement is then at least
-    what it is found to be.
+    that the model draws nearest to the pixel's center is taken: the displacement is then a lower
+    bound.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
@@ -379,7 +380,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
         nearer = distance < off
         best[nearer], off[nearer] = met[nearer], distance[nearer]
-    # The scene's own lengths: where a guess has it larger, the reach is so much shorter in them.
+    # The scene's own lengths: where a candidate has it larger, the reach is so much shorter in them.
     reach = scene.frustum.longest_reach / model.scene_scale
     missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
@@ -405,7 +406,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
 def _nearest_of_edge(
     ends: Floats, bundle: RayBundle, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
-    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and their distances in pixels."""
+    """Return the points (N, 3) of edges (N, 2, 3) nearest to cells, and distances, px."""
     center = np.asarray(bundle.center)
     ahead = side * (center[2] - ends[..., 2])
     # The part of the edge behind the camera is cut off.

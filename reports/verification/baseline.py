@@ -54,8 +54,7 @@ MEASURES = {
 """Measures of a hogel, the most important first; all are the better the smaller they are."""
 
 ROUNDING_PX = 1e-6
-"""Largest difference between two displacements that is rounding, px: some hundred operations on doubles of
-coordinates up to 1e3 px."""
+"""Largest rounding of displacements, px: some hundred operations on doubles up to 1e3 px."""
 
 MAX_LISTED, GIT_SECONDS = 8, 20.0  # changes of a kind that are listed; longest time of git
 
@@ -104,10 +103,13 @@ class Stated:
                     raise ValueError
             except ValueError as error:
                 raise InputError(
-                    f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such as "
+                    f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such "
+                    "as "
                     f"wrong_surfaces=3; names are {names}"
                 ) from error
-        if not all(math.isfinite(one) and one >= 0 for one in (*amounts.values(), share or 0.0)):
+        if not all(
+            math.isfinite(entry) and entry >= 0 for entry in (*amounts.values(), share or 0.0)
+        ):
             raise InputError("baseline tolerance: tolerances are numbers that are not negative")
         return cls(share=share, amounts=amounts)
 
@@ -178,7 +180,7 @@ _RUN = TypeAdapter(Run)
 class BaselineOptions:
     """Options of the comparison with accepted runs."""
 
-    renderer: str | None = None  #: name of the renderer; None: that of the source
+    renderer: str | None = None  #: name of the renderer; None: the source
     device: str | None = None  #: name of its device; None: this machine's processor
     near: float | None = None  #: as of `verify`, like the next two: other options, other measures
     accept: Sequence[str] = ()
@@ -206,34 +208,34 @@ class Baseline:
     @property
     def change(self) -> Change:
         """The worst of all changes."""
-        there = {one.change for one in self.changes}
+        there = {change.change for change in self.changes}
         order = (Change.WORSE, Change.BETTER, Change.SAME)
-        return next((one for one in order if one in there), Change.NEW)
+        return next((entry for entry in order if entry in there), Change.NEW)
 
     @property
     def compared(self) -> bool:
-        """Whether there are accepted measures to compare with."""
+        """True if there are accepted measures to compare with."""
         return self.change is not Change.NEW
 
     @property
     def passed(self) -> bool:
-        """Whether nothing got worse and new hogels keep to the limits, or all was approved."""
+        """True if nothing got worse and new hogels keep to the limits, or all was approved."""
         return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
 
     def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
         """Return the changes of one kind by measure, the largest first."""
 
-        def rank(one: MeasureChange) -> tuple[int, float]:
-            increase = math.inf if one.now is None else abs(one.now - (one.accepted or 0.0))
-            return list(MEASURES).index(one.measure), -increase
+        def rank(entry: MeasureChange) -> tuple[int, float]:
+            increase = math.inf if entry.now is None else abs(entry.now - (entry.accepted or 0.0))
+            return list(MEASURES).index(entry.measure), -increase
 
-        return tuple(sorted((one for one in self.changes if one.change is change), key=rank))
+        return tuple(sorted((entry for entry in self.changes if entry.change is change), key=rank))
 
     def summary(self) -> dict[str, Any]:
-        """Return the JSON object; `changes` has the measures that got worse, then the better ones."""
+        """Return the JSON object; `changes` lists worse measures, then better ones."""
         origin = ("run", "commit", "renderer", "device", "judged")
         kinds = (Change.WORSE, Change.BETTER)
-        changes = [json_object(one) for kind in kinds for one in self.of_kind(kind)]
+        changes = [json_object(change) for kind in kinds for change in self.of_kind(kind)]
         left_out = ("run", "changes", "notes")
         rest = {name: value for name, value in vars(self).items() if name not in left_out}
         named = {name: getattr(self.run, name) for name in origin}
@@ -241,31 +243,32 @@ class Baseline:
 
 
 def baseline(
-    found: Verification, folder: Path | str, options: BaselineOptions | None = None
+    verification: Verification, folder: Path | str, options: BaselineOptions | None = None
 ) -> Baseline:
-    """Compare a verification with the runs accepted in a folder; keep it there where it is approved.
+    """Compare a verification with the accepted runs of a folder; keep it if approved.
 
     InputError where the folder cannot be written, or holds a file that is no accepted run; then
     nothing is approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
-    everything, run = accepted_runs(folder), _present(found, options)
+    everything, run = accepted_runs(folder), _present(verification, options)
     alike = run.like(everything)
     # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
-    newest = {place: one.began for one in alike for place in one.hogels}
+    newest = {place: candidate.began for candidate in alike for place in candidate.hogels}
     accepted: dict[Place, list[Mapping[str, Any]]] = {}
-    for one in alike:
-        for place, hogel in one.hogels.items():
-            if newest[place] == one.began:
+    for run_of_state in alike:
+        for place, hogel in run_of_state.hogels.items():
+            if newest[place] == run_of_state.began:
                 accepted.setdefault(place, []).append(hogel)
     runs = max((len(accepted[place]) for place in run.hogels.keys() & accepted.keys()), default=0)
     tolerance = f"beyond the spread of {runs} accepted runs"
     if runs == 1:
         tolerance = "compared exactly, with one accepted run"
-    new = [one for one in found.hogels if one.aperture.index not in accepted]
+    new = [hogel for hogel in verification.hogels if hogel.aperture.index not in accepted]
     if options.approve and options.repeated and alike:
-        # Only the user can state that a difference is noise: at the same commit, a compiler may have
+        # Only the user can state that a difference is noise: at the same commit, a compiler may
+        # have
         # got worse.
         run = replace(run, began=alike[-1].began)
     held = Baseline(
@@ -275,7 +278,7 @@ def baseline(
         accepted_runs=runs,
         tolerance=tolerance if options.tolerance is None else "tolerance as stated",
         new_hogels=len(new),
-        new_beyond_limits=sum(not one.passed for one in new),
+        new_beyond_limits=sum(not entry.passed for entry in new),
         not_judged_hogels=len(accepted.keys() - run.hogels.keys()),
         notes=(),
     )
@@ -300,7 +303,7 @@ def check_folder(folder: Path) -> None:
 def accepted_runs(folder: Path) -> list[Run]:
     """Return all accepted runs of a folder, by the time at which their state, then they, began."""
     runs = []
-    # Hidden names are those of files that other processes are about to put there.
+    # Hidden names are files that other processes are writing.
     for path in sorted((folder / ACCEPTED).glob("[!.]*")):
         try:
             run = _RUN.validate_json(read_input(path, "accepted run"))
@@ -316,27 +319,33 @@ def accepted_runs(folder: Path) -> list[Run]:
 
 def measures(hogel: Mapping[str, Any]) -> Measures:
     """Return the measures of a hogel of verification.json; a missing one has no other measure."""
-    found, corrected = hogel["as_found"], hogel["corrected"]
-    values: Measures = {**dict.fromkeys(MEASURES), "missing": float(found is None)}
-    if found is None:
+    verification, corrected = hogel["as_found"], hogel["corrected"]
+    values: Measures = {**dict.fromkeys(MEASURES), "missing": float(verification is None)}
+    if verification is None:
         return values
     # An image that shows nothing displaces nothing: its check has a displacement of 0.
-    still = any(one["figure"] == DISPLACEMENT and one["value"] == 0 for one in hogel["checks"])
-    moved = found["displacement_px"] or (dict.fromkeys(("rms", "p99", "max"), 0.0) if still else {})
+    still = any(
+        entry["figure"] == DISPLACEMENT and entry["value"] == 0 for entry in hogel["checks"]
+    )
+    moved = verification["displacement_px"] or (
+        dict.fromkeys(("rms", "p99", "max"), 0.0) if still else {}
+    )
     counts = {
-        "wrong_surfaces": (found["surface"] or {}).get("wrong"),
-        "wrong_pixels": found["wrong"],
-        "wrong_colors": (found["radiance"] or {}).get("wrong"),
-        "invalid": found["invalid"],
+        "wrong_surfaces": (verification["surface"] or {}).get("wrong"),
+        "wrong_pixels": verification["wrong"],
+        "wrong_colors": (verification["radiance"] or {}).get("wrong"),
+        "invalid": verification["invalid"],
         "unexplained": (corrected["causes"] or {}).get("unexplained"),
         **{f"displacement_{name}_px": moved.get(name) for name in ("rms", "p99", "max")},
     }
-    return values | {name: None if one is None else float(one) for name, one in counts.items()}
+    return values | {
+        name: None if count is None else float(count) for name, count in counts.items()
+    }
 
 
-def _present(found: Verification, options: BaselineOptions) -> Run:
+def _present(verification: Verification, options: BaselineOptions) -> Run:
     """Return the present run, which begins a state of its own."""
-    judging, now = found.limits.judging, datetime.now(UTC)
+    judging, now = verification.limits.judging, datetime.now(UTC)
     judged = [f"compare {judging.compared}", f"max-color {judging.color_tolerance:.6g}"]
     judged += [f"near {options.near:.9g}"] if options.near else []
     judged += [f"encoding {options.encoding}"] if options.encoding else []
@@ -346,13 +355,13 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
         run=name,
         began=name,
         time=now.isoformat(timespec="seconds"),
-        scene_hash=found.scene.content_hash,
-        renderer=options.renderer or found.source,
+        scene_hash=verification.scene.content_hash,
+        renderer=options.renderer or verification.source,
         device=options.device or machine()["processor"],
         judged=", ".join(judged),
         commit=commit_of(options.repository or Path()),
         xfrustum=metadata.version("xfrustum"),
-        verification=json_ready(found.summary()),
+        verification=json_ready(verification.summary()),
     )
 
 
@@ -407,12 +416,15 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
     if parts:
         yield f"Not compared: {'; '.join(parts)}."
     alike = run.like(everything)
-    same = any(one.commit == run.commit for one in alike) and run.commit
+    same = any(candidate.commit == run.commit for candidate in alike) and run.commit
     if held.change in (Change.WORSE, Change.BETTER) and same and not options.repeated:
-        yield "a run of this commit is accepted: if no file differs, give --approve --repeated for the noise"
-    others = [one for one in everything if one.scene_hash == run.scene_hash]
+        yield (
+            "a run of this commit is accepted: if no file differs, give --approve --repeated for "
+            "the noise"
+        )
+    others = [entry for entry in everything if entry.scene_hash == run.scene_hash]
     if others and not alike:
-        kept = sorted({f"{one.renderer} on {one.device} ({one.judged})" for one in others})
+        kept = sorted({f"{other.renderer} on {other.device} ({other.judged})" for other in others})
         yield f"of this scene, measures are accepted for {'; '.join(kept)}"
         yield f"what is judged now is {run.renderer} on {run.device} ({run.judged})"
 
@@ -437,7 +449,10 @@ def sentence(held: Baseline) -> str:
     if held.change is Change.NEW:
         if held.approved:
             return "Baseline: these measures are the first that are accepted."
-        return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
+        return (
+            "Baseline: nothing is accepted yet that could be compared; --approve accepts what is "
+            "here now."
+        )
     if held.change is Change.SAME:
         also = ", and accepted now" if held.approved else ""
         return f"Baseline: as accepted ({held.tolerance}){also}."
@@ -451,24 +466,24 @@ def sentence(held: Baseline) -> str:
 
 def lines(held: Baseline) -> str:
     """Return the changes as lines for the terminal and for GitHub."""
-    told = [sentence(held)]
+    text = [sentence(held)]
     for change in (Change.WORSE, Change.BETTER):
         changed = held.of_kind(change)
-        told += [f"  {change}: {one.words}" for one in changed[:MAX_LISTED]]
+        text += [f"  {change}: {entry.words}" for entry in changed[:MAX_LISTED]]
         more = len(changed) - MAX_LISTED
-        told += [f"  {change}: {more} more"] if more > 0 else []
-    return "\n".join([*told, *(f"  note: {note}" for note in held.notes)])
+        text += [f"  {change}: {more} more"] if more > 0 else []
+    return "\n".join([*text, *(f"  note: {note}" for note in held.notes)])
 
 
 def append_step_summary(held: Baseline) -> str | None:
-    """Append the changes to the summary that GitHub shows, if it names one; return an error or None."""
+    """Append the changes to GitHub's step summary, if there is one; return an error or None."""
     name, run = os.environ.get("GITHUB_STEP_SUMMARY"), held.run
     if not name:
         return None
     commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
     scene = run.verification["scene"]
     origin = f"{scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
-    # A block of code shows every text as it is: no name becomes markup.
+    # A block of code shows every text literally: no name becomes markup.
     block = f"{origin}\n{lines(held)}".replace("```", "")
     try:
         with Path(name).open("a", encoding="utf-8") as file:

@@ -1,7 +1,8 @@
 """Verification by several processes: hogels are judged in blocks, each a Parquet part.
 
 With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are there,
-the verification is put together from them, and equals that of one process; the worst hogels are
+the verification is put together from them, and equals the verification of one process; the worst
+hogels are
 judged once more for their pictures. The first process that judges diagnoses the renderer, and
 leaves the question beside the parts: a renderer with noise answers otherwise each time. Files are
 the same as long as their sizes and times are. Dependencies of a command are unknown: one that was
@@ -43,12 +44,10 @@ from xfrustum.scenes.disk.input_files import damage_refused
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 
 PARTS, QUESTION = "verification.parquet", "_question.json"
-"""Folder of the parts in that of the verification; and the file beside the parts that says what all hogels
-are judged by. Readers of Parquet leave out names that begin like this."""
+"""Folder of the parts, and file of the question; readers of Parquet skip names with `_`."""
 
 MAX_BLOCK_PIXELS, MIN_BLOCKS = 1 << 22, 16
-"""Largest number of pixels in a block, some seconds of work; and number of blocks that even a small plate is
-cut into, so that there is something for several processes to do."""
+"""Largest number of pixels in a block, some seconds of work; smallest number of blocks."""
 
 
 _HOGEL, _QUESTION = TypeAdapter(Hogel), TypeAdapter(Question)
@@ -61,13 +60,13 @@ def _json(record: Hogel | Question) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VerifyJob(Job):
-    """A verification, as it travels to workers; `state` is the digest of the files that images depend on."""
+    """A verification as sent to workers; `state` is the digest of the image files."""
 
     scene: Scene
     renderer: sources.ForeignRenderer
     limits: Limits
     state: str
-    asked: Sequence[Aperture]
+    judged: Sequence[Aperture]
     hogels_per_block: int
     parts: ParquetParts
     name = "verify"
@@ -76,12 +75,12 @@ class VerifyJob(Job):
     @property
     def blocks(self) -> range:
         """Numbers of all blocks."""
-        return range(math.ceil(len(self.asked) / self.hogels_per_block))
+        return range(math.ceil(len(self.judged) / self.hogels_per_block))
 
     def apertures(self, block: int) -> Sequence[Aperture]:
         """Return the apertures of a block."""
         begin = block * self.hogels_per_block
-        return self.asked[begin : begin + self.hogels_per_block]
+        return self.judged[begin : begin + self.hogels_per_block]
 
     def finished(self, block: int) -> bool:
         """Return whether the part of a block is there."""
@@ -93,20 +92,20 @@ class VerifyJob(Job):
 
     def words(self, block: int) -> str:
         """Return a block in words."""
-        i, j = self.asked[block * self.hogels_per_block].index
+        i, j = self.judged[block * self.hogels_per_block].index
         return f"the hogels from {i},{j}"
 
     @contextmanager
     def open(self) -> Iterator[VerifySession]:
-        """Open the source of images; InputError where it has others than that of the command."""
-        self.renderer.require_state(self.asked, self.state)
+        """Open the source of images; InputError where it has others than the command's."""
+        self.renderer.require_state(self.judged, self.state)
         reference = Reference(self.scene)
         with self.renderer.opened(reference) as source:
             run = Run(
                 renderer=self.renderer,
                 reference=reference,
                 source=source,
-                apertures=self.asked,
+                apertures=self.judged,
                 limits=self.limits,
             )
             yield VerifySession(job=self, run=run)
@@ -121,7 +120,7 @@ class VerifySession(Session):
 
     @cached_property
     def known(self) -> tuple[str, Question]:
-        """What all processes judge by, and its digest; who asks first diagnoses the renderer."""
+        """Question of all processes, and its digest; the first call diagnoses the renderer."""
         parts = self.job.parts
         if parts.read_beside(QUESTION) is None:
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
@@ -137,14 +136,14 @@ class VerifySession(Session):
         return self.known
 
     def make(self, block: int) -> None:
-        """Judge the hogels of a block, and write their rows, with what the worst are chosen by."""
+        """Judge the hogels of a block, and write their rows, with the badness of each hogel."""
         digest, question = self.known
         rows = []
         for hogel, figures in self.run.hogels(question, self.job.apertures(block)):
             bad = (
                 [None, None]
                 if figures is None
-                else [one.numbers.judged_fraction for one in figures]
+                else [figure.numbers.judged_fraction for figure in figures]
             )
             row = {
                 "column": hogel.aperture.column,
@@ -159,7 +158,7 @@ class VerifySession(Session):
         self.job.parts.write(block, pa.Table.from_pylist(rows))
 
     def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
-        """Return a hogel in pictures, with all its channels or without; None where it is missing."""
+        """Return a hogel in pictures, perhaps with all channels; None where it is missing."""
         return self.run.pictured(
             self.known[1], self.job.scene.plate.aperture(*index), channels=channels
         )
@@ -171,9 +170,9 @@ def verify_on(
     source: str | None,
     options: VerifyOptions,
     out: Path | None = None,
-    told: Callable[[str], object] = lambda line: None,
+    note: Callable[[str], object] = lambda line: None,
 ) -> Verification | None:
-    """Judge the hogel images of a renderer by several processes; the verification is that of `verify`.
+    """Judge the hogel images of a renderer by several processes, with `verify`'s result.
 
     Stopped at any moment and called again with the same folder it goes on where it was. A command
     whose hogels are all judged in this folder is judged anew, and so are blocks with hogels that
@@ -188,14 +187,15 @@ def verify_on(
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
     renderer, limits = options.renderer(source), options.limits
     renderer.nominal(scene)
-    asked = options.judged(scene)
+    stated = options.judged(scene)
     with renderer.opened(Reference(scene)) as images:
         if isinstance(images, sources.LaidOut):
             raise InputError(
-                "--workers, --scheduler and --part judge files that a pattern names, or a --command: name "
+                "--workers, --scheduler and --part judge files that a pattern names, or a "
+                "--command: name "
                 "the files with {i} and {j}, or leave these options out"
             )
-        images.check(asked)
+        images.check(stated)
         name = images.name
     most = MAX_BLOCK_PIXELS // math.prod(scene.frustum.resolution)
     renderer = renderer.placed(scene)
@@ -209,9 +209,9 @@ def verify_on(
             scene=scene,
             renderer=renderer,
             limits=limits,
-            state=renderer.state(asked),
-            asked=asked,
-            hogels_per_block=max(1, min(most, math.ceil(len(asked) / MIN_BLOCKS))),
+            state=renderer.state(stated),
+            judged=stated,
+            hogels_per_block=max(1, min(most, math.ceil(len(stated) / MIN_BLOCKS))),
             parts=ParquetParts(out=folder, name=PARTS),
         )
         described = {
@@ -221,8 +221,8 @@ def verify_on(
             "limits": limits,
             "hogels": {
                 "hogels": ()
-                if isinstance(asked, ApertureBlocks)
-                else tuple(one.index for one in asked),
+                if isinstance(stated, ApertureBlocks)
+                else tuple(entry.index for entry in stated),
                 "size": job.hogels_per_block,
             },
         }
@@ -231,17 +231,17 @@ def verify_on(
         if renderer.command is not None:
             # It may answer otherwise by now.
             if blocks and all(map(job.finished, job.blocks)):
-                told(f"what is in {job.parts.folder} was finished; the command is judged anew")
+                note(f"what is in {job.parts.folder} was finished; the command is judged anew")
                 for block in job.blocks:
                     job.parts.remove(block)
                 job.parts.remove(QUESTION)
             for block in filter(job.finished, blocks):
                 if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
                     job.parts.remove(block)
-        job.parts.tell_damaged(blocks, told)
+        job.parts.tell_damaged(blocks, note)
         done = sum(map(job.finished, blocks))
         if done:
-            told(
+            note(
                 f"{done} of {len(blocks)} blocks were judged before, and are in {job.parts.folder}"
             )
         with open_workers(engine, len(blocks), draws=False) as workers:
@@ -251,14 +251,14 @@ def verify_on(
             workers.run(job, blocks, sum(map(job.size, blocks)), progress=options.progress)
             if not all(map(job.finished, job.blocks)):
                 return None
-            found = _put_together(job, workers, name, told, channels=out is not None)
-    return with_tested_diagnosis(found)
+            verification = _put_together(job, workers, name, note, channels=out is not None)
+    return with_tested_diagnosis(verification)
 
 
 def _put_together(
-    job: VerifyJob, workers: Workers, name: str, told: Callable[[str], object], *, channels: bool
+    job: VerifyJob, workers: Workers, name: str, note: Callable[[str], object], *, channels: bool
 ) -> Verification:
-    """Return the verification of finished blocks; the worst hogels are judged once more for pictures."""
+    """Assemble finished blocks; judge the worst hogels once more for their pictures."""
     digest, question = workers.ask(job, VerifySession.question)
     hogels: list[Hogel] = []
     badness: list[tuple[tuple[float, float], Aperture]] = []
@@ -267,7 +267,8 @@ def _put_together(
         for row in job.parts.read(block).to_pylist():
             if row["question"] != digest:
                 raise InputError(
-                    f"{job.parts.path(block)}: was judged by another diagnosis than the rest; delete "
+                    f"{job.parts.path(block)}: was judged by another diagnosis than the rest; "
+                    "delete "
                     f"{job.parts.folder} and repeat the command"
                 )
             hogels.append(_HOGEL.validate_json(row["found"]))
@@ -277,13 +278,13 @@ def _put_together(
                 )
     kept = []
     # As in `WorstHogels.add`, of equals those that come first.
-    for _, aperture in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=lambda one: one[0]):
-        one = workers.ask(job, VerifySession.pictured, aperture.index, channels)
-        if one is None:
+    for _, aperture in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=lambda entry: entry[0]):
+        pictured = workers.ask(job, VerifySession.pictured, aperture.index, channels)
+        if pictured is None:
             i, j = aperture.index
-            told(f"hogel {i},{j} could not be had once more, and has no pictures")
+            note(f"hogel {i},{j} could not be had once more, and has no pictures")
         else:
-            kept.append(one)
+            kept.append(pictured)
     return Verification(
         scene=job.scene,
         source=name,

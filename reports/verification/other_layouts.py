@@ -1,4 +1,4 @@
-"""Other layouts in which the files of a plate may be meant, where they are wrong in the stated one."""
+"""Layouts in which files may be meant, where they are wrong in the stated one."""
 
 from __future__ import annotations
 
@@ -20,36 +20,39 @@ from xfrustum.scenes.files.plate_files import FileSet, find_files
 LAYOUT = "layout"  # name of the defect
 
 CONVENTIONAL_FAULTS = {"orientation", "aperture-order", "shift-x", "shift-y", "view-shear"}
-"""Faults that files in the right layout have too: where these alone explain the images, it is not doubted."""
+"""Defects of files in the right layout: where they alone explain, it is not doubted."""
 
 MAX_TRIED_HOGELS = 9  #: largest number of hogels by which another reading is tried
 
 MAX_WRONG_IN_RIGHT_READING = 0.1
-"""Largest share of wrong pixels under which another reading counts as right: a tenth, as for all that must
-explain what is wrong (`compare.diagnosis.diagnosis`)."""
+"""Largest share of wrong pixels of a right layout (see `testset.MIN_EXPLAINED_FRACTION`)."""
 
 
 def with_layout_named(
-    found: Verification, source: sources.Source, verified: Callable[[sources.Source], Verification]
+    verification: Verification,
+    source: sources.Source,
+    verified: Callable[[sources.Source], Verification],
 ) -> Verification:
-    """Return a verification that names the layout of the files if it is another than the stated one.
+    """Return a verification that names the layout of the files if another one is right.
 
-    The layout is then a fault, and the corrected figures are those of the other reading.
+    The layout is then a defect, and the corrected figures belong to the other reading.
     """
-    named = {fault.fault for fault in found.diagnosis.faults}
+    named = {fault.fault for fault in verification.diagnosis.faults}
     if (
         not isinstance(source, sources.LaidOut)
-        or found.passed
+        or verification.passed
         or (named and named <= CONVENTIONAL_FAULTS)
     ):
-        return found
-    readings = other_readings(source.files, sources.shape_of(found.scene))
+        return verification
+    readings = other_readings(source.files, sources.shape_of(verification.scene))
     others = (replace(source, files=files) for files in readings)
-    right = next((one for one in others if _is_right(one, found)), None)
+    right = next((other for other in others if _is_right(other, verification)), None)
     if right is None:
-        return found
+        return verification
     other = verified(right)
-    before = sum(hogel.as_found.wrong for hogel in found.hogels if hogel.as_found is not None)
+    before = sum(
+        hogel.as_found.wrong for hogel in verification.hogels if hogel.as_found is not None
+    )
     after = sum(hogel.corrected.wrong for hogel in other.hogels if hogel.corrected is not None)
     fault = Defect(
         fault=LAYOUT,
@@ -65,34 +68,38 @@ def with_layout_named(
         return replace(hogel, corrected=its.corrected, left=its.left, mended=its.mended)
 
     return replace(
-        found,
+        verification,
         diagnosis=replace(
             other.diagnosis, faults=(fault, *other.diagnosis.faults), does_not_explain=()
         ),
-        hogels=tuple(map(mended, found.hogels)),
+        hogels=tuple(map(mended, verification.hogels)),
     )
 
 
-def other_readings(stated: FileSet, told: layouts.PlateShape) -> Iterator[FileSet]:
-    """Yield other layouts in which the same files form the plate that is told."""
+def other_readings(stated: FileSet, shape: layouts.PlateShape) -> Iterator[FileSet]:
+    """Yield other layouts in which the same files form a plate of some shape."""
     for layout in (
         *layouts.LAYOUTS,
         *(other for each in layouts.LAYOUTS for other in mistaken(each)),
     ):
         with suppress(InputError):
-            found = find_files(stated.place, told, (layout,)) if layout != stated.layout else stated
-            if found is not stated and found.shape == told and not found.missing:
-                yield found
+            files = (
+                find_files(stated.place, shape, (layout,)) if layout != stated.layout else stated
+            )
+            if files is not stated and files.shape == shape and not files.missing:
+                yield files
 
 
 def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
-    """Return what others take for a layout: numbers in the other order, and views from the other side."""
+    """Return layouts mistaken for one: exchanged numbers, views from the other side."""
 
-    def other_side(one: layouts.Layout) -> layouts.Layout:
+    def other_side(view_layout: layouts.Layout) -> layouts.Layout:
         def view(pixels: layouts.Pixels, _: layouts.Index, tiles: layouts.Index) -> layouts.Pixels:
             return layouts.tiled_views(pixels, tiles, downward=True)
 
-        return replace(one, view=view, meaning=one.meaning.replace("bottom left", "top left"))
+        return replace(
+            view_layout, view=view, meaning=view_layout.meaning.replace("bottom left", "top left")
+        )
 
     numbers = layout.stated if layout.name == "quilt" else tuple(layout.numbers)
     exchanged: tuple[layouts.Layout, ...] = ()
@@ -108,19 +115,23 @@ def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
             replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), meaning=meaning),
         )
     if layout.name == "quilt":
-        return (*exchanged, *(other_side(one) for one in (layout, *exchanged)))
+        return (*exchanged, *(other_side(entry) for entry in (layout, *exchanged)))
     return exchanged
 
 
-def _is_right(source: sources.LaidOut, found: Verification) -> bool:
-    """Return whether nearly all claims of a few hogels in another reading hold, whatever the other faults."""
+def _is_right(source: sources.LaidOut, verification: Verification) -> bool:
+    """Return whether nearly all pixels of a few hogels are right in another layout."""
     reference, nominal, wrong, shown = source.reference, RendererModel(), 0, 0
-    for hogel in found.hogels[:: max(1, len(found.hogels) // MAX_TRIED_HOGELS)][:MAX_TRIED_HOGELS]:
+    for hogel in verification.hogels[:: max(1, len(verification.hogels) // MAX_TRIED_HOGELS)][
+        :MAX_TRIED_HOGELS
+    ]:
         try:
             image = source.image(hogel.aperture)
         except sources.Problem:
             return False
         points = shown_points(reference.scene, nominal, image)
-        figures = judge(reference, nominal, image, points, found.limits.judging, explained=False)
+        figures = judge(
+            reference, nominal, image, points, verification.limits.judging, explained=False
+        )
         wrong, shown = wrong + figures.numbers.limited, shown + figures.numbers.shown
     return wrong <= MAX_WRONG_IN_RIGHT_READING * shown

@@ -1,4 +1,4 @@
-"""Where a foreign renderer's hogel images come from: files, a layout of files, a program, or a function."""
+"""Sources of a foreign renderer's images: files, a layout, a program, or a function."""
 
 import hashlib
 import os
@@ -33,14 +33,12 @@ from xfrustum.scenes.files.plate_files import FileSet, find_files, pictures_at
 from xfrustum.scenes.representation import counted
 
 MAX_NAMES_TRIED = 10_000
-"""Files whose names are looked up one by one before the work, to tell a wrong pattern at once."""
+"""Files whose names are looked up singly before the work, to refuse a wrong pattern at once."""
 
-MAX_TOLD_LINES, MAX_TOLD_BYTES = 5, 1 << 16
-"""Last lines of a failed command's standard error that are passed on, and last bytes that are looked at."""
+MAX_LOG_LINES, MAX_LOG_BYTES = 5, 1 << 16
+"""Last lines of a failed command's standard error that are reported, of its last bytes."""
 
-Renderer = Callable[
-    [Scene, Aperture], HogelImage
-]  #: what a renderer in Python looks like from here
+Renderer = Callable[[Scene, Aperture], HogelImage]  #: a renderer in Python
 
 
 class Problem(Exception):
@@ -49,7 +47,7 @@ class Problem(Exception):
 
 @dataclass(kw_only=True, eq=False)
 class Source:
-    """Hogel images by aperture; `encoding` is what pictures mean, OpenEXR files say it themselves."""
+    """Hogel images by aperture; `encoding` is the meaning of pictures."""
 
     reference: Reference
     encoding: Encoding = Encoding.RGB
@@ -64,14 +62,14 @@ class Source:
 
 
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
-"""How a number may be asked for after a colon, such as 04d or .3f: at most 99 characters of it."""
+"""Format of a number after a colon, such as 04d or .3f: at most 99 characters."""
 
 EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("x")}
 """Values of the kinds that fields stand for."""
 
 
 def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
-    """Return the fields of a template; InputError where one is unknown or asks for a strange format."""
+    """Return the fields of a template; InputError for unknown fields and formats."""
     try:
         parsed = [part[1:] for part in string.Formatter().parse(template) if part[1] is not None]
     except ValueError as error:
@@ -86,16 +84,16 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
                 raise ValueError
             format(EXAMPLES.get(str(name), Path("x")), form or "")
         except (ValueError, TypeError) as error:
-            asked = f"{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}"
+            stated = f"{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}"
             raise InputError(
-                f"{what} {template!r}: {{{asked}}} is no way to write {{{name}}}; "
+                f"{what} {template!r}: {{{stated}}} is no way to write {{{name}}}; "
                 "write the name alone, or such as {i:03d} and {x:.6f}"
             ) from error
     return names
 
 
 def named_as_given(hogel: Hogel, named_from: Path | None) -> Hogel:
-    """Return a hogel whose problem names files as the user did, from a folder: the same in every folder."""
+    """Return a hogel whose problem names files as the user did, from a folder."""
     root = named_from is None or named_from == Path(named_from.anchor)
     if root or hogel.problem is None:
         return hogel
@@ -131,7 +129,7 @@ class Files(Source):
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there are apertures, and none of their files exists."""
-        if not apertures:  # such as those of an eye that sees no hogel
+        if not apertures:  # as for an eye that sees no hogel
             return
         parsed = string.Formatter().parse(self.pattern)
         any_name = "".join(
@@ -144,7 +142,8 @@ class Files(Source):
         if not some:
             first = self.path(apertures[0])
             raise InputError(
-                f"SOURCE {self.pattern!r}: none of its files exists, such as {first}; check the pattern"
+                f"SOURCE {self.pattern!r}: none of its files exists, such as {first}; check the "
+                "pattern"
             )
 
     def image(self, aperture: Aperture) -> HogelImage:
@@ -156,7 +155,7 @@ class Files(Source):
 
 
 def shape_of(scene: Scene) -> PlateShape:
-    """Return the numbers of hogels and pixels that a scene asks for."""
+    """Return the numbers of hogels and pixels of a scene."""
     return PlateShape(hogels=scene.plate.hogels, resolution=scene.frustum.resolution)
 
 
@@ -186,12 +185,13 @@ class LaidOut(Source):
             )
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Return the image of an aperture, upright as its layout says, with all that OpenEXR files have."""
+        """Return the image of an aperture, upright by its layout, with all OpenEXR channels."""
         files, layout, camera = self.files, self.files.layout, self.reference.camera(aperture)
         if not self.fits:
             lacking = f" ({files.missing} are not there)" if files.missing else ""
             raise Problem(
-                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be {files.shape}"
+                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be "
+                f"{files.shape}"
                 f"{lacking}, and the scene says {shape_of(self.reference.scene)}"
             )
         try:
@@ -226,7 +226,7 @@ class LaidOut(Source):
 
 @dataclass(kw_only=True, eq=False)
 class Function(Source):
-    """A renderer in Python: a function that takes the scene and an aperture, and returns a hogel image."""
+    """A renderer in Python: a function of scene and aperture that returns a hogel image."""
 
     function: Renderer
 
@@ -234,7 +234,7 @@ class Function(Source):
         self.name = getattr(self.function, "__name__", type(self.function).__name__)
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Call it, and see that what it returns is an image of the right size."""
+        """Call the function, and check that it returns an image of the right size."""
         try:
             image = self.function(self.reference.scene, aperture)
         except Exception as error:
@@ -260,10 +260,10 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
     """
     log, process = folder / "stderr", None
 
-    def told() -> str:
+    def last_lines() -> str:
         with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
-            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
+            file.seek(max(0, log.stat().st_size - MAX_LOG_BYTES))
+            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_LOG_LINES:]
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
     try:
@@ -283,7 +283,7 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
     except subprocess.TimeoutExpired as error:
         how = f"ran longer than {timeout_s:g} s and was ended"
-        raise Problem(f"the command {how}{told()}") from error
+        raise Problem(f"the command {how}{last_lines()}") from error
     finally:
         if process is not None:
             with delayed():
@@ -294,12 +294,12 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         how = (
             f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
         )
-        raise Problem(f"the command {how}{told()}")
+        raise Problem(f"the command {how}{last_lines()}")
 
 
 @dataclass(kw_only=True, eq=False)
 class Command(Source):
-    """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
+    """A program that runs once per aperture, without a shell; words split as by a shell."""
 
     template: (
         str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
@@ -307,7 +307,7 @@ class Command(Source):
     folder: Path  #: that {out} lies in
     timeout_s: float
     suffix: str = ".png"
-    working: Path | None = None  #: in which the program runs; None for that of this process
+    working: Path | None = None  #: in which the program runs; None: this process's
 
     def __post_init__(self) -> None:
         self.name = self.template
@@ -319,7 +319,7 @@ class Command(Source):
         self._arguments = shlex.split(self.template)
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Run the program and read what it wrote."""
+        """Run the program and read its file."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
         values = {
             "x": float(aperture.x),
@@ -334,7 +334,7 @@ class Command(Source):
         try:
             return read_foreign(out, self.reference.camera(aperture), self.encoding)
         except InputError as error:
-            # The name of a file that nobody will find is no help.
+            # The name of a temporary file is no help.
             raise Problem(str(error).replace(str(out), "what the command wrote")) from error
         finally:
             out.unlink(missing_ok=True)
@@ -342,7 +342,7 @@ class Command(Source):
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignRenderer:
-    """Where the images of a renderer come from, and what is known of it; see `VerifyOptions`."""
+    """Origin of a renderer's images, and its author's statements; see `VerifyOptions`."""
 
     source: str | Renderer | None = None
     command: str | None = None
@@ -350,14 +350,14 @@ class ForeignRenderer:
     near: float | None = None
     accept: tuple[str, ...] = ()
     timeout_s: float = 60.0
-    folder: Path | None = None  #: in which a command runs; None for that of the process
+    folder: Path | None = None  #: in which a command runs; None: the process's
     named_from: Path | None = (
         None  #: folder from which the user named the files of an absolute `source`
     )
     layout: str | None = None  #: of folders and pictures
 
     def nominal(self, scene: Scene) -> RendererModel:
-        """Return what the renderer's author says of it; InputError where that cannot be."""
+        """Return the model by the author's statements; InputError for impossible ones."""
         if strange := [name for name in self.accept if name not in ACCEPTABLE]:
             raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
         reach = scene.frustum.longest_reach
@@ -369,7 +369,7 @@ class ForeignRenderer:
 
     @contextmanager
     def opened(self, reference: Reference) -> Iterator[Source]:
-        """Open where its images come from, with a folder of its own for what a command writes."""
+        """Open the source of images, with a scratch folder for a command."""
         source, command = self.source, self.command
         if (source is None) == (command is None):
             raise InputError(
@@ -403,11 +403,10 @@ class ForeignRenderer:
         else:
             yield Files(pattern=source, reference=reference, encoding=meant)
 
-    # What follows is for work in several processes, which may have other working folders than the
-    # command.
+    # Several processes may have other working folders than the command.
 
     def placed(self, scene: Scene) -> Self:
-        """Return the renderer with absolute names of its files, or the folder in which its command runs."""
+        """Return the renderer with absolute file names, or the folder of its command."""
         here = Path.cwd()
         if self.command is not None:
             return self if self.folder is not None else replace(self, folder=here)
@@ -418,48 +417,51 @@ class ForeignRenderer:
         named_from = None if Path(self.source).is_absolute() else here
         return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
 
-    def with_layout(self, scene: Scene, told: Callable[[str], object]) -> Self:
-        """Return the renderer, placed, with the layout of its files; `told` is called with one that is found.
+    def with_layout(self, scene: Scene, note: Callable[[str], object]) -> Self:
+        """Return the placed renderer with the layout of its files; `note` gets a detected one.
 
         Raises InputError where there is no file of any hogel, or the files do not fit the layout.
         """
-        found = self.placed(scene)
-        with found.opened(Reference(scene)) as source:
+        found_files = self.placed(scene)
+        with found_files.opened(Reference(scene)) as source:
             source.check(scene.plate.apertures())
             if not isinstance(source, LaidOut):
-                return found
+                return found_files
             if self.layout is None:
-                told(f"{self.source} looks like {described(source.files)}")
-            return replace(found, layout=source.files.layout.name)
+                note(f"{self.source} looks like {described(source.files)}")
+            return replace(found_files, layout=source.files.layout.name)
 
     @property
     def description(self) -> dict[str, Any]:
-        """What is written of a renderer that is placed: the same wherever its files were named from."""
+        """Description of a placed renderer, independent of the folder of its names."""
         return {name: value for name, value in json_object(self).items() if name != "named_from"}
 
     def state(self, apertures: Sequence[Aperture]) -> str:
         """Return a digest of names, sizes and times of the files that its images depend on.
 
-        Those of a command are its program, and every file that its words name.
+        For a command: its program, and every file that its words name.
         """
         if self.command is not None:
             words, folder = shlex.split(self.command), self.folder or Path.cwd()
             program = shutil.which(words[0]) if words and os.sep not in words[0] else None
             # A word may be a whole script, longer than any name of a file.
-            named = [str(file) for word in words if os.path.isfile(file := folder / word)]  # noqa: PTH113
+            isfile = os.path.isfile
+            named = [str(file) for word in words if isfile(file := folder / word)]
             paths = iter(dict.fromkeys(([program] if program else []) + named))
         else:
             assert isinstance(self.source, str)
             pattern, place = self.source, Path(self.source)
             if self.layout is None:
-                paths = (pattern.format(i=one.column, j=one.row) for one in apertures)
+                paths = (
+                    pattern.format(i=aperture.column, j=aperture.row) for aperture in apertures
+                )
             else:
                 paths = map(str, pictures_at(place))
         digest = hashlib.sha256()
         for path in paths:
             with suppress(OSError, ValueError):
-                found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
-                line = f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n"
+                status = os.stat(path)  # noqa: PTH116 - faster than Path for millions of names
+                line = f"{path}\0{status.st_size}\0{status.st_mtime_ns}\n"
                 digest.update(line.encode(errors="surrogateescape"))
         return digest.hexdigest()
 
@@ -467,12 +469,15 @@ class ForeignRenderer:
         """Raise InputError where this process finds other files than the command did."""
         if self.folder is not None and not self.folder.is_dir():
             raise InputError(
-                f"--command {self.command!r}: there is no folder {self.folder}, in which it is to run; start "
+                f"--command {self.command!r}: there is no folder {self.folder}, in which it is "
+                "to run; start "
                 "it from one that the command and all workers share"
             )
         if self.state(apertures) != state:
             name = self.source if self.command is None else f"--command {self.command!r}"
             raise InputError(
-                f"{name}: a worker finds other image files than the command, or another program; give all "
-                "the same files by the same paths, and leave them as they are while hogels are judged"
+                f"{name}: a worker finds other image files than the command, or another program; "
+                "give all "
+                "the same files by the same paths, and leave them as they are while hogels are "
+                "judged"
             )

@@ -43,25 +43,29 @@ class Verification(Verdict, NotebookRepr):
     @property
     def inspected(self) -> list[InspectedHogel]:
         """The worst hogels with all their channels; none unless channels were kept."""
-        return [one.inspected for one in self.worst.kept if one.inspected is not None]
+        return [
+            pictured.inspected for pictured in self.worst.kept if pictured.inspected is not None
+        ]
 
     @property
     def judged(self) -> str:
         """Properties of the images that were judged."""
         known = [hogel.as_found for hogel in self.hogels if hogel.as_found is not None]
-        colored = any(one.radiance is not None for one in known)
-        return words.judged_words({one.by for one in known}, colored, self.limits.judging)
+        colored = any(numbers.radiance is not None for numbers in known)
+        return words.judged_words({numbers.by for numbers in known}, colored, self.limits.judging)
 
     @property
     def explained(self) -> bool | None:
-        """Whether the diagnosis explains what is wrong; None where no judged image is wrong."""
+        """True if the diagnosis explains the wrong pixels; None where no judged image is wrong."""
         wrong = self.diagnosis.does_not_explain or any(check.held is False for check in self.checks)
         return True if self.diagnosis.faults else False if wrong else None
 
     @property
     def storage(self) -> dict[str, int]:
         """File formats that changed pixels, and the number of hogels of each."""
-        return dict(sorted(Counter(one.storage for one in self.hogels if one.storage).items()))
+        return dict(
+            sorted(Counter(hogel.storage for hogel in self.hogels if hogel.storage).items())
+        )
 
     @property
     def where(self) -> dict[str, Any] | None:
@@ -71,7 +75,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def _places(self) -> list[tuple[Aperture, Places]]:
-        return [(one.aperture, one.places) for one in self.hogels if one.places is not None]
+        return [(hogel.aperture, hogel.places) for hogel in self.hogels if hogel.places is not None]
 
     def _said(self) -> str:
         return f"{self.source} as an answer to {self.scene.name!r}. {words.sentence(self)}"
@@ -81,7 +85,7 @@ class Verification(Verdict, NotebookRepr):
         return table(self)
 
     def _figures(self) -> Sequence[Figure]:
-        shown = [entry for one in self.worst.kept[:1] for entry in one.pictures.items()]
+        shown = [entry for pictured in self.worst.kept[:1] for entry in pictured.pictures.items()]
         return [
             Figure(caption=f"worst hogel, {name}", content=b64decode(url.partition(",")[2]))
             for name, url in shown
@@ -91,15 +95,16 @@ class Verification(Verdict, NotebookRepr):
         """Return the named defects, with their sentences, as `verify --json` prints them."""
         by = words.witnesses(self.diagnosis)
         return [
-            _summary(one, words.defect_words(one, self.scene, by)) for one in self.diagnosis.faults
+            _summary(defect, words.defect_words(defect, self.scene, by))
+            for defect in self.diagnosis.faults
         ]
 
     def guesses(self) -> list[dict[str, Any]]:
         """Return the defects that explain too little, with their sentences."""
-        found = self.diagnosis
+        verification = self.diagnosis
         return [
-            _summary(one, words.guess_words(one, found, self.scene))
-            for one in found.does_not_explain
+            _summary(defect, words.guess_words(defect, verification, self.scene))
+            for defect in verification.does_not_explain
         ]
 
     def best_guesses(self) -> list[dict[str, Any]]:
@@ -136,9 +141,9 @@ class Verification(Verdict, NotebookRepr):
         }
 
 
-def _summary(defect: Defect, told: str) -> dict[str, Any]:
+def _summary(defect: Defect, text: str) -> dict[str, Any]:
     """Return a defect as `verify --json` prints it."""
-    fields = asdict(defect) | {"words": told, "alternatives": list(defect.alternatives)}
+    fields = asdict(defect) | {"words": text, "alternatives": list(defect.alternatives)}
     names = ("fault", "value", "low", "high", "unit", "words", "alternatives", "explains")
     return {name: fields[name] for name in names}
 
@@ -150,24 +155,30 @@ def _hogel(hogel: Hogel) -> dict[str, Any]:
     return {name: (json_object(hogel) | index)[name] for name in names}
 
 
-def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
+def write_verification(verification: Verification, out: Path) -> tuple[Path, ...]:
     """Write the page and the JSON object, and the inspection page if channels were kept."""
     with Staging(out, FILES) as staging:
-        staging.write(PAGE, render_page(found))
-        staging.write(DATA, found.summary())
-        if found.inspected:
-            known = [(one.aperture.index, one.as_found) for one in found.hogels if one.as_found]
+        staging.write(PAGE, render_page(verification))
+        staging.write(DATA, verification.summary())
+        if verification.inspected:
+            known = [
+                (hogel.aperture.index, hogel.as_found)
+                for hogel in verification.hogels
+                if hogel.as_found
+            ]
             shares = [(*index, (numbers.surface or numbers).fraction) for index, numbers in known]
             inspected = inspection.Inspection(
                 command="verify",
-                scene=found.scene,
-                told=f"The worst hogels of {found.source}, as they were found.",
-                hogels=found.inspected,
-                plate_map=PlateMap.from_values(found.scene.plate, "Share of wrong pixels", shares),
+                scene=verification.scene,
+                told=f"The worst hogels of {verification.source}, as they were found.",
+                hogels=verification.inspected,
+                plate_map=PlateMap.from_values(
+                    verification.scene.plate, "Share of wrong pixels", shares
+                ),
             )
             inspection.write_inspection(staging.folder, inspected)
         # The inspection page of an earlier run would show other images than the page beside it.
-        with inspection.replacing_inspection(out, kept=bool(found.inspected)):
+        with inspection.replacing_inspection(out, kept=bool(verification.inspected)):
             return staging.commit()
 
 
@@ -181,12 +192,12 @@ MAP_CLASSES = (
 """Classes of hogels on the map of a plate: the least share that is wrong, color and words."""
 
 
-def plate_map(found: Verification) -> dict[str, Any] | None:
+def plate_map(verification: Verification) -> dict[str, Any] | None:
     """Return the classes of hogels as cells of an SVG; None where no map is needed.
 
     A cell of a large plate stands for several hogels, and shows the worst of them.
     """
-    if found.passed or len(found.hogels) == 1:
+    if verification.passed or len(verification.hogels) == 1:
         return None
 
     def badness(hogel: Hogel) -> float:
@@ -196,15 +207,15 @@ def plate_map(found: Verification) -> dict[str, Any] | None:
         unknown = hogel.verdict in (Outcome.MISSING, Outcome.NOT_JUDGED)
         return math.inf if unknown else max(math.ulp(0.0), *shares, 0.0)
 
-    every = ((*hogel.aperture.index, badness(hogel)) for hogel in found.hogels)
-    cells = PlateMap.from_values(found.scene.plate, "", every).cells
+    every = ((*hogel.aperture.index, badness(hogel)) for hogel in verification.hogels)
+    cells = PlateMap.from_values(verification.scene.plate, "", every).cells
     number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
     number[np.isnan(cells)] = -1
     classes = [
-        {"color": color, "words": told, "cells": np.argwhere(number == place).tolist()}
-        for place, (_, color, told) in enumerate(MAP_CLASSES)
+        {"color": color, "words": entry, "cells": np.argwhere(number == place).tolist()}
+        for place, (_, color, entry) in enumerate(MAP_CLASSES)
     ]
-    return {"size": cells.shape[::-1], "classes": [one for one in classes if one["cells"]]}
+    return {"size": cells.shape[::-1], "classes": [entry for entry in classes if entry["cells"]]}
 
 
 def number(value: float | None, unit: str | None) -> str:
@@ -225,46 +236,58 @@ FILTERS: Filters = {
 }
 
 
-def _told(found: Verification) -> dict[str, Any]:
+def _told(verification: Verification) -> dict[str, Any]:
     """Return the values of both templates, page and text."""
     return {
-        "found": found,
-        "defects": found.defects(),
-        "guesses": found.best_guesses(),
-        "found_by": words.basis_words(found.diagnosis),
-        "sentence": words.sentence(found),
-        "explained": words.explained_words(found),
-        "unexplained": words.unexplained_words(found),
-        "nothing": words.nothing_words(found),
-        "where": words.where_words(found.where or {}),
-        "figures": {"as found": found.as_found, "corrected": found.corrected},
+        "found": verification,
+        "defects": verification.defects(),
+        "guesses": verification.best_guesses(),
+        "found_by": words.basis_words(verification.diagnosis),
+        "sentence": words.sentence(verification),
+        "explained": words.explained_words(verification),
+        "unexplained": words.unexplained_words(verification),
+        "nothing": words.nothing_words(verification),
+        "where": words.where_words(verification.where or {}),
+        "figures": {"as found": verification.as_found, "corrected": verification.corrected},
     }
 
 
-def render_page(found: Verification) -> str:
+def render_page(verification: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
     made_by = {**versions(), **machine()}
-    values = {"summary": found.summary(), "map": plate_map(found), "versions": made_by}
-    return html_page("verify.html.j2", _told(found) | values, FILTERS)
+    values = {
+        "summary": verification.summary(),
+        "map": plate_map(verification),
+        "versions": made_by,
+    }
+    return html_page("verify.html.j2", _told(verification) | values, FILTERS)
 
 
-def table(found: Verification) -> str:
+def table(verification: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
-    problems = [hogel for hogel in found.hogels if hogel.problem]
-    values = _told(found) | {"problems": problems, "listed": words.MAX_LISTED}
+    problems = [hogel for hogel in verification.hogels if hogel.problem]
+    values = _told(verification) | {"problems": problems, "listed": words.MAX_LISTED}
     return plain_text("verify.txt.j2", values, FILTERS).removesuffix("\n")
 
 
-def write_junit(found: Verification, path: Path) -> None:
+def write_junit(verification: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, whole or not at all."""
-    named = "; ".join(one["words"] for one in found.defects()) or "no fault named"
+    named = "; ".join(defect["words"] for defect in verification.defects()) or "no fault named"
     cases = []
-    for hogel in found.hogels:
-        exceeded = "; ".join(words.check_words(one) for one in hogel.checks if one.held is False)
+    for hogel in verification.hogels:
+        exceeded = "; ".join(
+            words.check_words(check) for check in hogel.checks if check.held is False
+        )
         if hogel.verdict is Outcome.NOT_JUDGED:
             exceeded = words.NOTHING_TO_JUDGE
         figures = "" if hogel.as_found is None else words.figures_words(hogel.as_found)
         text = figures and f"{figures}\ndiagnosis: {named}"
         name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
-        cases.append(JUnitCase(found.scene.name or "scene", name, hogel.problem, exceeded, text))
-    write_output(path, junit(f"xfrustum verify {found.scene.name}", cases, table(found)), "--junit")
+        cases.append(
+            JUnitCase(verification.scene.name or "scene", name, hogel.problem, exceeded, text)
+        )
+    write_output(
+        path,
+        junit(f"xfrustum verify {verification.scene.name}", cases, table(verification)),
+        "--junit",
+    )

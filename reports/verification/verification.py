@@ -1,4 +1,4 @@
-"""`xfrustum verify`: verdict on somebody else's renderer, and a diagnosis where it is wrong.
+"""`xfrustum verify`: verdict on a foreign renderer, and a diagnosis where it is wrong.
 
 One way: open the source of images, decode a sample of hogels, diagnose it (`compare.diagnosis`),
 judge every hogel by the nominal model and by the diagnosed one (`compare.judging`), test the
@@ -48,15 +48,15 @@ Item = TypeVar("Item")
 FiguresPair = tuple[Figures, Figures]  #: figures of a hogel as found, and as corrected
 
 SAMPLE_SIDE = 5
-"""Columns and rows of diagnosed hogels: 25 tell apart all orders of apertures, many times over."""
+"""Columns and rows of diagnosed hogels: 25 distinguish all orders of apertures, many times over."""
 
 MAX_SAMPLE_PIXELS, MIN_SAMPLE_HOGELS = 1 << 22, 4
-"""Pixels of all diagnosed hogels together, which bounds the memory; and smallest number of these hogels."""
+"""Pixels of all diagnosed hogels, which bounds the memory; smallest number of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerifyOptions:
-    """Options of `xfrustum verify`: what is judged of a renderer, and by which limits."""
+    """Options of `xfrustum verify`: images, conventions and limits."""
 
     #: program in place of files, run for each aperture with {x}, {y}, {i}, {j} and {out}
     command: str | None = None
@@ -103,7 +103,8 @@ class VerifyOptions:
             for index, pair in zip(self.apertures, pairs, strict=True):
                 if len(pair) < 2:
                     raise InputError(
-                        f"apertures are pairs of a column and a row, such as (2, 1), not {index!r:.100}"
+                        "apertures are pairs of a column and a row, such as (2, 1), not "
+                        f"{index!r:.100}"
                     )
             apertures = [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
         require_seen(scene, apertures)
@@ -142,13 +143,15 @@ def verify(
             )
             return run.verified(channels=options.channels, progress=options.progress)
 
-        found = with_layout_named(verified(images), images, verified)
-    return with_tested_diagnosis(found)
+        verification = with_layout_named(verified(images), images, verified)
+    return with_tested_diagnosis(verification)
 
 
-def with_tested_diagnosis(found: Verification) -> Verification:
-    """Return a verification whose defects are named only if all hogels pass when corrected for them."""
-    return replace(found, diagnosis=with_correction_tested(found.diagnosis, found.hogels))
+def with_tested_diagnosis(verification: Verification) -> Verification:
+    """Name defects only if all hogels pass when corrected for them."""
+    return replace(
+        verification, diagnosis=with_correction_tested(verification.diagnosis, verification.hogels)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,22 +219,27 @@ class Run:
     def hogels(
         self, question: Question, apertures: Iterable[Aperture]
     ) -> Iterator[tuple[Hogel, FiguresPair | None]]:
-        """Judge some hogels; yield them in their order, each with its figures where it has an image.
+        """Judge some hogels; yield them in order, with figures where there is an image.
 
         Images are read in the caller's thread.
         """
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
         with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
             images = (
-                (one, self.kept.pop(one) if one in self.kept else self._image(one))
-                for one in apertures
+                (
+                    aperture,
+                    self.kept.pop(aperture) if aperture in self.kept else self._image(aperture),
+                )
+                for aperture in apertures
             )
-            yield from in_order((pool.submit(self._judged, question, *one) for one in images), most)
+            yield from in_order(
+                (pool.submit(self._judged, question, *image) for image in images), most
+            )
 
     def pictured(
         self, question: Question, aperture: Aperture, *, channels: bool
     ) -> Pictured | None:
-        """Return one hogel in pictures, with all its channels if selected; None where it is missing."""
+        """Return one hogel in pictures, perhaps with all channels; None where it is missing."""
         worst = WorstHogels(scene=self.reference.scene if channels else None)
         figures = self._judged(question, aperture, self._image(aperture))[1]
         if figures is not None:
@@ -247,7 +255,7 @@ class Run:
     def _judged(
         self, question: Question, aperture: Aperture, image: HogelImage | sources.Problem
     ) -> tuple[Hogel, FiguresPair | None]:
-        """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
+        """Judge one hogel; return it with its figures as found and as corrected, or None."""
         if isinstance(image, sources.Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
         findings, limits = question.findings, self.limits

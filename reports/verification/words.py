@@ -1,4 +1,4 @@
-"""Sentences of `verify`: defects, figures, limits and verdicts, from records of codes and numbers."""
+"""Sentences of `verify` about defects, figures, limits and verdicts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ MAX_LISTED = 10  # hogels that the terminal names one by one
 
 NOT_MEASURED = "not measured, as there are no outlines"
 NOTHING_TO_JUDGE = (
-    "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or judge "
+    "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or "
+    "judge "
     "colors)"
 )
 
@@ -40,8 +41,8 @@ JUDGED = {
     "triangle": "surfaces, by the triangles that pixels name",
     "object": "surfaces, by the objects that pixels name",
     "coverage": "surfaces, by where something is shown",
-    "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading; "
-    "not what lies between outlines",
+    "outlines": "geometry: where pictures show something, and where outlines run, in whatever "
+    "shading; not what lies between outlines",
 }
 """Judged property by `HogelNumbers.by`; plain pictures are else judged by colors."""
 
@@ -57,8 +58,10 @@ UNITS = {
 AXES = {
     "x, y, -z": "z is negated: what belongs before the plate is behind it",
     "x, z, y": "y and z are exchanged",
-    "x, z, -y": "y and z are exchanged, and y is negated: the scene is turned by 90 degrees about x",
-    "x, -z, y": "y and z are exchanged, and z is negated: the scene is turned by 90 degrees about x",
+    "x, z, "
+    "-y": "y and z are exchanged, and y is negated: the scene is turned by 90 degrees about x",
+    "x, -z, "
+    "y": "y and z are exchanged, and z is negated: the scene is turned by 90 degrees about x",
     "y, x, z": "x and y are exchanged",
     "-x, y, z": "x is negated: the scene is mirrored left to right",
     "x, -y, z": "y is negated: the scene is upside down, as in a mirror",
@@ -70,9 +73,11 @@ TEMPLATES = {
     names.ORDER: "apertures are in another order: {value}",
     names.PIVOT: "the shear is centered in the {value}, not in the {stated}",
     names.FIT: "the film is fitted to the {value}, not to the {stated}",
-    names.NOT_RECENTERED: "frusta are not recentered: every aperture looks straight ahead, not at the "
+    names.NOT_RECENTERED: "frusta are not recentered: every aperture looks straight ahead, not "
+    "at the "
     "projection screen",
-    names.EQUAL_ANGLES: "pixels are spaced by equal angles along {value}: a flat film has equal tangents",
+    names.EQUAL_ANGLES: "pixels are spaced by equal angles along {value}: a flat film has equal "
+    "tangents",
     names.WRAPPED: "images are rolled {value}: what leaves on one side comes in on the other",
     names.Z_NEGATED: "axes are wrong: {axes} ({value} in place of x, y, z)",
     names.AXES_EXCHANGED: "axes are wrong: {axes} ({value} in place of x, y, z)",
@@ -87,15 +92,15 @@ TEMPLATES = {
     "culling": "faces whose corners run {value} as the viewer sees them are left out",
     "front-mirrored": "the half before the plate is {value}",
     "back-mirrored": "the half behind the plate is {value}",
-    "front-unturned": "the half before the plate is {value}: C* looks back, so that its picture is to "
-    "be turned by 180 degrees, and is not",
+    "front-unturned": "the half before the plate is {value}: C* looks back, so that its picture "
+    "is to be turned by 180 degrees, and is not",
     "back-unturned": "the half behind the plate is {value}",
-    "lights": "lights are not conjugated: on the viewer's side bright and dark are exchanged; C* needs "
-    "L* = -L",
-    "flat-normals": "triangles are shaded with their own normals: the scene's are interpolated between "
-    "vertices",
-    "inverted-normals": "surfaces are lit from the wrong side: normals point away from the viewer, or "
-    "all lights are reversed",
+    "lights": "lights are not conjugated: on the viewer's side bright and dark are exchanged; "
+    "C* needs L* = -L",
+    "flat-normals": "triangles are shaded with their own normals: the scene's are interpolated "
+    "between vertices",
+    "inverted-normals": "surfaces are lit from the wrong side: normals point away from the viewer, "
+    "or all lights are reversed",
     stored.WRONG_ENCODING: "pixels hold {value_words}, not {stated_words}: --encoding {value}",
     stored.BACKGROUND_ID: "nothing is stored as {value:.0f}, not as {stated:.0f}",
     stored.OVERFLOW: "only the low {value:.0f} bits of each number are stored, of {triangles:,} "
@@ -121,7 +126,7 @@ def percent(fraction: float) -> str:
 
 
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
-    """Return the sentence of a defect, with its size; `by` names what cannot tell alternatives apart."""
+    """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
     if defect.parts:
         parts = "; ".join(defect_words(part, scene, by) for part in defect.parts)
         return f"only together these numbers explain, and may stand for something else: {parts}"
@@ -158,8 +163,8 @@ def _view_shear(defect: Defect, scene: Scene) -> str:
     screen, value = scene.frustum.screen, float(defect.value)
     assert screen is not None
     height = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
-    told = f"views have {value:.3g} of the shear that the plate needs"
-    return f"{told}: they are registered at height {height}"
+    text = f"views have {value:.3g} of the shear that the plate needs"
+    return f"{text}: they are registered at height {height}"
 
 
 def _hogels(defect: Defect, _: Scene) -> str:
@@ -275,11 +280,11 @@ def _units(low: float, high: float) -> str:
     return ""
 
 
-def guess_words(defect: Defect, found: Diagnosis, scene: Scene) -> str:
+def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
     """Return the sentence of a defect that explains too little, or makes right pixels wrong."""
-    words, share = defect_words(defect, scene, witnesses(found)), defect.explains or 0.0
+    words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
     would = f"would explain only {100 * share:.0f} % of what is wrong"
-    if defect.refuted and (rest := found.refutation) is not None:
+    if defect.refuted and (rest := diagnosis.refutation) is not None:
         named = ", ".join(f"{i},{j}" for i, j in rest.failed[:MAX_NAMED])
         named += ", .." if len(rest.failed) > MAX_NAMED else ""
         would += (
@@ -291,29 +296,29 @@ def guess_words(defect: Defect, found: Diagnosis, scene: Scene) -> str:
     return f"{words}: {would}"
 
 
-def witnesses(found: Diagnosis) -> str:
-    """Return what cannot tell alternatives apart."""
-    basis = found.evidence.basis
+def witnesses(diagnosis: Diagnosis) -> str:
+    """Return the evidence that leaves alternatives open."""
+    basis = diagnosis.evidence.basis
     return str(basis) if basis in (Basis.COLORS, Basis.OBJECTS) else "images"
 
 
-def basis_words(found: Diagnosis) -> str:
+def basis_words(diagnosis: Diagnosis) -> str:
     """Return the means of a diagnosis."""
-    one = found.evidence
-    if one.basis is Basis.NOTHING:
+    evidence = diagnosis.evidence
+    if evidence.basis is Basis.NOTHING:
         return "nothing, as no hogel shows enough of the scene to tell"
-    if one.basis is Basis.RIGHT:
-        return f"{counted(one.hogels, 'hogel')}, in which nothing is wrong"
-    if one.basis in (Basis.COLORS, Basis.OBJECTS):
-        return f"registration of {counted(one.hogels, 'picture')}"
-    words = f"{one.claims:,} claims of {counted(one.hogels, 'hogel')}"
-    words += f"; {counted(one.spoiled, 'hogel')} unlike the others" if one.spoiled else ""
-    return words + ("" if one.holds else "; no convention explains them alone")
+    if evidence.basis is Basis.RIGHT:
+        return f"{counted(evidence.hogels, 'hogel')}, in which nothing is wrong"
+    if evidence.basis in (Basis.COLORS, Basis.OBJECTS):
+        return f"registration of {counted(evidence.hogels, 'picture')}"
+    words = f"{evidence.claims:,} claims of {counted(evidence.hogels, 'hogel')}"
+    words += f"; {counted(evidence.spoiled, 'hogel')} unlike the others" if evidence.spoiled else ""
+    return words + ("" if evidence.holds else "; no convention explains them alone")
 
 
 def judged_words(by: set[str], colored: bool, judging: Judging) -> str:
-    """Return what was judged of images that show some properties, and colors."""
-    words = [told for name, told in JUDGED.items() if name in by]
+    """Return the judged properties of images."""
+    words = [entry for name, entry in JUDGED.items() if name in by]
     if "color" in by or colored:
         words.append(f"colors to within {judging.color_tolerance:.3g} of linear radiance")
     return ", and ".join(words) or "nothing"
@@ -332,7 +337,7 @@ def check_words(check: Check) -> str:
 
 
 def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
-    """Return the figures of one hogel, or of all; each names the kind of wrong pixels that it counts."""
+    """Return the sentence of the figures of one hogel, or of all."""
     parts = [f"{figures.shown:,} pixels show something"]
     if (surface := figures.surface) is not None:
         outside = f", {surface.outside:,} from outside the film" if surface.outside else ""
@@ -351,7 +356,7 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
         parts.append(f"{name} {NOT_MEASURED if unmeasured else 'unknown'}")
     else:
         p99 = spread["worst_p99"] if isinstance(spread, dict) else spread.p99
-        known = [one for one in means if one not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES)]
+        known = [name for name in means if name not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES)]
         some = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means else ""
         parts.append(f"{name} {p99:.3g} px by {' or '.join(known)}{some}")
     text = ", ".join(parts)
@@ -373,30 +378,33 @@ def where_words(where: Mapping[str, Any]) -> list[str]:
     }
     lines = []
     for group, head in heads.items():
-        worst = sorted(where.get(group, {}).items(), key=lambda one: -one[1]["fraction"])[:6]
-        told = (f"{place} {100 * one['fraction']:.3g} % ({one['wrong']:,})" for place, one in worst)
-        lines += [f"{head}: {', '.join(told)}"] if worst else []
+        worst = sorted(where.get(group, {}).items(), key=lambda entry: -entry[1]["fraction"])[:6]
+        text = (
+            f"{place} {100 * entry['fraction']:.3g} % ({entry['wrong']:,})"
+            for place, entry in worst
+        )
+        lines += [f"{head}: {', '.join(text)}"] if worst else []
     return lines
 
 
-def sentence(found: Verification) -> str:
+def sentence(verification: Verification) -> str:
     """Return the verdict, with the figures of the worst hogel that decided it."""
-    verdicts = [hogel.verdict for hogel in found.hogels]
+    verdicts = [hogel.verdict for hogel in verification.hogels]
     count, missing, bad = (
         len(verdicts),
         verdicts.count(Outcome.MISSING),
         verdicts.count(Outcome.FAIL),
     )
-    if found.passed:
-        kept = ", ".join(map(check_words, found.checks))
+    if verification.passed:
+        kept = ", ".join(map(check_words, verification.checks))
         who = "the hogel keeps" if count == 1 else f"all {count} hogels keep"
         return f"Right: {who} to the limits: at worst {kept}."
     blind = verdicts.count(Outcome.NOT_JUDGED)
-    if found.verdict is Outcome.NOT_JUDGED:
+    if verification.verdict is Outcome.NOT_JUDGED:
         who = "the hogel" if count == 1 else f"{blind} of {count} hogels"
         rest = "" if blind == count else "; the others keep to the limits"
         return f"Not judged, neither right nor wrong: in {who} {NOTHING_TO_JUDGE}{rest}."
-    exceeded = ", ".join(check_words(check) for check in found.checks if check.held is False)
+    exceeded = ", ".join(check_words(check) for check in verification.checks if check.held is False)
     who = f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
     who = "the hogel exceeds" if count == 1 else who
     parts = [f"{who} a limit: at worst {exceeded}"] if bad else []
@@ -407,40 +415,59 @@ def sentence(found: Verification) -> str:
     return f"Not right: {'; and '.join(parts)}."
 
 
-def unexplained_words(found: Verification) -> str:
-    """Return that no defect is named for what is wrong, and what may help."""
+def unexplained_words(verification: Verification) -> str:
+    """Return the sentence where no defect is named, with advice."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    guesses = found.diagnosis.does_not_explain
-    ambiguous = found.diagnosis.refutation is not None and any(one.alternatives for one in guesses)
+    guesses = verification.diagnosis.does_not_explain
+    ambiguous = verification.diagnosis.refutation is not None and any(
+        guess.alternatives for guess in guesses
+    )
     words = several if ambiguous else "no known fault explains what is wrong"
     # Mistakes of single hogels are seen only where these are among the diagnosed hogels.
-    wrong = [hogel.aperture for hogel in found.hogels if hogel.verdict is Outcome.FAIL]
-    if wrong and found.diagnosis.evidence.basis is Basis.RIGHT:
-        named = ";".join(f"{one.column},{one.row}" for one in wrong[:MAX_LISTED])
-        words += f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
-    black = (found.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
-    if black and found.as_found is not None and found.as_found.by == "outlines":
+    wrong = [hogel.aperture for hogel in verification.hogels if hogel.verdict is Outcome.FAIL]
+    if wrong and verification.diagnosis.evidence.basis is Basis.RIGHT:
+        named = ";".join(f"{entry.column},{entry.row}" for entry in wrong[:MAX_LISTED])
+        words += (
+            ": the hogels that were diagnosed are right; diagnose some of both, --apertures "
+            f"'{named};..'"
+        )
+    black = (verification.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
+    if black and verification.as_found is not None and verification.as_found.by == "outlines":
         # A surface that no light reaches and one that is not drawn make the same picture.
-        words += f"; {black:,} of the wrong pixels are black where the truth shows a surface: black is taken "
-        words += "for nothing; if they are unlit, draw with some ambient light, or write numbers of triangles"
+        words += (
+            f"; {black:,} of the wrong pixels are black where the truth shows a surface: black is "
+            "taken "
+        )
+        words += (
+            "for nothing; if they are unlit, draw with some ambient light, or write numbers of "
+            "triangles"
+        )
     return words
 
 
-def explained_words(found: Verification) -> list[str]:
-    """Return how much of what is wrong the diagnosis explains; none where it names nothing."""
-    shares = [one.explains for one in found.diagnosis.faults if one.explains is not None]
+def explained_words(verification: Verification) -> list[str]:
+    """Return the share of wrong pixels that the diagnosis explains; none where it names nothing."""
+    shares = [
+        defect.explains for defect in verification.diagnosis.faults if defect.explains is not None
+    ]
     if not shares:
         return []
     return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"]
 
 
-def nothing_words(found: Verification) -> str:
-    """Return that no defect was found, and what is wrong within the limits all the same."""
-    if found.as_found is None:
+def nothing_words(verification: Verification) -> str:
+    """Return the sentence where no defect was found, with wrong pixels within the limits."""
+    if verification.as_found is None:
         return "no hogel could be judged"
-    count = (found.as_found.causes or {}).get("unexplained", 0)
+    count = (verification.as_found.causes or {}).get("unexplained", 0)
     if not count:
         return "nothing found"
-    by_hogel = {one.aperture: (one.as_found and one.as_found.causes) or {} for one in found.hogels}
-    worst = max(by_hogel, key=lambda one: by_hogel[one].get("unexplained", 0))
-    return f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel {worst.column},{worst.row}"
+    by_hogel = {
+        hogel.aperture: (hogel.as_found and hogel.as_found.causes) or {}
+        for hogel in verification.hogels
+    }
+    worst = max(by_hogel, key=lambda entry: by_hogel[entry].get("unexplained", 0))
+    return (
+        f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel "
+        f"{worst.column},{worst.row}"
+    )

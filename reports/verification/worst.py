@@ -14,10 +14,10 @@ from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Bytes
 
 MAX_SHOWN_HOGELS, MAX_PICTURE_PX = 6, 512
-"""Hogels whose pictures are on the page, and longest side of a picture; larger ones leave pixels out."""
+"""Number of hogels with pictures, and longest side of a picture, px."""
 
 WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
-"""Color of wrong pixels, level where nothing is shown, and share by which the truth shows beneath errors."""
+"""Color of wrong pixels, level of empty ones, and strength of the truth beneath errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Pictured:
     words: str
     badness: tuple[float, float]  #: as found, then corrected
     pictures: dict[str, str]
-    inspected: InspectedHogel | None = None  #: all channels, where they were asked for
+    inspected: InspectedHogel | None = None  #: all channels, where selected
 
 
 @dataclass(kw_only=True)
@@ -59,14 +59,14 @@ class WorstHogels:
             if scene is None
             else inspected_figures(scene, aperture, as_found, corrected),
         )
-        worst_first = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)
+        worst_first = sorted((*self.kept, pictured), key=lambda entry: entry.badness, reverse=True)
         self.kept = worst_first[:MAX_SHOWN_HOGELS]
 
 
 def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
     """Return what people can see of an image: its colors, else a color for each surface.
 
-    That is a triangle or an object, whichever `like` names, by default the image itself: truth
+    Surfaces are triangles or objects, whichever `like` names, by default the image itself: truth
     names both.
     """
     if image.color is not None:
