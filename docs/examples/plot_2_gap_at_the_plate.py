@@ -2,9 +2,9 @@
 The gap at the plate
 ====================
 
-What does the near offset look like to a viewer, who sees one pixel of each hogel? It
-opens a gap of 2 n at the plate: what lies behind is seen n farther back, what lies
-before it n farther in front. The method has the proof.
+A viewer receives one pixel of each hogel. To an eye, the near offset opens a gap of
+2 n at the plate: content behind the plate appears n farther back, content before it n
+farther in front. The method has the proof.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from xfrustum import DoubleFrustum, Eye, open_scene, view
 from xfrustum.reports.view import Drawing
 
 # %%
-# A scene with parts on both sides of the plate, seen from 600 mm. To make the gap
+# A scene with parts on both sides of the plate, viewed from 600 mm. To make the gap
 # visible n is a twenty-fifth of the reach.
 
 scene = open_scene("asymmetric")

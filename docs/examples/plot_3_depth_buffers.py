@@ -14,8 +14,8 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
-# At n = 1e-7 of the reach the near offset bends nothing, so that what is wrong is the
-# buffer's work.
+# At n = 1e-7 of the reach the near offset bends nothing: all errors are those of the
+# buffer.
 
 scene = open_scene("car")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(160, 160)))

@@ -2,8 +2,8 @@
 Band limiting
 =============
 
-A hogel is no point: it shows its surroundings averaged over its own area. Fine bars
-alias where one point stands for all of them.
+A hogel has an area, and shows the mean over its points. Fine bars alias where one
+point stands for all of them.
 """
 
 from dataclasses import replace

@@ -2,8 +2,8 @@
 A foreign renderer diagnosed
 ============================
 
-Somebody's renderer returns pictures that look right. Are they? ``verify`` takes
-files, a command, or, as here, a function.
+A renderer returns plausible pictures. ``verify`` judges files, a command, or, as
+here, a function.
 """
 
 from dataclasses import replace
@@ -14,8 +14,7 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Rasterizer, Reference, open_scene, verify
 
 # %%
-# The renderer to be judged: it has a near offset that nobody mentioned, and its rows
-# are upside down.
+# The renderer has an undeclared near offset, and its rows are upside down.
 
 scene = open_scene("asymmetric")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 96)))
@@ -23,7 +22,7 @@ rasterizer = Rasterizer(scene)
 
 
 def renderer(scene, aperture):
-    """Return the hogel image of somebody else's program."""
+    """Return the hogel image of a foreign program."""
     image = rasterizer.render(aperture, DoubleFrustum(near=1.0))
     flipped = {
         name: getattr(image, name)[::-1]
@@ -35,8 +34,8 @@ def renderer(scene, aperture):
 apertures = [(20, 20), (60, 20), (20, 40), (60, 40)]
 found = verify(scene, renderer, apertures=apertures)
 print("passed" if found.passed else "failed")
-for fault in found.diagnosis.faults:
-    print("*", fault.words)
+for defect in found.summary()["diagnosis"]:
+    print("*", defect["words"])
 
 # %%
 # The truth, and what this renderer made of it:
