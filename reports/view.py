@@ -1,7 +1,7 @@
 """`xfrustum view`: pictures of eyes, with the losses of the display and of the renderer.
 
-An eye has three pictures: A, the true view of the scene; B, the replay of true hogels; C, the replay
-of a renderer's hogels.
+An eye has three pictures: A, the true view of the scene; B, the replay of true hogels; C, the
+replay of a renderer's hogels.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -69,7 +69,7 @@ class Source(Protocol):
 
 
 class Drawing:
-    """Hogels drawn on demand, one sample a pixel; `effects` None: those that the scene calls for."""
+    """Hogels drawn on demand, one sample a pixel; `effects` None: all that the scene needs."""
 
     settings: DoubleFrustum | None
 
@@ -135,7 +135,7 @@ class StoredPlate:
 
 
 class Images:
-    """Image files by any renderer, read as by `verify`; {i} in a name is the column, {j} the row."""
+    """Image files by any renderer, as in `verify`; {i} in a name is the column, {j} the row."""
 
     settings: DoubleFrustum | None = None
 
@@ -154,8 +154,8 @@ class Images:
                 raise InputError(str(error)) from error
             if image.triangle.max(initial=-1) >= len(self._scene.faces):
                 raise InputError(
-                    f"{self._files.path(aperture)}: names a triangle that the scene does not have; "
-                    "`xfrustum verify` detects how its numbers were stored"
+                    f"{self._files.path(aperture)}: names a triangle that the scene does not "
+                    "have; `xfrustum verify` detects how its numbers were stored"
                 )
             # A picture of colors names no surface anywhere.
             named = image.color is None or bool(
@@ -245,7 +245,7 @@ def view(
 ) -> SceneView:
     """Return the true view, the replayed truth and the replayed hogels of a renderer for some eyes.
 
-    Light is that of one sample a pixel, without light transport. Without a source only the display
+    Light has one sample a pixel, without light transport. Without a source only the display
     is judged.
 
     Raises
@@ -324,22 +324,22 @@ def file_names(eyes: int, *, drawn: bool) -> tuple[str, ...]:
     return (PAGE, DATA, *(f"{name}_{kind}" for name in names for kind in kinds))
 
 
-def write_view(found: SceneView, out: Path) -> tuple[Path, ...]:
+def write_view(seen: SceneView, out: Path) -> tuple[Path, ...]:
     """Write page, numbers and pictures, all or nothing; InputError for an unwritable folder."""
-    with Staging(out, file_names(len(found.views), drawn=bool(found.renderer))) as staging:
-        for number in range(len(found.views)):
-            for name, image in found.images(number).items():
+    with Staging(out, file_names(len(seen.views), drawn=bool(seen.renderer))) as staging:
+        for number in range(len(seen.views)):
+            for name, image in seen.images(number).items():
                 write_eye_image(staging.folder / f"{name}_{number}.exr", image)
                 staging.write(f"{name}_{number}.png", png(shown(image)))
-        staging.write(DATA, found.record)
-        staging.write(PAGE, _page(found))
+        staging.write(DATA, seen.record)
+        staging.write(PAGE, _page(seen))
         return staging.commit()
 
 
-def _page(found: SceneView) -> str:
+def _page(seen: SceneView) -> str:
     eyes = []
-    for number, record in enumerate(found.record.eyes):
-        images = found.images(number)
+    for number, record in enumerate(seen.record.eyes):
+        images = seen.images(number)
         panes = [
             (f"{letter}: {NAMES[name]}", address(png(shown(image))))
             for letter, (name, image) in zip("ABC", images.items(), strict=False)
@@ -348,25 +348,25 @@ def _page(found: SceneView) -> str:
             ("display", "replayed", "A, B"),
             ("renderer", "drawn", "B, C"),
         ):
-            for lost in getattr(found, name)[number : number + 1]:
+            for lost in getattr(seen, name)[number : number + 1]:
                 arcmin = lost.displacement_arcmin / SEEN_ARCMIN
                 marks = marked(shown(images[under]), lost.wrong, arcmin)
                 panes.append((f"loss by the {name}: {between}", address(png(marks))))
         eyes.append((record, panes))
     values = {
-        "found": found,
-        "record": found.record,
+        "found": seen,
+        "record": seen.record,
         "eyes": eyes,
-        "sentences": sentences(found),
+        "sentences": sentences(seen),
         "seen_arcmin": SEEN_ARCMIN,
         "versions": {**versions(), **machine()},
     }
     return html_page("view.html.j2", values)
 
 
-def sentences(found: SceneView) -> list[str]:
-    """Return the largest loss of any eye by each cause, and the known gap at the plate, in words."""
-    eyes, units = found.record.eyes, found.record.units
+def sentences(seen: SceneView) -> list[str]:
+    """Return the largest loss of any eye by each cause, and the gap at the plate, in words."""
+    eyes, units = seen.record.eyes, seen.record.units
     lines = []
     for name in eyes[0].losses:
         losses = [eye.losses[name] for eye in eyes]
@@ -381,17 +381,17 @@ def sentences(found: SceneView) -> list[str]:
         parts += [] if flip is None else [f"FLIP {digits(flip)}"]
         worst = f" (worst of {len(losses)} eyes)" if len(losses) > 1 else ""
         lines.append(f"Loss by the {name}{worst}: {', '.join(parts)}.")
-    if found.gap is not None:
+    if seen.gap is not None:
         lines.append(
-            f"The near offset moves every point {digits(found.gap)} {units} away from the plate, "
-            f"which opens a gap of {digits(2 * found.gap)} {units} there (docs/method.md)."
+            f"The near offset moves every point {digits(seen.gap)} {units} away from the plate, "
+            f"which opens a gap of {digits(2 * seen.gap)} {units} there (docs/method.md)."
         )
-    top = float(found.scene.vertices[:, 2].max())
+    top = float(seen.scene.vertices[:, 2].max())
     within = sum(eye.eye[2] <= top for eye in eyes)
     if within:
         lines.append(
-            f"{within} of {len(eyes)} eyes lie within the scene, which reaches to z = {digits(top)} "
-            f"{units}: their numbers count surfaces beside and behind them."
+            f"{within} of {len(eyes)} eyes lie within the scene, which reaches to z = "
+            f"{digits(top)} {units}: their numbers count surfaces beside and behind them."
         )
     return lines
 
@@ -418,18 +418,18 @@ def write_quilt(
     rows: dict[str, list[Bytes]] = {}
     records = []
     for first in range(0, count, tiles[0]):
-        found = show(eyes[first : first + tiles[0]])
-        records.append(found.record)
-        images = [found.images(number) for number in range(tiles[0])]
+        seen = show(eyes[first : first + tiles[0]])
+        records.append(seen.record)
+        images = [seen.images(number) for number in range(tiles[0])]
         for name in images[0]:
             row = np.concatenate([shown(tile[name]) for tile in images], axis=1)
             rows.setdefault(name, []).insert(0, row)
     record = replace(
         records[0],
-        eyes=tuple(one for part in records for one in part.eyes),
+        eyes=tuple(eye for part in records for eye in part.eyes),
         hogels=max(part.hogels for part in records),
     )
-    aspect = found.scene.plate.size[0] / found.scene.plate.size[1]
+    aspect = seen.scene.plate.size[0] / seen.scene.plate.size[1]
     stem = f"qs{tiles[0]}x{tiles[1]}a{aspect:.4g}.png"
     pictures = {f"{name}_{stem}": png(np.concatenate(own)) for name, own in rows.items()}
     return record, write_files(out, {DATA: record, **pictures})

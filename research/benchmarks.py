@@ -1,7 +1,6 @@
 """Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
 
-`bench truth`, `judge` and `plate` race what the toolkit does against loops that anybody would write
-and against tracers that prove nothing.
+`bench truth`, `judge` and `plate` race the toolkit against plain loops and bare tracers.
 """
 
 from __future__ import annotations
@@ -49,12 +48,12 @@ RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fr
 
 
 def scene_record(scene: Scene) -> Record:
-    """Return what a record says of the scene that was measured."""
+    """Return the description of a measured scene."""
     return {"name": scene.name, "hash": scene.content_hash, "triangles": len(scene.faces)}
 
 
 def machine_record(*, tracers: bool = False) -> Record:
-    """Return machine, where its arrays lie, OpenGL renderer, and versions, those of tracers if asked.
+    """Return machine, device of arrays, OpenGL renderer, and versions, also of tracers on request.
 
     InputError where there is no usable OpenGL.
     """
@@ -85,7 +84,7 @@ def bare_frame(rasterizer: Rasterizer, aperture: Aperture) -> HogelImage:
 
 
 def sized(scene: Scene, resolution: int) -> Scene:
-    """Return a scene with a square film and one sample a pixel; InputError where it has no triangles."""
+    """Return a scene with a square film, one sample a pixel; InputError without triangles."""
     if not len(scene.faces):
         raise InputError(f"scene {scene.name}: has no triangles to measure; choose one that has")
     film = replace(scene.frustum, resolution=(resolution, resolution))
@@ -111,8 +110,8 @@ def ratios_of(
 ) -> dict[str, float | None]:
     """Return quotients of median rates as "one/other"; None where the other does not run here."""
     return {
-        f"{one}/{other}": rates[one].median / rates[other].median if other in rates else None
-        for one, other in pairs
+        f"{first}/{second}": rates[first].median / rates[second].median if second in rates else None
+        for first, second in pairs
     }
 
 
@@ -140,12 +139,12 @@ def rates_table(title: str, races: Sequence[Record], key: str) -> str:
 
 
 def report(
-    head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]
+    head: Iterable[str], tables: Iterable[str], record: Record, meanings: Mapping[str, str]
 ) -> str:
-    """Return a benchmark as text: what was measured and where, its tables, and what its names mean."""
-    where = f"{found['machine']['cores']} cores of {found['machine']['processor']}"
-    where += f"; arrays on {found['arrays']}, drawing by {found['renderer']}"
-    devices = {name: f" (on {device})" for name, device in found["devices"].items()}
+    """Return a benchmark as text: scene, machine, tables, and meanings of its names."""
+    where = f"{record['machine']['cores']} cores of {record['machine']['processor']}"
+    where += f"; arrays on {record['arrays']}, drawing by {record['renderer']}"
+    devices = {name: f" (on {device})" for name, device in record["devices"].items()}
     legend = "\n".join(
         f"{name}{devices.get(name, '')}: {meaning}" for name, meaning in meanings.items()
     )
@@ -155,7 +154,7 @@ def report(
 # The truth, next to tracers that prove nothing
 # ------------------------------------------------------------
 
-#: All contestants, as those of the other benchmarks, in the order in which they are listed
+#: Contestants in the order of the table; likewise below
 TRUTH_MEANINGS = {
     "mitsuba": "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
     "embree": "Embree through embreex, robust, rays from NumPy: triangle numbers",
@@ -164,8 +163,8 @@ TRUTH_MEANINGS = {
     "truth": "the whole true image: also points, normals and colors, without a second opinion",
 }
 
-#: Pairs of contestants, here and below; the rate of the first is divided by that of the second
-TRUTH_RATIOS = [(one, other) for one in ("certified", "truth") for other in ("mitsuba", "trimesh")]
+#: Pairs of contestants, here and below: rate of the first over rate of the second
+TRUTH_RATIOS = [(ours, bare) for ours in ("certified", "truth") for bare in ("mitsuba", "trimesh")]
 
 
 _TRACING = {"embree": "processors", "trimesh": "processors"}
@@ -185,15 +184,15 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
     origins, directions = film_rays(scene, aperture)
     embree, reference = EmbreeTracer(scene), Reference(scene)
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
-    found: dict[str, Callable[[], object]] = {
+    runs: dict[str, Callable[[], object]] = {
         "embree": lambda: embree.first_hits(origins, directions),
         "trimesh": lambda: mesh.intersects_location(origins, directions, multiple_hits=False),
         "certified": lambda: list(reference.decide(aperture)),
         "truth": lambda: reference.trace(aperture),
     }
     if not mitsuba_backend().scalar:
-        found["mitsuba"] = bare_intersection(scene, origins, directions)
-    return {name: found[name] for name in TRUTH_MEANINGS if name in found}
+        runs["mitsuba"] = bare_intersection(scene, origins, directions)
+    return {name: runs[name] for name in TRUTH_MEANINGS if name in runs}
 
 
 def benchmark_truth(
@@ -203,7 +202,7 @@ def benchmark_truth(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
+    """Measure the certified truth of a middle aperture and bare tracers; W = H of each race.
 
     InputError where the scene has no triangles.
     """
@@ -211,15 +210,15 @@ def benchmark_truth(
     with progress_bar(
         len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress
     ) as bar:
-        for one in scenes:
-            (width, height), rates = one.frustum.resolution, {}
+        for film in scenes:
+            (width, height), rates = film.frustum.resolution, {}
             # One at a time, so that none pays for what another leaves behind in caches and heap.
-            for name, run in truth_contestants(one, one.plate.middle).items():
+            for name, run in truth_contestants(film, film.plate.middle).items():
                 rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
                 bar.update()
             ends = {
-                name: {"median": one.median, "slowest": one.lowest, "fastest": one.highest}
-                for name, one in rates.items()
+                name: {"median": film.median, "slowest": film.lowest, "fastest": film.highest}
+                for name, film in rates.items()
             }
             races.append(
                 {
@@ -243,15 +242,15 @@ def benchmark_truth(
     }
 
 
-def truth_table(found: Record) -> str:
+def truth_table(record: Record) -> str:
     """Return the rates and ratios as text, one column for each resolution."""
-    scene = found["scene"]
+    scene = record["scene"]
     head = [
         f"{scene['name']}, {scene['triangles']:,} triangles, middle aperture",
-        f"median of {found['repeat']} after a warm-up (slowest to fastest)",
+        f"median of {record['repeat']} after a warm-up (slowest to fastest)",
     ]
-    rates = rates_table("million pixels per second", found["races"], "mpixel_per_s")
-    return report(head, [rates], found, TRUTH_MEANINGS)
+    rates = rates_table("million pixels per second", record["races"], "mpixel_per_s")
+    return report(head, [rates], record, TRUTH_MEANINGS)
 
 
 # Judged hogels, and CPU seconds by stage
@@ -260,18 +259,20 @@ def truth_table(found: Record) -> str:
 JUDGE_MEANINGS = {
     "stream": "Evaluator.stream, which overlaps drawing, tracing and comparing: numbers alone",
     "loop": "trace, render and compare_images, one hogel after the other: the same numbers",
-    "plain": "render, trimesh's intersects_first and NumPy: other objects, and displacement, nothing proven",
+    "plain": "render, trimesh's intersects_first and NumPy: other objects, and displacement, "
+    "nothing proven",
     "render": "the frame alone, without normals and color, read back",
-    "mitsuba": "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the device",
+    "mitsuba": "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the "
+    "device",
 }
 
 JUDGE_RATIOS = [("stream", name) for name in JUDGE_MEANINGS if name != "stream"]
 
 
 def default_scenes() -> tuple[str, ...]:
-    """Return the built-in car and, where the folder of test data is beside the checkout, its car body."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
-    return ("car", str(beside)) if beside.exists() else ("car",)
+    """Return the built-in car and, with the folder of test data, its car body."""
+    body = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
+    return ("car", str(body)) if body.exists() else ("car",)
 
 
 def judged_in_stream(judge: Evaluator, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
@@ -284,12 +285,12 @@ def judged_in_loop(
     reference: Reference, rasterizer: Rasterizer, apertures: Sequence[Aperture]
 ) -> list[ComparisonNumbers]:
     """Judge the same hogels one after the other."""
-    found = []
+    numbers = []
     for aperture in apertures:
         truth = reference.trace(aperture)
         drawn = bare_frame(rasterizer, aperture)
-        found.append(compare_images(truth, drawn, reference, radiance=False).numbers)
-    return found
+        numbers.append(compare_images(truth, drawn, reference, radiance=False).numbers)
+    return numbers
 
 
 def judged_plainly(
@@ -300,7 +301,7 @@ def judged_plainly(
     Each has the share of pixels with another object, and the 99th percentile of displacement, px.
     """
     scene = rasterizer.scene
-    found = []
+    numbers = []
     for aperture in apertures:
         drawn = bare_frame(rasterizer, aperture)
         bundle = crossed_frustum(scene.frustum, aperture)
@@ -312,8 +313,10 @@ def judged_plainly(
         row, column = np.divmod(np.arange(width * height), width)
         moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
         moved = moved[np.isfinite(moved)]
-        found.append((float(wrong.mean()), float(np.percentile(moved, 99)) if moved.size else 0.0))
-    return found
+        numbers.append(
+            (float(wrong.mean()), float(np.percentile(moved, 99)) if moved.size else 0.0)
+        )
+    return numbers
 
 
 def benchmark_judge(
@@ -384,26 +387,27 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     }
 
 
-def judge_table(found: Record) -> str:
+def judge_table(record: Record) -> str:
     """Return rates and ratios as text, one column for each resolution."""
     tables = []
-    for judged in found["scenes"]:
+    for judged in record["scenes"]:
         scene, races = judged["scene"], judged["races"]
         rates = rates_table("judged hogels per second", races, "hogels_per_second")
         tables.append(f"{scene['name']}, {scene['triangles']:,} triangles\n{rates}")
     head = [
-        f"{found['hogels']} hogels a run",
-        f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
+        f"{record['hogels']} hogels a run",
+        f"median of {record['repeat']} after a warm-up (slowest to fastest), taking turns",
     ]
-    devices = found["scenes"][0]["races"][0]["devices"]
-    return report(head, tables, {**found, "devices": devices}, JUDGE_MEANINGS)
+    devices = record["scenes"][0]["races"][0]["devices"]
+    return report(head, tables, {**record, "devices": devices}, JUDGE_MEANINGS)
 
 
-# Many hogels at once, next to loops that anybody would write
+# Many hogels at once, next to plain loops
 # ---------------------------------------------
 
 PLATE_MEANINGS = {
-    "plain": "one hogel after the other, every triangle twice, triangle numbers and float32 color read back",
+    "plain": "one hogel after the other, every triangle twice, triangle numbers and float32 color "
+    "read back",
     "plain-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
     "read-back": "the images of plain read back, nothing drawn: what the bus allows",
     "batched": "PlateRenderer, the same images read back",
@@ -472,12 +476,13 @@ def benchmark_plate(
     }
 
 
-def plate_table(found: Record) -> str:
+def plate_table(record: Record) -> str:
     """Return rates and ratios as text."""
-    scene, hogels = found["scene"], found["hogels"]
+    scene, hogels = record["scene"], record["hogels"]
     head = [
-        f"{scene['name']}, {scene['triangles']:,} triangles, row {found['row']}: {hogels} hogels",
-        f"median of {found['hogels_per_second']['plain'].repetitions} after a warm-up (slowest to fastest)",
+        f"{scene['name']}, {scene['triangles']:,} triangles, row {record['row']}: {hogels} hogels",
+        f"median of {record['hogels_per_second']['plain'].repetitions} after a warm-up "
+        "(slowest to fastest)",
     ]
-    rates = rates_table("hogels per second", [found], "hogels_per_second")
-    return report(head, [rates], found, PLATE_MEANINGS)
+    rates = rates_table("hogels per second", [record], "hogels_per_second")
+    return report(head, [rates], record, PLATE_MEANINGS)

@@ -47,7 +47,7 @@ class SeenScene:
 
 
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
-    """Return cars at geometric distances, of a given depth, before (`C_STAR`) or behind the plate (`C`).
+    """Return cars at geometric distances before (`C_STAR`) or behind the plate (`C`).
 
     Each fills a quarter of the film and is scaled about the aperture, which keeps its picture. The
     farthest surface lies at `FARTHEST`, the nearest at the ratio's part of that. Raises InputError
@@ -57,14 +57,14 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
 
 
 def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return the cars of `cars` behind the plate, and two before it, at the same |z|, that hide parts."""
+    """Return `cars` behind the plate and two before it, at the same |z|, that hide parts."""
     objects = _cars(ratio, Camera.C, _QUARTERS) + _cars(ratio, Camera.C_STAR, _BETWEEN_QUARTERS)
     scene = _scene(f"cars of depth {ratio:g} on both sides", resolution, objects)
     return SeenScene(scene=scene, aperture=scene.plate.middle)
 
 
 def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle: bool) -> SeenScene:
-    """Return the cars of `cars`, behind the plate, as an aperture off the middle or the middle one sees them.
+    """Return `cars` behind the plate, seen from an aperture off the middle or the middle one.
 
     From the middle, the nearest cars lie beside the film.
     """
@@ -79,7 +79,7 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
 
 
 def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return the cars of `cars`, behind the plate, sheared so that a recentered frustum shows their picture.
+    """Return `cars` behind the plate, sheared so that a recentered frustum shows their picture.
 
     The screen lies among the cars at `balanced_height`, the aperture over its corner
     (`SHEAR_PER_SLOPE`).
@@ -105,7 +105,7 @@ def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 
 
 def balanced_height(ratio: float) -> float:
-    """Return the height |z| at which a fit displaces the nearest and the farthest cars alike, scene units.
+    """Return the |z| of a fit that displaces nearest and farthest cars alike, scene units.
 
     A fit to zf displaces by u W/2 n |1/|z| - 1/zf|, to first order in n: alike where 1/zf is the
     mean of both 1/|z|.
@@ -172,7 +172,7 @@ def _moved(parts: Sequence[SceneObject], move: Callable[[Floats], Floats]) -> li
 
 @lru_cache(8)
 def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
-    """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
+    """Return cars at geometric distances, the farthest first, each in a place on the film."""
     if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
         raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
     # A car on the axis, seen from above a corner: its nearest point is put at |z| = x such that the
@@ -200,7 +200,6 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
             if camera is Camera.C:
                 objects.append(replace(part, vertices=vertices))
             else:
-                # Reflection through the aperture reverses the winding as it is seen; so are the
-                # corners.
+                # Reflection through the aperture reverses the visible winding: reverse the corners.
                 objects.append(replace(part, vertices=-vertices, faces=part.faces[:, ::-1]))
     return objects

@@ -1,4 +1,4 @@
-"""`xfrustum study noticeable`: what viewers notice of near and depth buffer.
+"""`xfrustum study noticeable`: near offsets and depth buffers that viewers notice.
 
 Closed forms answer for every plate, place, pivot, near and depth buffer; some are replayed to two
 eyes. Lengths are in millimeters, the unit of the scenes.
@@ -33,15 +33,14 @@ DEFAULT_FOLDER = Path("study") / "noticeable"
 USUAL_DISTANCE = 600.0
 SEEN_ARCSEC = 1.0  # from which on replay and closed form are compared: a twentieth of stereo acuity
 
-#: Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and
-#: Pearson at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong,
-#: 2,995 would do.
+#: Number of pixels of which one may be wrong by depth: the exact bound of Clopper and Pearson at
+#: 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. For none, 2,995 would do.
 PIXELS = 4742
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One question: what does a viewer notice of a plate of some pitch, drawn with some settings?"""
+    """One question: a viewer, a plate of some pitch, and the settings that draw it."""
 
     scene: str
     pitch: float
@@ -74,7 +73,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What a replay shows to two eyes; None where a cell was not replayed."""
+    """Measures of a replay to two eyes; None where a cell was not replayed."""
 
     replayed_stereo_arcsec: float | None = None  #: change of disparity
     replayed_points: int | None = None  #: that both eyes were shown
@@ -93,20 +92,20 @@ class Row(Replay, Cell):
     crack_hidden_by: str
     #: smallest that the depth buffer orders at the farthest visible surfaces
     ordered_separation: float
-    resolved_separation: float  #: smallest that the viewer, or the display, tells apart there
+    resolved_separation: float  #: smallest that the viewer, or the display, resolves there
     resolved_by: str
     #: p99 of displacement, pixels; None where surfaces pass through the aperture
     pixels_median: float | None
     pixels_worst: float | None
     pixels_beyond: float  #: share of the apertures that are displaced by more than `TOLERANCE_PX`
-    asked_separation: float  #: what `plan` asks for without a viewer
+    asked_separation: float  #: separation required by `plan` without a viewer
     #: from the eyes to the nearest surface before the plate, or to the plate
     nearest_distance: float
     sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
 
     @property
     def offset_seen(self) -> bool:
-        """Whether the viewer notices the near offset, whatever the depth buffer does: by depth or a crack."""
+        """True where the viewer notices the near offset, by depth or by a crack."""
         by_depth = self.stereo_arcsec > noticeable.STEREO_ACUITY_ARCSEC
         return by_depth or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
 
@@ -126,14 +125,14 @@ class Study:
     pixels: int = PIXELS
 
     def cells(self) -> Iterator[Cell]:
-        """Yield every cell, those of one scene together."""
+        """Yield every cell, scene by scene."""
         for name, pivots in self.scenes:
-            asked = product(pivots, self.pitches, self.distances, self.nears, self.buffers)
-            for pivot, pitch, distance, near, buffer in asked:
+            cells = product(pivots, self.pitches, self.distances, self.nears, self.buffers)
+            for pivot, pitch, distance, near, buffer in cells:
                 yield Cell(name, pitch, distance, near, *buffer, pivot)
 
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
-        """Return the indices of the cells that are replayed: those of `replayed_nears`, and decisive ones.
+        """Return the indices of replayed cells: with `replayed_nears`, and decisive ones.
 
         A case is decided by the largest near whose offset is not noticed: a larger one is noticed,
         and a smaller one leaves more to be wrong by depth.
@@ -189,7 +188,7 @@ def _displacements(name: str, near: float, pivot: Pivot) -> Any:
 
 
 def predicted(cell: Cell) -> Row:
-    """Return what closed forms say of a cell."""
+    """Return the answers of the closed forms to a cell."""
     scouted, display, settings = (
         _scouted(cell.scene),
         noticeable.Display.from_scene(cell.opened()),
@@ -239,7 +238,7 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
 
 
 def film_columns(size: tuple[float, float], pixels: int) -> int:
-    """Return the fewest columns of an eye's film before a plate that give two eyes so many pixels."""
+    """Return the fewest columns of an eye's film that give two eyes `pixels` pixels."""
     width, height = size
     columns = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
     while 2 * columns * max(1, round(columns * height / width)) < pixels:
@@ -288,7 +287,7 @@ def record(files: StudyFiles) -> dict[str, Any]:
     ratios = [
         r.replayed_stereo_arcsec / r.stereo_arcsec for r in own if r.stereo_arcsec >= SEEN_ARCSEC
     ]
-    said = {
+    answer = {
         **files.record,
         "sentence": sentence(rows),
         "thresholds": thresholds(rows),
@@ -297,35 +296,36 @@ def record(files: StudyFiles) -> dict[str, Any]:
         "replayed_over_predicted": (min(ratios, default=math.nan), max(ratios, default=math.nan)),
         "disagreement": disagreement(rows),
     }
-    return json_object(said)
+    return json_object(answer)
 
 
 def sentence(rows: Sequence[Row]) -> str:
-    """Say the result in one sentence."""
+    """Return the result in one sentence."""
     usual = min({row.distance for row in rows}, key=lambda distance: abs(distance - USUAL_DISTANCE))
     viewer = noticeable.Viewer(distance=usual)
     # L^2/n of the rule without its small second-order term.
     metres = 2 * viewer.eyes_apart_mm / math.radians(viewer.stereo_acuity_arcsec / 3600) / 1000
     return (
         f"From {usual:g} mm nobody notices a near offset of up to {digits(rule_near(usual))} mm "
-        f"at the plate: n = L^2 / ({metres:.3g} m) at the distance L, whatever resolution and depth are."
+        f"at the plate: n = L^2 / ({metres:.3g} m) at the distance L, whatever resolution and depth "
+        "are."
     )
 
 
 def rule_near(distance: float) -> float:
-    """Return the largest near whose gap at the plate changes disparity by no more than stereo acuity, mm."""
+    """Return the largest near whose gap changes disparity by no more than stereo acuity, mm."""
     viewer = noticeable.Viewer(distance=distance)
     acuity, apart = math.radians(viewer.stereo_acuity_arcsec / 3600), viewer.eyes_apart_mm
     return acuity * distance**2 / (apart + math.hypot(apart, acuity * distance))
 
 
 def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
-    """Return the near at which a field that grows with near reaches its limit, between rows on log scales.
+    """Return the near at which a field that grows with near reaches its limit, by log scales.
 
     None where the smallest near is beyond it already, infinite where the largest is not.
     """
     line = sorted({row.near: row for row in rows}.values(), key=lambda row: row.near)
-    ratios = [math.inf if (found := getattr(row, name)) is None else found / limit for row in line]
+    ratios = [math.inf if (value := getattr(row, name)) is None else value / limit for row in line]
     if ratios[0] > 1:
         return None
     for (low, below), (high, above) in pairwise(zip(line, ratios, strict=True)):
@@ -339,7 +339,7 @@ def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
 
 def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the largest nears of every scene and pivot that are not noticed, mm, and by pixels."""
-    found = []
+    limits = []
     for scene, pivot in dict.fromkeys((row.scene, row.pivot) for row in rows):
         own = [row for row in rows if (row.scene, row.pivot) == (scene, pivot)]
         stereo = {}
@@ -352,27 +352,27 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
             name: largest_near(own, name, TOLERANCE_PX)
             for name in ("pixels_worst", "pixels_median")
         }
-        found.append({"scene": scene, "pivot": pivot, "stereo": stereo, **pixels})
-    return found
+        limits.append({"scene": scene, "pivot": pivot, "stereo": stereo, **pixels})
+    return limits
 
 
 def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
-    """Return how the rule does that near be at most a quarter of the pitch, at every distance.
+    """Return the failures of the rule near <= pitch / 4 at every distance.
 
     `near` and `pitch` are the largest that are not noticed; of `kept` plates and nears `failed` are
     noticed.
     """
-    found = []
+    results = []
     for distance in sorted({row.distance for row in rows}):
         own = [row for row in rows if row.distance == distance and row.near <= row.pitch / 4]
         kept = {(row.scene, row.pivot, row.pitch, row.near): row.offset_seen for row in own}
         near, counts = rule_near(distance), {"kept": len(kept), "failed": sum(kept.values())}
-        found.append({"distance": distance, "near": near, "pitch": 4 * near, **counts})
-    return found
+        results.append({"distance": distance, "near": near, "pitch": 4 * near, **counts})
+    return results
 
 
 def disagreement(rows: Sequence[Row]) -> dict[str, int]:
-    """Return where hogels' pixels and eyes disagree about near, in closed form."""
+    """Count agreements of hogels' pixels and eyes about near, in closed form."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
     seen = [
         (row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen)

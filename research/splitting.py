@@ -1,4 +1,4 @@
-"""`xfrustum study splitting`: where one pair of frusta is enough, over scenes, nears and depth buffers.
+"""`xfrustum study splitting`: scenes, nears and depth buffers for which one pair is enough.
 
 A cell is one picture: a scene of `scenes.library.depth_family` through one aperture, drawn by
 cameras with one near and one depth buffer, judged beside its truth; and a pair of sheets at the far
@@ -55,7 +55,7 @@ SHEET_HEIGHT = FARTHEST / (
     1 + SHEET_PHASE
 )  # mean |z|: the cells of the farther one end at the farthest surface
 
-#: Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth
+#: Percentile of the visible |z| that counts as the nearest surface: nearer surfaces are a hundredth
 #: of the picture, which the 99th percentile of displacement leaves out.
 NEAREST_PERCENTILE = 1
 
@@ -85,7 +85,7 @@ _CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, an image and a depth buffer: what a person has before choosing near and slabs.
+    """A scene, an image and a depth buffer, before near and slabs are chosen.
 
     `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of
     the scene, farthest to nearest |z| of its surfaces; where a surface runs through the plate it is
@@ -117,9 +117,10 @@ class Cell(Case):
     @property
     def settings(self) -> DoubleFrustum:
         """Settings of the rasterizer, in scene units."""
-        given = {one: getattr(self, one) for one in ("depth", "mapping", "pivot", "fit", "offset")}
+        names = ("depth", "mapping", "pivot", "fit", "offset")
+        options = {name: getattr(self, name) for name in names}
         slabs = tuple(cut * REACH for cut in self.slabs)
-        return DoubleFrustum(near=self.near * REACH, camera=self.side, slabs=slabs, **given)
+        return DoubleFrustum(near=self.near * REACH, camera=self.side, slabs=slabs, **options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +151,7 @@ Rows = Sequence[Row]
 
 def part_of(row: Case, kind: type[Kind], **changed: Any) -> Kind:
     """Return the case or the cell that a row belongs to, with some fields changed."""
-    return kind(**{one.name: getattr(row, one.name) for one in fields(kind)} | changed)
+    return kind(**{field.name: getattr(row, field.name) for field in fields(kind)} | changed)
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ class Grid:
     drawings: tuple[Drawing, ...] = (AS_IN_THE_PAPER,)
 
     def blocks(self, nears: Sequence[float]) -> Iterator[tuple[Cell, ...]]:
-        """Yield the cells of each picture, those of one drawing and near together: they share a control."""
+        """Yield the cells of each picture by drawing and near: these share a control."""
         for picture in product((self.family,), self.sides, self.ratios, self.resolutions):
             drawn = product(self.drawings, nears, self.buffers)
             yield tuple(
@@ -176,8 +177,8 @@ class Grid:
 Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest down, and grids
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
-#: Depth buffers of the other families: those that devices store without a fragment's help, and one
-#: that a fragment writes. Depth is that of the first family, for the same |z| and near.
+#: Depth buffers of the other families: all that devices store without a fragment's help, and one
+#: written by fragments. Depths equal those of the first family for the same |z| and near.
 _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -249,7 +250,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
         exact: DoubleFrustum | None = None
         for cell in cells:
             if with_exact_depth(cell.settings) != exact:
-                # What a frame with exact depth shows rightly is charged to the depth buffer.
+                # Errors at pixels that are right with exact depth are charged to the depth buffer.
                 exact = with_exact_depth(cell.settings)
                 control = rasterizer.render(aperture, exact, normals=False, color=False)
                 control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(
@@ -263,8 +264,10 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             by_depth = wrong & ~control_wrong
             moved = lengths(judged.maps.displacement)[drawn.off_plate]
             own = _sheets_of(cell)
-            # Of the sheets of several cameras the worst count.
-            misordered = [max(shares) for shares in zip(*(sheets[one] for one in own), strict=True)]
+            # The worst of the sheets of several cameras counts.
+            misordered = [
+                max(shares) for shares in zip(*(sheets[part] for part in own), strict=True)
+            ]
             graded = zip(SEPARATIONS, misordered, strict=True)
             ordered = takewhile(lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, graded)
             yield Row(
@@ -290,7 +293,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
 
 
 def _sheets_of(cell: Cell) -> list[Cell]:
-    """Return cells that stand for the sheets of each camera, which depend on neither shear nor fit."""
+    """Return cells of the sheets of each camera, which depend on neither shear nor fit."""
     plain = {
         "family": Family.ONE_SIDE,
         "ratio": 1.0,
@@ -307,7 +310,7 @@ def _camera(sheets: Cell) -> tuple[Camera, float]:
     return sheets.side, 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
-#: What this process has measured of sheets: cells of many pictures share them
+#: Sheets measured by this process, which cells of many pictures share
 _MISORDERED: dict[Cell, tuple[float, ...]] = {}
 
 
@@ -321,7 +324,7 @@ def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
             with Rasterizer(film.scene) as rasterizer:
                 for sheets in shares:
                     shares[sheets] += film.wrong_shares(rasterizer, sheets.settings)
-        _MISORDERED.update({sheets: tuple(found) for sheets, found in shares.items()})
+        _MISORDERED.update({sheets: tuple(values) for sheets, values in shares.items()})
     return _MISORDERED
 
 
@@ -374,25 +377,26 @@ def make_study(
 
 
 def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
-    """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
-    found: list[Row] = []
+    """Measure one slab, then two, and so on, until it is enough, where no near is."""
+    measured: list[Row] = []
     # Slabs have no gap at the plate: they are drawn with the offset.
-    failed = {c for c, one in outcomes(rows).items() if not one.nears and c.offset is Offset.PLATE}
+    unserved = {case for case, outcome in outcomes(rows).items() if not outcome.nears}
+    failed = {case for case in unserved if case.offset is Offset.PLATE}
     first = {case: row for row in reversed(rows) if (case := part_of(row, Case)) in failed}
     cases = [*first.values()][::-1]
     for count in range(1, MAX_SLABS + 1):
         cells = [_cut(row, rows, count) for row in cases]
         blocks = [tuple(group) for _, group in groupby(cells, key=lambda cell: cell.picture)]
-        # What follows from all rows is measured by whoever has seen them all.
+        # Cells that follow from all rows are measured by the process that has all of them.
         tried = sweep.rows(blocks, workers, Part(), progress=progress and bool(blocks))
         assert tried is not None
-        found += tried
+        measured += tried
         cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
-    return found
+    return measured
 
 
 def _cut(row: Row, rows: Rows, count: int) -> Cell:
-    """Return a case with so many cuts, in equal ratios, from the first one up to the reach.
+    """Return a case with `count` cuts, in equal ratios, from the first one up to the reach.
 
     The first cut lies just under the nearest surface, so that the slab that touches the plate is
     empty. Where a surface runs through the plate that slab never is: then the near is the largest
@@ -412,7 +416,7 @@ def _cut(row: Row, rows: Rows, count: int) -> Cell:
 
 
 class Suitability(StrEnum):
-    """Whether one setting is enough, and if it is not, why."""
+    """Suitability of one setting, and the reason against it."""
 
     ENOUGH = "enough"
     BENT = "bent"
@@ -421,15 +425,16 @@ class Suitability(StrEnum):
 
 
 def suitability(row: Row, *, predicted: bool = False) -> Suitability:
-    """Judge one cell by what was measured, or by the closed forms alone.
+    """Judge one cell by its measures, or by the closed forms alone.
 
-    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: what is bent
-    out of the film is not drawn. What the near plane clips, without an offset, counts as displaced.
+    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: points bent
+    out of the film are not drawn. Points clipped by the near plane, without an offset, count as
+    displaced.
     It is starved where more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of
     depth, or where sheets `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
-    # The nearest |z| of a row is that of its nearest hundredth.
+    # The nearest |z| of a row belongs to its nearest hundredth.
     bent = bent or (row.offset is Offset.NONE and row.nearest < row.near)
     if predicted:
         starved = row.predicted_separation > ASKED_SEPARATION
@@ -446,7 +451,7 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
 
 
 class Outcome(NamedTuple):
-    """What is enough in a case."""
+    """Enough settings of a case."""
 
     nears: tuple[float, ...]  # with any of which one pair of frusta is enough, largest first
     #: heights of the fewest slabs that were enough; None where none were
@@ -454,7 +459,7 @@ class Outcome(NamedTuple):
 
 
 def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
-    """Return what is enough in each case, in the order in which cases first appear."""
+    """Return the outcome of each case, in the order in which cases first appear."""
     grouped: dict[Case, list[Row]] = {}
     for row in rows:
         good = grouped.setdefault(part_of(row, Case), [])
@@ -469,7 +474,7 @@ def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
 
 
 def straight_nears(rows: Iterable[Row]) -> set[float]:
-    """Return the nears of some rows at which no picture is bent; no depth buffer moves the picture."""
+    """Return the nears of some rows at which no picture is bent, by any depth buffer."""
     rows = list(rows)
     bent = {row.near for row in rows if suitability(row) in {Suitability.BENT, Suitability.BOTH}}
     return {row.near for row in rows} - bent
@@ -484,16 +489,19 @@ def record(files: StudyFiles) -> dict[str, Any]:
         "separation": ASKED_SEPARATION,
     }
     cases = [
-        {**asdict(case), "one_pair": bool(one.nears), **one._asdict()}
-        for case, one in outcomes(rows).items()
+        {**asdict(case), "one_pair": bool(outcome.nears), **outcome._asdict()}
+        for case, outcome in outcomes(rows).items()
     ]
-    said = {**files.record, "sentence": sentence(rows), "criteria": criteria}
-    said |= {
-        "agreement": agreement(of_family(rows, Family.ONE_SIDE)),
-        "helps": helps(rows),
-        "cases": cases,
-    }
-    return json_object(said)
+    return json_object(
+        {
+            **files.record,
+            "sentence": sentence(rows),
+            "criteria": criteria,
+            "agreement": agreement(of_family(rows, Family.ONE_SIDE)),
+            "helps": helps(rows),
+            "cases": cases,
+        }
+    )
 
 
 def document(rows: Rows, origin: Origin) -> str:
@@ -514,29 +522,29 @@ def document(rows: Rows, origin: Origin) -> str:
 
 
 def sentence(rows: Rows) -> str:
-    """Say the result of the first family, which is usually that on one side of the plate, in one sentence."""
+    """Return the result of the first family in one sentence."""
     family = rows[0].family
     first = of_family(rows, family)
     scenes = (
         f"content on {family} of the plate" if family is Family.ONE_SIDE else f"scenes {family}"
     )
-    found, measured = outcomes(first), {row.near for row in first if not row.slabs}
+    results, measured = outcomes(first), {row.near for row in first if not row.slabs}
     ranked = []
     for place, buffer in enumerate(dict.fromkeys(row.buffer for row in first)):
-        own = [one for case, one in found.items() if case.buffer == buffer]
-        always = unbroken(set.intersection(*(set(one.nears) for one in own)), measured)
-        enough = sum(bool(one.nears) for one in own)
-        # Among equally good ones the first counts that costs no early depth test.
+        own = [outcome for case, outcome in results.items() if case.buffer == buffer]
+        always = unbroken(set.intersection(*(set(outcome.nears) for outcome in own)), measured)
+        enough = sum(bool(outcome.nears) for outcome in own)
+        # Of equally good buffers the first counts that costs no early depth test.
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)
-    said = f"With {scenes}, one pair of frusta is enough in {sum(bool(one.nears) for one in found.values())} "
-    said += f"of {len(found)} cases; with {buffer_name(buffer)} depth in {enough} of {cases}"
+    good = sum(bool(outcome.nears) for outcome in results.values())
+    text = f"With {scenes}, one pair of frusta is enough in {good} of {len(results)} cases; "
+    text += f"with {buffer_name(buffer)} depth in {enough} of {cases}"
     if always:
-        said += (
-            f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
-        )
-    return f"{said}."
+        ends = f"{near_words(always[0])} to {near_words(always[-1])}"
+        text += f", at any near from {ends} of the reach"
+    return f"{text}."
 
 
 def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
@@ -545,14 +553,14 @@ def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
 
 
 def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, ...]:
-    """Return the largest of some of the measured nears and those below it without a gap, largest first."""
+    """Return the largest of some measured nears and all below it up to a gap, largest first."""
     chosen = set(nears)
     from_largest = dropwhile(lambda near: near not in chosen, sorted(measured, reverse=True))
     return tuple(takewhile(lambda near: near in chosen, from_largest))
 
 
 def least_near(buffer: DepthBuffer) -> float | None:
-    """Return the smallest near, as a share of the reach, that orders `ASKED_SEPARATION` at the reach.
+    """Return the smallest near that orders `ASKED_SEPARATION` at the reach, a share of it.
 
     By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for
     their size; None where even a trillionth of the reach does.
@@ -570,20 +578,20 @@ def least_near(buffer: DepthBuffer) -> float | None:
 def agreement(rows: Rows) -> dict[str, float]:
     """Set closed forms beside all rows of one pair of frusta.
 
-    `same` of the settings (`cells`) are measured as closed forms say; of the others some nears are
+    `same` of the settings (`cells`) are measured as by closed forms; of the others some nears are
     not enough between two that are (`in_gaps`). `lowest` and `highest` are measured over predicted
     displacement, where a tenth to ten times the tolerance is predicted and depth does no harm. The
     rule of thumb (`same_by_rule`): displacement is largest in the film's corner, W / 2 sqrt(2) n /
     (|z| + n), and stays under the tolerance for n up to about sqrt(2) TOLERANCE_PX |z| / W, which
     must not be less than `least_near`.
     """
-    single, found = [row for row in rows if not row.slabs], outcomes(rows)
+    single, results = [row for row in rows if not row.slabs], outcomes(rows)
     measured = {row.near for row in single}
     gaps = {
         (near, case.buffer)
-        for case, one in found.items()
-        for near in measured - set(one.nears)
-        if one.nears and one.nears[-1] < near < one.nears[0]
+        for case, outcome in results.items()
+        for near in measured - set(outcome.nears)
+        if outcome.nears and outcome.nears[-1] < near < outcome.nears[0]
     }
     gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
     # A near of zero, where any is enough, serves every product.
@@ -591,9 +599,9 @@ def agreement(rows: Rows) -> dict[str, float]:
         buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)
     }
     by_rule = sum(
-        bool(one.nears)
+        bool(outcome.nears)
         == (least[case.buffer] * case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX)
-        for case, one in found.items()
+        for case, outcome in results.items()
     )
     ratios = [
         row.displacement_p99 / row.predicted_p99
@@ -607,7 +615,7 @@ def agreement(rows: Rows) -> dict[str, float]:
         "cells": len(single),
         "same": len(single) - len(others),
         "in_gaps": sum(row.near in gap_nears and row.buffer in gap_buffers for row in others),
-        "cases": len(found),
+        "cases": len(results),
         "same_by_rule": by_rule,
         "lowest": min(ratios, default=math.nan),
         "highest": max(ratios, default=math.nan),
@@ -615,25 +623,25 @@ def agreement(rows: Rows) -> dict[str, float]:
 
 
 def helps(rows: Rows) -> list[dict[str, Any]]:
-    """Return what helps in each family, in the order of the rows.
+    """Return numbers of cases that each remedy helps in each family, in the order of the rows.
 
-    Of the cases drawn as in the paper in `one_pair` one pair is enough, and of the others in so
-    many another depth buffer is, a fit at the screen, no offset (None where not drawn), and slabs
-    of at most so many cuts.
+    `cases` are drawn as in the paper; in `one_pair` of them one pair is enough. The other numbers
+    are cases without enough that another depth buffer serves, a fit at the screen, no offset (None
+    where not drawn), and slabs, with at most `most_slabs` cuts.
     """
-    found, entries = outcomes(rows), []
+    results, entries = outcomes(rows), []
 
     def served(ways: Iterable[Case]) -> int | None:
-        drawn = [found[way] for way in ways if way in found]
+        drawn = [results[way] for way in ways if way in results]
         return sum(bool(way.nears) for way in drawn) if drawn else None
 
     for family in dict.fromkeys(row.family for row in rows):
         paper = [
-            case for case in found if case.family is family and case.drawing == AS_IN_THE_PAPER
+            case for case in results if case.family is family and case.drawing == AS_IN_THE_PAPER
         ]
-        failed = [case for case in paper if not found[case].nears]
-        easy = {case.picture for case in paper if found[case].nears}
-        cuts = [len(slabs) for case in failed if (slabs := found[case].slabs)]
+        failed = [case for case in paper if not results[case].nears]
+        easy = {case.picture for case in paper if results[case].nears}
+        cuts = [len(slabs) for case in failed if (slabs := results[case].slabs)]
         entries.append(
             {
                 "family": family,
@@ -650,26 +658,25 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
 
 
 def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[str, ...]]]]:
-    """Return the study's table: columns of depth buffers that share it; resolutions, depths and advice.
+    """Return the table of advice: columns of alike depth buffers, and lines by resolution, depth.
 
     Advice serves both sides: nears that are enough on each, else the cuts of the side that needs
     more.
     """
-    found = outcomes(rows)
-    kinds = sorted({(case.resolution, case.ratio) for case in found})
+    results = outcomes(rows)
+    kinds = sorted({(case.resolution, case.ratio) for case in results})
     measured = {row.near for row in rows if not row.slabs}
 
     def advised(kind: tuple[int, float], buffer: DepthBuffer) -> str:
-        asked = (*kind, buffer)
         sides = [
-            one
-            for case, one in found.items()
-            if (case.resolution, case.ratio, case.buffer) == asked
+            outcome
+            for case, outcome in results.items()
+            if (case.resolution, case.ratio, case.buffer) == (*kind, buffer)
         ]
-        if common := set.intersection(*(set(one.nears) for one in sides)):
+        if common := set.intersection(*(set(outcome.nears) for outcome in sides)):
             nears = [near_words(near) for near in unbroken(common, measured)]
             return " to ".join(dict.fromkeys((nears[0], nears[-1])))
-        cuts = [one.slabs for one in sides if not one.nears]
+        cuts = [outcome.slabs for outcome in sides if not outcome.nears]
         if not cuts or None in cuts:
             return "**no**"
         return "**split** at " + ", ".join(
@@ -685,8 +692,7 @@ def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[st
     return list(columns.values()), lines
 
 
-#: Colors of the maps, of Okabe and Ito's palette, which color-blind readers tell apart; and
-#: meanings
+#: Colors of the maps, of Okabe and Ito's palette for color-blind readers, and meanings
 COLORS = {
     Suitability.ENOUGH: ("#009E73", "one pair is enough"),
     Suitability.BENT: ("#E69F00", "bent by the near plane"),
@@ -696,8 +702,8 @@ COLORS = {
 
 
 def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
-    """Return the title and the rows of each map by its name: one for each side, two for the rest."""
-    found: dict[str, tuple[str, list[Row]]] = {}
+    """Return title and rows of each map by its name: one for each side, two for the rest."""
+    maps: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
         name, title = "families", "Other scenes"
         if row.family is Family.ONE_SIDE:
@@ -705,8 +711,8 @@ def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
         elif row.family is Family.RECENTERED_THROUGH:
             name, title = "recentered-through", "Recentered, through the plate"
         named = f"when-to-split-{name}", f"{title}: where one pair of frusta is enough"
-        found.setdefault(named[0], (named[1], []))[1].extend([] if row.slabs else [row])
-    return found
+        maps.setdefault(named[0], (named[1], []))[1].extend([] if row.slabs else [row])
+    return maps
 
 
 def svg(title: str, rows: Rows) -> str:
@@ -728,8 +734,8 @@ def svg(title: str, rows: Rows) -> str:
 
 
 def panels(rows: Rows) -> list[list[dict[str, Any]]]:
-    """Return the panels of a map, row by row: a line of colors for each buffer, largest near first."""
-    found: dict[tuple[object, ...], list[dict[str, Any]]] = {}
+    """Return the panels of a map by row: a line of colors for each buffer, largest near first."""
+    all_panels: dict[tuple[object, ...], list[dict[str, Any]]] = {}
     pictures: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         pictures.setdefault((row.family, row.drawing, row.ratio, row.resolution), []).append(row)
@@ -741,19 +747,19 @@ def panels(rows: Rows) -> list[list[dict[str, Any]]]:
         ]
         options = zip(("pivot", "fit", "offset"), drawing, AS_IN_THE_PAPER, strict=True)
         words = [] if family is Family.ONE_SIDE else [family]
-        words += [f"{name} {one}" for name, one, plain in options if one != plain]
+        words += [f"{name} {value}" for name, value, plain in options if value != plain]
         distance = f"distance {1 / ratio:g}" if family in _CROSSING else f"depth {ratio:g}"
         line = (family, drawing, ratio if family is Family.ONE_SIDE else None)
         own_title = {"row": ", ".join(words), "title": f"{distance}, {resolution} px"}
-        found.setdefault(line, []).append({**own_title, "lines": lines})
-    return list(found.values())
+        all_panels.setdefault(line, []).append({**own_title, "lines": lines})
+    return list(all_panels.values())
 
 
 def buffer_name(buffer: DepthBuffer) -> str:
-    """Write format and mapping as people do, such as `D24 standard`."""
+    """Return the usual name of format and mapping, such as `D24 standard`."""
     return f"{buffer[0].upper()} {buffer[1]}"
 
 
 def near_words(near: float) -> str:
-    """Write a share of the reach in half decades in one digit, such as `3e-4` for 3.16e-4."""
+    """Return a share of the reach in half decades in one digit, such as `3e-4` for 3.16e-4."""
     return re.sub(r"e-0", "e-", f"{near:.0e}")

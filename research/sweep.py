@@ -1,8 +1,8 @@
 """Cells of a study, measured in blocks that are kept as they come, and rows of a study as Parquet.
 
-A cell is one question of a study, a block the cells that share what takes longest to make. The rows
-of a block are one Parquet file, named by what was asked and what measured it: a study that was
-stopped, whatever ended it, goes on with the blocks whose files are missing.
+A cell is one question of a study, a block the cells that share the costliest images. The rows of a
+block are one Parquet file, named by its cells and their origin: a stopped study goes on with the
+blocks whose files are missing.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from xfrustum.research.depth_family import CAR_RATIO, cars
 from xfrustum.scenes import Camera, InputError
 
 Row = TypeVar("Row")
-BLOCKS, IMAGES = "blocks", "images"  # folders of what is measured, and of figures
+BLOCKS, IMAGES = "blocks", "images"  # folders of measured blocks and of figures
 VERSION_COLUMN, DEVICE_COLUMN = "version_{}", "device_{}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What a study's numbers came from: versions of the libraries and the device, by name."""
+    """Origin of a study's numbers: versions of the libraries and the device, by name."""
 
     versions: Mapping[str, str] = field(metadata=named_columns(VERSION_COLUMN))
     devices: Mapping[str, str] = field(metadata=named_columns(DEVICE_COLUMN))
 
     @property
     def decisive(self) -> str:
-        """What results depend on beside the question, as text: all but the processor and its system."""
+        """All that results depend on besides the cells, as text: libraries and OpenGL device."""
         opengl = {name: text for name, text in self.devices.items() if name.startswith("OpenGL")}
         return json.dumps([dict(self.versions), opengl], sort_keys=True)
 
 
 @cache
 def measured_by() -> Origin:
-    """Return the versions and the device that would measure here and now; InputError without OpenGL."""
+    """Return the versions and the device of this process; InputError without OpenGL."""
     scene = cars(CAR_RATIO, Camera.C, (1, 1))
     with Rasterizer(scene) as rasterizer:
         opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
@@ -59,7 +59,7 @@ def measured_by() -> Origin:
 
 
 def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path) -> None:
-    """Write rows of one dataclass; versions and device are columns of their own, the same in every row."""
+    """Write rows of one dataclass, with versions and device as columns of constants."""
     table, common = table_of(kind, rows), table_of(Origin, [origin] * len(rows))
     for column in common.schema:
         table = table.append_column(column, common[column.name])
@@ -67,15 +67,15 @@ def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path)
 
 
 def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
-    """Return the rows of a file of `write_rows`, and where they came from."""
-    found = pq.read_table(path.absolute()).to_pylist()
-    names = {one.name for one in fields(kind)}  # type: ignore[arg-type]  # a dataclass; no type says so
+    """Return the rows of a file of `write_rows`, and their origin."""
+    table = pq.read_table(path.absolute()).to_pylist()
+    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
     reader = TypeAdapter(kind)
-    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
+    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in table)
 
     def named(pattern: str) -> dict[str, str]:
         prefix = pattern.format("")
-        columns = found[0].items()
+        columns = table[0].items()
         return {name.removeprefix(prefix): str(v) for name, v in columns if name.startswith(prefix)}
 
     return rows, Origin(versions=named(VERSION_COLUMN), devices=named(DEVICE_COLUMN))
@@ -83,7 +83,7 @@ def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Job):
-    """Blocks of cells of one study: tuples of dataclasses that `measure` takes, for one `row` each."""
+    """Blocks of cells of one study: tuples of dataclasses, each measured as one `row`."""
 
     unit: ClassVar[str] = "cell"
 
@@ -97,7 +97,7 @@ class Sweep(Job):
     def from_measure(
         cls, study: str, out: Path, row: type[Any], measure: Callable[..., Iterable[Any]]
     ) -> Sweep:
-        """Return the work of a study, whose blocks are kept in its folder, measured as here and now."""
+        """Return the work of a study, its blocks kept in its folder, measured by this process."""
         folder = out.absolute() / BLOCKS
         return cls(study=study, folder=folder, row=row, measure=measure, origin=measured_by())
 
@@ -108,8 +108,8 @@ class Sweep(Job):
 
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
-        asked = [self.study, self.origin.decisive, *map(asdict, cells)]
-        digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+        key = [self.study, self.origin.decisive, *map(asdict, cells)]
+        digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
         return self.folder / f"{digest[:32]}.parquet"
 
     def finished(self, cells: Sequence[Any]) -> bool:
@@ -126,11 +126,11 @@ class Sweep(Job):
 
     @contextmanager
     def open(self) -> Iterator[Sweep]:
-        """Provide the job itself; InputError where this process would measure with something else."""
+        """Provide the job itself; InputError where this process has another origin."""
         here = measured_by()
         if here.decisive != self.origin.decisive:
             raise InputError(
-                "a worker measures with other libraries or another device than the study was begun with "
+                "a worker has other libraries or another device than the begin of the study "
                 f"({here.devices.get('OpenGL renderer')}); give all workers the same"
             )
         yield self
@@ -145,7 +145,7 @@ class Sweep(Job):
     def rows(
         self, blocks: Sequence[Sequence[Any]], workers: Workers, part: Part, *, progress: bool
     ) -> list[Any] | None:
-        """Measure what is missing of a part; return all rows, None where other parts are not measured yet."""
+        """Measure missing blocks of a part; return all rows, None while other parts miss some."""
         own = list(part.of(blocks))
         workers.run(self, own, sum(map(len, own)), progress=progress)
         if not all(map(self.finished, blocks)):
@@ -155,7 +155,7 @@ class Sweep(Job):
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFiles:
-    """What a study left behind: Markdown, Parquet and SVG files; all rows, and what measured them."""
+    """Files of a study: Markdown, Parquet and SVG; all rows, and their origin."""
 
     document: Path
     data: Path
@@ -165,7 +165,7 @@ class StudyFiles:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The files and their origin as JSON says them of every study."""
+        """Files and their origin, for the JSON of every study."""
         return {
             "files": {"document": self.document, "data": self.data, "figures": self.figures},
             "cells": len(self.rows),
@@ -189,7 +189,7 @@ def write_study(
     document: Callable[[Sequence[Any], Origin], str],
     figures: Mapping[str, str] = MappingProxyType({}),
 ) -> StudyFiles:
-    """Write figures, data and document; the document last, so that what it refers to is there."""
+    """Write figures, data and document; the document last, after the files that it refers to."""
     pictures: tuple[Path, ...] = ()
     if figures:
         pictures = write_files(
@@ -198,7 +198,7 @@ def write_study(
     text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
     with Staging(out, (text, data)) as staging:
         write_rows(kind, rows, origin, staging.folder / data)
-        # From what is in the file, so that the file alone gives the same document again.
+        # Read back, so that the file alone gives the same document again.
         filed, origin = read_rows(kind, staging.folder / data)
         staging.write(text, document(filed, origin))
         staging.commit()

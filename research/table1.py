@@ -1,4 +1,4 @@
-"""`bench table1`: table 1 of the paper, on the project's own car in as many triangles as it needs."""
+"""`bench table1`: table 1 of the paper on the project's own car, in the same triangles."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import studio
 from xfrustum.scenes.model.scene import read_only
 
-#: Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of
+#: Neighboring apertures about the middle of the plate, drawn as a plate, and the number of
 #: them are drawn one by one, with antialiasing and without: each takes longer
 COLUMNS, ANTIALIASED_COLUMNS = 12, 4
 
-#: Antialiasing as it is measured: the largest number of coverage samples that Mesa's software
-#: renderer has. The paper does not say how many its hardware took.
+#: Measured antialiasing: the largest number of coverage samples that Mesa's software
+#: renderer has. The paper does not state the number of its hardware.
 ANTIALIASED = Sampling(multisample=4)
 
 #: The machines of the paper; antialiasing was on in the first
@@ -47,9 +47,9 @@ PAPER = (
 def benchmark_table1(
     resolution: int = 512, repeat: int = 5, databases: int = len(PAPER), *, progress: bool = False
 ) -> Record:
-    """Measure the first databases of table 1 on the project's own car, `repeat` times after a warm-up.
+    """Measure the first databases of table 1 on the car, `repeat` times after a warm-up.
 
-    Images have W = H pixels: the paper does not say what it drew. InputError without a usable
+    Images have W = H pixels: the paper states no resolution. InputError without a usable
     OpenGL.
     """
     with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
@@ -106,7 +106,7 @@ def _row(
     def speed(seconds: float) -> Record:
         return rates(1 / seconds, polygons / seconds)
 
-    found = {
+    row_record = {
         "polygons": polygons,
         "reflective_share": float(car.reflective.mean()),
         **speed(plate.median),
@@ -126,17 +126,18 @@ def _row(
             "factor": 1 / antialiased.median / machines[REALITY_ENGINE][0],
         },
     }
-    return found, device
+    return row_record, device
 
 
-def table1_table(found: Record) -> str:
+def table1_table(record: Record) -> str:
     """Return table 1 as text, one line for each machine."""
-    machine, rows = found["machine"], found["rows"]
+    machine, rows = record["machine"], record["rows"]
     lines = [
-        f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"
+        f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}"
+        "  drawn by"
     ]
     here = (
-        f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+        f"{record['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
     )
     for row in rows:
         on = row["antialiased"]
@@ -151,7 +152,7 @@ def table1_table(found: Record) -> str:
         for rates, factor, by in drawn:
             frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
             lines.append(f"{begin}{frames:>11.3g}{polygons:>13,.0f}{factor:>9}  {by}")
-    values: Record = {"found": found, "table": "\n".join(lines), "machine": REALITY_ENGINE}
+    values: Record = {"found": record, "table": "\n".join(lines), "machine": REALITY_ENGINE}
     values |= {"columns": COLUMNS, "few": ANTIALIASED_COLUMNS}
     return plain_text("table1.txt.j2", values).removesuffix("\n")
 
@@ -162,14 +163,14 @@ def table1_table(found: Record) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TessellatedCar:
-    """The built-in car in other triangles, and which of them reflect: the first, from the body on."""
+    """Built-in car in other triangles, and the reflective ones: the first, from the body on."""
 
     scene: Scene
     reflective: Mask  #: (F,)
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
-    """Return the car in a number of triangles, or one fewer, a share of them reflective: the paper's table 1.
+    """Return the car in `polygons` triangles, or one fewer, a share of them reflective.
 
     Triangles are split in four while that leaves too few, then the largest in three at their
     centroids. Raises InputError below the built-in car's number, or at a share outside 0 to 1.
@@ -177,8 +178,8 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
         raise InputError(
-            f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 may "
-            f"reflect; not {polygons:,} and {reflective_share}"
+            f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 "
+            f"may reflect; not {polygons:,} and {reflective_share}"
         )
     while 4 * len(scene.faces) <= polygons:
         scene = shapes.refine(scene, 1)
@@ -205,7 +206,7 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
 
 
 def mirrored(car: TessellatedCar) -> Scene:
-    """Return the car in the studio's paint, smooth, with mirrors where it is reflective and nowhere else."""
+    """Return the car in the studio's paint, smooth, with mirrors where it is reflective."""
     studio_look = studio()
     paint = studio_look.materials["paint"]
     dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))

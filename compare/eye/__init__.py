@@ -1,6 +1,5 @@
-"""What a viewer sees: the display's loss, the renderer's, and the scene that a near offset replays.
+"""Losses in views of a plate, and the near offset that a viewer notices.
 
-loss        Pixels of hogels that an eye is shown; the display's loss, the renderer's, and that of
-two eyes noticeable  Where points are replayed, and what an eye notices of a near offset and of a
-depth buffer
+* loss: views replayed to an eye, and the losses of the display and of a renderer
+* noticeable: replayed places of drawn points, and closed forms of noticeable effects
 """

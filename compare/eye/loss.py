@@ -1,7 +1,7 @@
 """Views replayed to an eye, and their losses.
 
-The loss of the display is that of the replayed truth against the true view (A against B); the loss
-of a renderer is that of its replayed hogels against the replayed truth (B against C).
+The display loses from the true view to the replayed truth (A against B), a renderer from the
+replayed truth to its own replayed hogels (B against C).
 """
 
 import math
@@ -35,7 +35,7 @@ ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
 LEVELS = 255  #: 8-bit value of radiance one
 
-#: color type of drawn hogels: that of stored plates, so that both show the same pixels
+#: color type of drawn hogels, as in stored plates, so that both show the same pixels
 DEFAULT_COLOR = ColorType.FLOAT16
 
 #: distance beyond a camera's ends at which a point counts as drawn by it, as a part of the reach:
@@ -55,13 +55,13 @@ def drawn_points(
 ) -> Floats:
     """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN for none.
 
-    A point lies where the line of the camera meets the plane of the triangle. Of several cameras
-    with the point between their ends the last one in drawing order shows it.
+    A point lies where the line of the camera meets the plane of the triangle. The last
+    camera in drawing order with the point between its ends shows it.
     """
-    found = np.full((*triangle.shape, 3), np.nan)
+    all_points = np.full((*triangle.shape, 3), np.nan)
     rows, columns = np.nonzero(triangle != NOTHING)
     if not len(rows):
-        return found
+        return all_points
     corners = scene.triangles[triangle[rows, columns]]
     normals = triangle_normals(corners)
     slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
@@ -75,8 +75,8 @@ def drawn_points(
             met = center + plane_places(corners, normals, center, direction)[:, None] * direction
             drawn: Mask = (met[:, 2] >= ends[0] - slack) & (met[:, 2] <= ends[1] + slack)
         points[drawn] = met[drawn]
-    found[rows, columns] = points
-    return found
+    all_points[rows, columns] = points
+    return all_points
 
 
 def _camera_lines(
@@ -164,7 +164,7 @@ class Collector:
 
 
 def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
-    """Return the places of a hogel's pixels in the picture of the eye, and in that of the hogel."""
+    """Return the places of a hogel's pixels in the eye's picture and in its own."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
     return (rows[:, None], columns[None]), (
@@ -190,7 +190,7 @@ def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
 def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
     """Return the smallest part of each hogel's film with all of its pixels in some views."""
     takes, columns, rows = list(takes), dict[int, list[int]](), dict[int, list[int]]()
-    for pixels in (one for taken in takes for one in (taken.shown, *taken.colors)):
+    for pixels in (part for taken in takes for part in (taken.shown, *taken.colors)):
         for known, hogel, pixel in (
             (columns, pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns]),
             (rows, pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows]),
@@ -310,8 +310,8 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
 
     A pixel is wrong as in `display_loss`, except for hidden points that true hogels show as well.
     The displacement is the angle between the point of a hogel's pixel and the place of that point
-    on the pixel's line, at its height: neither pitch nor pixels of hogels are in it. `numbered`
-    tells whether the drawn picture names surfaces.
+    on the pixel's line, at its height: neither pitch nor pixels of hogels are in it. `numbered` is
+    true where the drawn picture names surfaces.
     """
     true, drawn = views.replayed, views.drawn
     assert drawn is not None
@@ -339,8 +339,8 @@ def _maps(
     flip = None
     if expected.color is not None and shown.color is not None:
         sharpness = pixels_per_degree(scene, shown.eye)
-        found = perceptual_difference(expected.color, shown.color, sharpness)
-        flip = found.flip_map.astype(np.float64)
+        difference = perceptual_difference(expected.color, shown.color, sharpness)
+        flip = difference.flip_map.astype(np.float64)
     return LossMaps(
         judged=judged,
         wrong=None if wrong is None else wrong & judged,

@@ -1,4 +1,4 @@
-"""What an eye notices of a near offset and of a depth buffer: where points are replayed, and closed forms.
+"""Noticeable effects of a near offset and of a depth buffer on an eye, in closed form.
 
 By the theorem of docs/method.md, "What the near offset looks like to a viewer", all lines on which
 hogels replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and
@@ -6,8 +6,8 @@ P - m (kx, ky, -1) before it, at the distance D = |z| + m from the plate:
 
     D = (|z| + n) zf / (zf + n),   without a fit D = |z| + n,   beyond the first slab D = |z|.
 
-Everything else is told for eyes straight before the middle of the plate, at the distance L. Content
-at the height z is at the distance R from them, which is L - z.
+All eyes lie straight before the middle of the plate, at the distance L. Content at the height z is
+at the distance R = L - z from them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from xfrustum.scenes.plate.plate import Frustum
 
 
 def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return D, the distance from the plate at which a viewer sees points at the distances |z|, scene units.
+    """Return the distance D from the plate at which points at |z| are seen, scene units.
 
     A point at the first cut counts to the first slab.
     """
@@ -50,7 +50,7 @@ def _in_first_slab(distance: Floats, settings: DoubleFrustum) -> Mask:
 def replayed_shifts(
     distance: Floats, frustum: Frustum, settings: DoubleFrustum
 ) -> tuple[Floats, Floats]:
-    """Return how far points are moved from the plate, and the factor of the shear by which they go aside."""
+    """Return m, the move of points away from the plate, and c, their move sideways per shear."""
     moved = replayed_distance(distance, frustum, settings) - distance
     if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
         # The shear about the camera's own center draws points of the first slab a further k n
@@ -60,13 +60,13 @@ def replayed_shifts(
 
 
 def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
-    """Return whether the point at which a surface point is replayed is the same for all apertures."""
+    """Return whether all apertures replay a surface point at the same place."""
     straight = settings.pivot is Pivot.CAMERA and settings.fitted_height(frustum) is None
     return not frustum.recentered or straight or settings.offset is Offset.NONE
 
 
-#: Smallest angle that a good eye resolves, smallest difference of disparity that an ordinary
-#: observer tells from none, the best from a tenth of it, and distance of two eyes
+#: Acuity of a good eye, arc minutes; stereo acuity of an ordinary observer, arc seconds (the best
+#: have a tenth of it); distance of two eyes, mm
 #: (docs/noticeable.md, "Which viewer")
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
 
@@ -83,12 +83,12 @@ DEPTH_SAMPLES = 33
 
 
 def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
-    """Return a length, a number and the name of its unit or None for the scene's own, in scene units."""
+    """Return a length in scene units, given as number and unit, None for the scene's own."""
     return length_in(length, scene.units, scene.name)
 
 
 def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
-    """Return a length in the scene's units; InputError with its name where that cannot be told."""
+    """Return a length in the scene's units; InputError with its name for unknown units."""
     value, unit = length
     if unit is None or unit == units:
         return value
@@ -126,7 +126,7 @@ class Viewer:
 
 @dataclass(frozen=True, kw_only=True)
 class Display:
-    """What of a plate decides how fine it shows; of both axes the coarser one counts."""
+    """Properties of a plate that limit its sharpness, on the coarser axis."""
 
     frustum: Frustum
     size: tuple[float, float]  #: of the plate, scene units
@@ -159,9 +159,9 @@ class Display:
 
 @dataclass(frozen=True, kw_only=True)
 class DisplayLimits:
-    """What the display can show to a viewer, and which near offset he cannot see; lengths in scene units.
+    """Limits of a display for a viewer, and unnoticeable near offsets; lengths in scene units.
 
-    What depends on the length of the scene's unit is None where that is not known.
+    Values that depend on the length of the scene's unit are None where it is unknown.
     """
 
     viewer: Viewer
@@ -183,10 +183,10 @@ class DisplayLimits:
 
 
 def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
-    """Return what a scene's display can show to a viewer."""
+    """Return the limits of a scene's display for a viewer."""
     display, distance = Display.from_scene(scene), viewer.distance
     pixel, unit = display.pixel, display.millimeters
-    # What can be told apart: by the display, or by the eye, whichever is coarser.
+    # The coarser of the display and the eye limits the visible angle.
     finest = max(display.pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
     slope = gap_slope(display, distance)
     near_stereo = None
@@ -209,11 +209,11 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
 
 
 def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
-    """Return how far aside the halves of a surface part at the plate, as a multiple of how far in depth.
+    """Return the parting of a surface's halves sideways at the plate, per parting in depth.
 
     Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth
-    and by c k aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of
-    its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
+    and by c k aside part by 2 |c k - m|. The vector is linear over the plate, and so longest at one
+    of its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
     """
     corners = np.array([(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * display.size
     screen = display.frustum.screen
@@ -225,7 +225,7 @@ def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """The depths that a plate shows: nearest and farthest |z| on each side, None where nothing is seen."""
+    """Depths of a plate's content: nearest and farthest |z| on each side, None for nothing."""
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
@@ -233,12 +233,12 @@ class Content:
 
     @property
     def heights(self) -> Floats:
-        """Heights z between the ends of both sides, scene units; the farthest of a side come last."""
+        """Heights z between the ends of both sides, scene units, the farthest of a side last."""
         sides = ((1.0, self.before), (-1.0, self.behind))
-        found = [
+        parts = [
             sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in sides if ends is not None
         ]
-        return np.concatenate([np.zeros(0), *found])
+        return np.concatenate([np.zeros(0), *parts])
 
     @property
     def farthest(self) -> tuple[float, ...]:
@@ -256,7 +256,7 @@ def runs_through_plate(scene: Scene) -> bool:
 
 
 def surface_content(scene: Scene) -> Content:
-    """Return the depths of all surfaces within the reach, hidden or not: no less is noticed of them."""
+    """Return the depths of all surfaces within the reach, hidden or not: an upper bound."""
     lowest, highest = scene.height_ranges
     sides: list[tuple[float, float] | None] = []
     for low, high, reach in zip(
@@ -290,19 +290,18 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
 def disparity_changes(
     height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> Floats:
-    """Return by how much the disparity of points at some heights changes, arc seconds; less where farther.
+    """Return the change of disparity of points at some heights, arc seconds, negative for farther.
 
     The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
     The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as
     `moved` has it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss
     behind the plate. The eye e at the height L sees it through that aperture a for which all three
     lie on one line. With K = sigma c/ss and S = L + s + sigma m, the slope of this line falls with
-    e as -(1 + K)/(S + L K), and that of the true line as -1/(L + s). Both are linear in e: what is
-    said of the disparity of two eyes is exact.
+    e as -(1 + K)/(S + L K), and the true slope as -1/(L + s). Both are linear in e: the disparity
+    of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
-    # The zero at which the side before the plate begins is another one than that of the side behind
-    # it.
+    # The sign of zero is the side of the plate.
     side = np.copysign(1.0, s)
     moved, aside = replayed_shifts(np.abs(s), display.frustum, settings)
     distance = viewer.distance + s
@@ -315,9 +314,9 @@ def disparity_changes(
 def stereo_change_arcsec(
     content: Content, viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> float:
-    """Return the largest change of disparity between any two things that a viewer sees, arc seconds.
+    """Return the largest change of disparity between any two visible points, arc seconds.
 
-    The plate's own border is one of these things: it stays where it is.
+    The border of the plate is one of them: it stays.
     """
     height = content.heights
     if not len(height):
@@ -332,7 +331,7 @@ def stereo_change_arcsec(
 def replay_noise_arcsec(
     content: Content, viewer: Viewer, display: Display, settings: DoubleFrustum, eye_pixel: float
 ) -> float:
-    """Return by how much a replay's change of disparity may differ from the closed form, arc seconds.
+    """Return a bound on the difference of a replay from the closed form, arc seconds.
 
     `eye_pixel` is the width that a pixel of the eyes' films has on the plate, scene units.
 
@@ -346,16 +345,16 @@ def replay_noise_arcsec(
     * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in
       each eye;
     * the hogel, at most half a pitch beside the eye's ray, in each eye, which changes k;
-    * the right eye's pixel, at most half of one beside that of the left eye's point, which changes
-      u and k;
-    * the point that it shows, the same up to `SAME_PLACE`, and so at another R, at the largest
+    * the right eye's pixel, at most half a pixel off the place of the left eye's point, which
+      changes u and k;
+    * its point, the same up to `SAME_PLACE`, and so at another R, at the largest
       slope.
 
     It is the largest on each side of the plate, and a difference has one point on each.
     """
     height = content.heights
     moved, aside = (
-        np.abs(one) for one in replayed_shifts(np.abs(height), display.frustum, settings)
+        np.abs(shift) for shift in replayed_shifts(np.abs(height), display.frustum, settings)
     )
     distance = viewer.distance - height
     slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
@@ -366,19 +365,19 @@ def replay_noise_arcsec(
     sheared = 0.0 if screen is None else (display.pitch + eye_pixel / 2) / abs(screen.height)
     noise = (moved * off + aside * sheared) / distance
     sides = (noise[np.signbit(height)], noise[~np.signbit(height)])
-    return sum(float(one.max(initial=0)) for one in sides) * ARCSEC_PER_RADIAN
+    return sum(float(side.max(initial=0)) for side in sides) * ARCSEC_PER_RADIAN
 
 
 def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> float:
-    """Return the largest angle under which a viewer sees the crack in a surface that runs through the plate.
+    """Return the largest angle of the crack in a surface that runs through the plate, arc minutes.
 
     Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times
     `gap_slope`.
     """
     moved, aside = (
-        float(one[0]) for one in replayed_shifts(np.zeros(1), display.frustum, settings)
+        float(shift[0]) for shift in replayed_shifts(np.zeros(1), display.frustum, settings)
     )
-    # Without an offset what is nearer than n is clipped on both sides.
+    # Without an offset, surfaces nearer than n are clipped on both sides.
     moved = settings.near if settings.offset is Offset.NONE else moved
     if not moved:
         return 0.0
@@ -387,7 +386,7 @@ def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> f
 
 
 def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, float]:
-    """Return how wide the display's own blurs are at a height, arc minutes, by their names."""
+    """Return the widths of the display's own blurs at a height by name, arc minutes."""
     distance = viewer.distance - height
     share = abs(height) / distance * ARCMIN_PER_RADIAN
     return {
@@ -400,9 +399,9 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
 def resolved_crack(
     viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> tuple[str, float, float]:
-    """Return what masks a crack, how wide it may be, and how wide it is, arc minutes.
+    """Return the mask of a crack, its largest unnoticed width, and its width, arc minutes.
 
-    Its edges are seen as far from the plate as halves are moved: there pixels and diffraction blur.
+    Its edges lie as far from the plate as halves are moved: there pixels and diffraction blur.
     """
     edge = -float(replayed_shifts(np.zeros(1), display.frustum, settings)[0][0])
     blurs = {"acuity": viewer.acuity_arcmin, **blur_arcmin(edge, viewer, display)}
@@ -411,9 +410,9 @@ def resolved_crack(
 
 
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
-    """Return what limits the depths that can be told apart at a height, and their smallest difference.
+    """Return the limit of depth resolution at a height, and the smallest resolved difference.
 
-    Two eyes tell surfaces apart whose disparities differ by more than stereo acuity, and by more
+    Two eyes resolve surfaces whose disparities differ by more than stereo acuity, and by more
     than the display's own blur there. The difference is in scene units.
     """
     angles = {
@@ -431,6 +430,6 @@ def resolved_separation(height: float, viewer: Viewer, display: Display) -> tupl
 def finest_separation(
     heights: Iterable[float], viewer: Viewer, display: Display
 ) -> tuple[str, float, float] | None:
-    """Return what limits the smallest separation that is told apart at some heights, it, and its height."""
-    found = [(*resolved_separation(height, viewer, display), height) for height in heights]
-    return min(found, key=lambda one: one[1]) if found else None
+    """Return limit, size and height of the smallest resolved separation at some heights."""
+    limits = [(*resolved_separation(height, viewer, display), height) for height in heights]
+    return min(limits, key=lambda limit: limit[1]) if limits else None

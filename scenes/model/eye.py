@@ -1,4 +1,4 @@
-"""An eye before the plate, and the pixels of hogels that it is shown, found by `reference.eye`."""
+"""Eyes before the plate, the pixels of hogels in their view, and their pictures."""
 
 import math
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from xfrustum.scenes.labelled import Labelled
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.representation import ShortRepr
 
-#: Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each.
+#: Default resolution of an eye's film, and its largest number of pixels, some 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
-#: Points of the pupil over which color is averaged: blur of a few pixels looks smooth with so many.
+#: Points of the pupil that average color: enough for a smooth blur of a few pixels.
 PUPIL_POINTS = 16
 
 
 class Beam(StrEnum):
-    """The profile of a hogel's beam: uniform (an eye sees the nearest pixel) or linear (a mean of four)."""
+    """Profile of a hogel's beam: uniform (the nearest pixel) or linear (a mean of four)."""
 
     BOX = "box"
     TENT = "tent"
@@ -29,7 +29,7 @@ class Beam(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Eye:
-    """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top, in equal cells.
+    """Eye with the rectangle of the plate as film, row 0 at the top, in equal cells.
 
     Raises InputError where it lies in or behind the plate, a number is not finite, or there are too
     many pixels.
@@ -48,8 +48,8 @@ class Eye:
         position, size = reals(self.position, 3), wholes(self.resolution, 2)
         if not all(map(math.isfinite, position)) or not position[2] > 0:
             raise InputError(
-                f"an eye needs a position X,Y,Z before the plate, Z > 0, not {self.position!r}: the plate is "
-                "z = 0, and the viewer is at positive z"
+                f"an eye needs a position X,Y,Z before the plate, Z > 0, not {self.position!r}: "
+                "the plate is z = 0, and the viewer is at positive z"
             )
         if min(size) < 1 or size[0] * size[1] > MAX_EYE_PIXELS:
             raise InputError(
@@ -61,14 +61,15 @@ class Eye:
             raise InputError(f"an eye's pupil must be a diameter of at least 0, not {self.pupil!r}")
         if not (math.isfinite(focus) and focus < position[2]):
             raise InputError(
-                f"an eye's focus must be a height below the eye's own, {position[2]}, not {self.focus!r}"
+                f"an eye's focus must be a height below the eye's own, {position[2]}, not "
+                f"{self.focus!r}"
             )
         beam = choice(Beam, self.beam, "beam")
         settle(self, position=position, resolution=size, pupil=pupil, focus=focus, beam=beam)
 
     @property
     def pupil_points(self) -> Floats:
-        """(N, 2) points of the pupil from its center, scene units, evenly spread; one without a pupil."""
+        """(N, 2) evenly spread points of the pupil from its center, scene units."""
         if self.pupil == 0:
             return np.zeros((1, 2))
         # Equal areas: the radius goes as the root of an evenly spread number.
@@ -79,7 +80,7 @@ class Eye:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HogelPixels(ShortRepr):
-    """The hogel and its pixel that each pixel of an eye's film takes, and two factors of the weight.
+    """Hogel and pixel for each pixel of an eye's film, and two factors of its weight.
 
     Columns depend on the eye's column alone, (W,), rows on its row, (H,). -1 where the ray meets no
     hogel.
@@ -105,26 +106,26 @@ class HogelPixels(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Replay(ShortRepr):
-    """All pixels of hogels that an eye is shown."""
+    """All pixels of hogels in the view of an eye."""
 
-    #: those that say which surface: nearest to the rays through the pupil's center
+    #: pixels of the surfaces: nearest to the rays through the pupil's center
     shown: HogelPixels
-    colors: tuple[HogelPixels, ...]  #: those whose weighted sum is what the eye sees
+    colors: tuple[HogelPixels, ...]  #: pixels of the color, which is their weighted sum
 
     @property
     def hogels(self) -> tuple[tuple[int, int], ...]:
-        """Column and row of every hogel of which a pixel is taken, row by row."""
-        found: set[tuple[int, int]] = set()
+        """Column and row of every hogel with a pixel in the view, row by row."""
+        indices: set[tuple[int, int]] = set()
         for pixels in (self.shown, *self.colors):
             columns = np.unique(pixels.hogel_column[pixels.columns]).tolist()
             rows = np.unique(pixels.hogel_row[pixels.rows]).tolist()
-            found.update((column, row) for row in rows for column in columns)
-        return tuple(sorted(found, key=lambda index: (index[1], index[0])))
+            indices.update((column, row) for row in rows for column in columns)
+        return tuple(sorted(indices, key=lambda index: (index[1], index[0])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class EyeImage(SurfaceImage):
-    """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
+    """Picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     eye: Eye
     #: surface on the ray through the pupil's center, `NOTHING` where there is none

@@ -73,7 +73,7 @@ def view(asked: _Asked) -> None:
     renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
     """
     out = asked.out
-    if sum(given is not None for given in (asked.settings, asked.plate, asked.images)) > 1:
+    if sum(source is not None for source in (asked.settings, asked.plate, asked.images)) > 1:
         raise click.UsageError(
             "--near, --plate and --images each name the hogels: give one of them"
         )
@@ -103,7 +103,7 @@ def view(asked: _Asked) -> None:
         asked.tell(lambda: record, lambda: "\n".join(map(str, files)))
         return
     options.check_out(out, own.file_names(len(eyes), drawn=source is not None))
-    found = show(eyes)
-    files = () if out is None else own.write_view(found, out)
+    seen = show(eyes)
+    files = () if out is None else own.write_view(seen, out)
     page = [str(file) for file in files if file.suffix == ".html"]
-    asked.tell(found.summary, lambda: "\n".join((found.table(), *page)))
+    asked.tell(seen.summary, lambda: "\n".join((seen.table(), *page)))
