@@ -307,8 +307,8 @@ def sentence(rows: Sequence[Row]) -> str:
     metres = 2 * viewer.eyes_apart_mm / math.radians(viewer.stereo_acuity_arcsec / 3600) / 1000
     return (
         f"From {usual:g} mm nobody notices a near offset of up to {digits(rule_near(usual))} mm "
-        f"at the plate: n = L^2 / ({metres:.3g} m) at the distance L, whatever resolution and depth "
-        "are."
+        f"at the plate: n = L^2 / ({metres:.3g} m) at the distance L, whatever resolution and "
+        "depth are."
     )
 
 

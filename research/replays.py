@@ -3,41 +3,43 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from xfrustum.compare.eye import loss
-from xfrustum.compare.eye.noticeable import Display, Viewer, eyes_apart
+from xfrustum.compare.eye.noticeable import ARCSEC_PER_RADIAN, Display, Viewer, eyes_apart
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.lines.lines import pixel_places
 from xfrustum.reports.view import Drawing
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye
+from xfrustum.scenes.model.hogel_image import NOTHING
 
-FILM_COLUMNS = (
-    64  #: columns of the films of both eyes: a part is drawn of no more hogels than pixels
-)
+#: columns of the films of both eyes: a part is drawn of no more hogels than pixels
+FILM_COLUMNS = 64
+
+#: distance of two surface points that count as one, in widths of a pixel of the eye and of a hogel
+#: at their depth together: the point shown to one eye lies between pixels of the other
+SAME_PLACE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
-    """Measures of the pictures that two eyes are shown of drawn hogels."""
+    """Measures of drawn hogels in the views of two eyes."""
 
-    hogels: int  #: Number of hogels of which pixels were drawn
-    matched: int  #: Number of surface points that both eyes are shown
-    #: Largest difference of the changes of disparity of two points, or of one and the plate's
-    #: border, from the 1st to the 99th percentile; None where both eyes are shown no point
+    matched: int  #: number of surface points in both views
+    #: largest difference of the changes of disparity of two points, or of one and the plate's
+    #: border, from the 1st to the 99th percentile; None without points in both views
     disparity_change_arcsec: float | None
-    depth: (
-        loss.DepthShift | None
-    )  #: By how much farther away than they are points are seen, scene units
-    #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact
-    #: depth
+    #: share of both eyes' judged pixels with a wrong surface, and share right with exact depth
     wrong: float
     depth_wrong: float
-    judged: int  #: Number of both eyes' judged pixels
+    judged: int  #: number of both eyes' judged pixels
 
 
 def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple[Eye, ...]:
-    """Return a viewer's left and right eye, their films with so many columns over the plate."""
+    """Return a viewer's left and right eye, with films of some columns over the plate."""
     width, height = scene.plate.size
     film = (columns, max(1, round(columns * height / width)))
     half = eyes_apart(viewer, Display.from_scene(scene)) / 2
@@ -61,30 +63,25 @@ class ReplayWorkbench:
         ]
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
-    @property
-    def hogels(self) -> int:
-        """Number of hogels that the eyes are shown."""
-        return len(loss.hogels_of(view.taken for view in self._views))
-
     def measure(self, settings: DoubleFrustum) -> Replayed:
-        """Draw what the eyes are shown, and with exact depth, which settings may share; judge both."""
+        """Draw the views, also with exact depth, which settings may share; judge both."""
         exact = with_exact_depth(settings)
         if self._control is None or self._control[0] != exact:
             self._control = exact, self._wrong(self._drawn(exact))
         views = self._drawn(settings)
         wrong = self._wrong(views)
-        judged = sum(one.size for one in wrong)
+        judged = sum(mask.size for mask in wrong)
         by_depth = sum(int((a & ~b).sum()) for a, b in zip(wrong, self._control[1], strict=True))
-        pair = loss.disparity(self._reference, *views)
-        change = pair.change_arcsec
+        errors = disparity_errors(self._reference, *views)
+        errors = errors[np.isfinite(errors)] * ARCSEC_PER_RADIAN
+        change = None
+        if errors.size:
+            low, high = np.percentile(errors, (1, 99))
+            change = float(max(high, 0.0) - min(low, 0.0))
         return Replayed(
-            hogels=self.hogels,
-            matched=pair.matched,
-            disparity_change_arcsec=None
-            if change is None
-            else max(change.p99, 0.0) - min(change.p1, 0.0),
-            depth=pair.depth,
-            wrong=sum(int(one.sum()) for one in wrong) / judged,
+            matched=errors.size,
+            disparity_change_arcsec=change,
+            wrong=sum(int(mask.sum()) for mask in wrong) / judged,
             depth_wrong=by_depth / judged,
             judged=judged,
         )
@@ -93,17 +90,46 @@ class ReplayWorkbench:
         collectors = [
             loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
         ]
-        hogels = Drawing(self._scene, settings).hogels(
-            loss.film_parts(view.taken for view in self._views)
-        )
-        images = loss.collected(hogels, collectors)
+        parts = loss.film_parts(view.taken for view in self._views)
+        images = loss.collected(Drawing(self._scene, settings).hogels(parts), collectors)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
 
     def _wrong(self, views: Sequence[loss.Views]) -> list[Mask]:
-        """Return the judged pixels that show a wrong surface, for each eye."""
-        found = []
+        """Return the judged pixels with a wrong surface, for each eye."""
+        masks = []
         for view in views:
             maps = loss.renderer_loss(self._reference, view, numbered=True)
             assert maps.wrong is not None
-            found.append(maps.wrong[maps.judged])
-        return found
+            masks.append(maps.wrong[maps.judged])
+        return masks
+
+
+def disparity_errors(reference: EyeReference, left: loss.Views, right: loss.Views) -> Floats:
+    """Return shown minus true disparity of a renderer's hogels by pixel of the left eye, radians.
+
+    The eyes differ in x alone; NaN at pixels whose surface point the right eye does not see. The
+    error of an eye is the slope along x of the line on which a hogel's pixel shows a point, minus
+    the slope of the point itself, so that neither pitch nor pixels are in it. The error of
+    disparity is the difference of both.
+    """
+    height, bundle = left.eye.position[2], reference.bundle(right.eye)
+    images, errors = [], []
+    for views in (left, right):
+        assert views.drawn is not None
+        place = loss.shown_at(reference.scene, views.taken, views.drawn) - views.drawn.position
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors.append(place[..., 0] / (height - views.drawn.position[..., 2]))
+        images.append(views.drawn)
+    first, second = images
+    # The pixel of the right eye that truly shows the point of each pixel of the left eye.
+    pixel = np.nan_to_num(pixel_places(first.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
+    column, row = np.moveaxis(np.floor(np.clip(pixel, -1.0, 1e6) + 0.5).astype(int), -1, 0)
+    width, rows = right.eye.resolution
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
+    column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+    distance = height - first.position[..., 2]
+    pitch = reference.scene.plate.size[0] / reference.scene.plate.hogels[0]
+    near = SAME_PLACE * (distance * 2 * bundle.half_extent[0] / width + pitch)
+    apart = np.linalg.norm(first.position - second.position[row, column], axis=-1)
+    same = inside & (first.object != NOTHING) & (first.object == second.object[row, column])
+    return np.where(same & (apart <= near), errors[0] - errors[1][row, column], np.nan)

@@ -178,7 +178,7 @@ Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest do
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
 #: Depth buffers of the other families: all that devices store without a fragment's help, and one
-#: written by fragments. Depths equal those of the first family for the same |z| and near.
+#: written by fragments. Depths equal the first family's for the same |z| and near.
 _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -534,7 +534,7 @@ def sentence(rows: Rows) -> str:
         own = [outcome for case, outcome in results.items() if case.buffer == buffer]
         always = unbroken(set.intersection(*(set(outcome.nears) for outcome in own)), measured)
         enough = sum(bool(outcome.nears) for outcome in own)
-        # Of equally good buffers the first counts that costs no early depth test.
+        # Equally good buffers: the first that costs no early depth test.
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)

@@ -25,8 +25,8 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import studio
 from xfrustum.scenes.model.scene import read_only
 
-#: Neighboring apertures about the middle of the plate, drawn as a plate, and the number of
-#: them are drawn one by one, with antialiasing and without: each takes longer
+#: Numbers of apertures about the middle of the plate that are drawn as a plate, and one by one with
+#: antialiasing and without, which takes longer
 COLUMNS, ANTIALIASED_COLUMNS = 12, 4
 
 #: Measured antialiasing: the largest number of coverage samples that Mesa's software

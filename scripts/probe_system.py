@@ -1,4 +1,4 @@
-"""Print what the system lacks of `atomic`, `opengl`, `llvm`, one word per line; nothing where all is there.
+"""Print the missing ones of `atomic`, `opengl`, `llvm`, one word per line.
 
 Runs before anything is installed, hence the standard library alone.
 """
@@ -13,11 +13,11 @@ from ctypes.util import find_library
 
 EGL_PLATFORM_DEVICE = 0x313F
 OLDEST_LLVM = 17
-"""Dr.Jit 1.5 aborts the process in its compiler with LLVM 15 and 16; 17, 18 and 19 were tried and work."""
+"""Oldest LLVM: with 15 and 16, Dr.Jit 1.5 aborts the process; 17, 18 and 19 work."""
 
 
 def loads(library: str) -> bool:
-    """Whether the loader finds a library."""
+    """Return whether the loader has a library."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -26,7 +26,7 @@ def loads(library: str) -> bool:
 
 
 def has_opengl() -> bool:
-    """Whether some EGL device starts up without a display: a library alone draws nothing."""
+    """Return whether an EGL device starts without a display; a library alone is not enough."""
     egl_name, gl_name = find_library("EGL"), find_library("GL")
     if not (egl_name and gl_name and loads(egl_name) and loads(gl_name)):
         return False
@@ -54,7 +54,7 @@ def has_opengl() -> bool:
 
 
 def llvm_candidates() -> list[str]:
-    """Names of LLVM libraries that the loader may find, the chosen one first."""
+    """Return names of LLVM libraries for the loader, the chosen one alone if set."""
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         return [chosen]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from xfrustum.compare.metrics.error_maps import hidden_pixels
 from xfrustum.compare.metrics.radiance import perceptual_difference
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.eye.view import EyeReference, hogel_lines
-from xfrustum.reference.lines.lines import model_cameras, pixel_places
+from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reference.lines.triangles import plane_places, triangle_normals
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.errors import InputError
@@ -28,7 +28,6 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.representation import ShortRepr, digits
 
-T = TypeVar("T")
 Block = tuple[Indices, Indices]  #: rows (R, 1) and columns (1, C) of pixels of a picture
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
@@ -44,10 +43,6 @@ HEIGHT_TOLERANCE = 2.0**-16
 
 #: largest resolution of an eye, pixels a degree: eyes resolve 60, and filters of FLIP grow with it
 MAX_PIXELS_PER_DEGREE = 10_000
-
-#: distance of two surface points that count as one, in widths of a pixel of the eye and of a hogel
-#: at their depth together: the point shown to one eye lies between pixels of the other
-SAME_PLACE = 2.0
 
 
 def drawn_points(
@@ -224,19 +219,10 @@ class Quantiles:
     max: float
 
 
-@dataclass(frozen=True)
-class DepthShift:
-    """Distribution of a signed quantity over the pixels of an eye."""
-
-    p1: float
-    p50: float
-    p99: float
-
-
-def _spread(kind: type[T], values: Floats, *percents: float) -> T | None:
-    """Return percentiles of the finite values; None without any."""
+def _quantiles(values: Floats) -> Quantiles | None:
+    """Return quantiles of the finite values; None without any."""
     known = values[np.isfinite(values)]
-    return kind(*map(float, np.percentile(known, percents))) if known.size else None
+    return Quantiles(*np.percentile(known, (50, 99, 100)).tolist()) if known.size else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,8 +256,8 @@ class LossMaps(ShortRepr):
             judged=judged,
             wrong=wrong,
             fraction=None if wrong is None else wrong / max(judged, 1),
-            displacement_arcmin=_spread(Quantiles, moved, 50, 99, 100),
-            depth_error=_spread(Quantiles, depth, 50, 99, 100),
+            displacement_arcmin=_quantiles(moved),
+            depth_error=_quantiles(depth),
             flip=None if self.flip is None else float(self.flip.mean()),
         )
 
@@ -386,52 +372,4 @@ def _angle(a: Floats, b: Floats) -> Floats:
     """Return the angles between vectors (H, W, 3), radians, exact also for tiny ones."""
     return np.asarray(
         np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b))
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Disparity:
-    """Error of the disparity of surface points that two eyes both see."""
-
-    matched: int  #: pixels of the left eye whose surface point the right eye sees too
-    depth: DepthShift | None  #: shown minus true distance from the eyes, scene units
-    change_arcsec: DepthShift | None  #: shown minus true disparity; negative where seen too far
-
-
-def disparity(reference: EyeReference, left: Views, right: Views) -> Disparity:
-    """Return the error of disparity that a renderer's hogels make for two eyes.
-
-    The eyes differ in x alone. The error of an eye is the slope along x of the line on which a
-    hogel's pixel shows a point, minus the slope of the point itself, so that neither pitch nor
-    pixels are in it. The error of disparity is the difference of the errors of both eyes.
-    """
-    x, _, height = left.eye.position
-    base, bundle = right.eye.position[0] - x, reference.bundle(right.eye)
-    images, errors = [], []
-    for views in (left, right):
-        assert views.drawn is not None
-        place = shown_at(reference.scene, views.taken, views.drawn) - views.drawn.position
-        with np.errstate(divide="ignore", invalid="ignore"):
-            errors.append(place[..., 0] / (height - views.drawn.position[..., 2]))
-        images.append(views.drawn)
-    first, second = images
-    # The pixel of the right eye that truly shows the point of each pixel of the left eye.
-    pixel = np.nan_to_num(pixel_places(first.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
-    column, row = np.moveaxis(np.floor(np.clip(pixel, -1.0, 1e6) + 0.5).astype(int), -1, 0)
-    width, rows = right.eye.resolution
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
-    column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-    distance = height - first.position[..., 2]
-    pitch = reference.scene.plate.size[0] / reference.scene.plate.hogels[0]
-    near = SAME_PLACE * (distance * 2 * bundle.half_extent[0] / width + pitch)
-    apart = np.linalg.norm(first.position - second.position[row, column], axis=-1)
-    same = inside & (first.object != NOTHING) & (first.object == second.object[row, column])
-    error = np.where(same & (apart <= near), errors[0] - errors[1][row, column], np.nan)
-    # Disparity is base / distance; the shown disparity belongs to another distance.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        seen = base / (base / distance + error)
-    return Disparity(
-        matched=int(np.isfinite(error).sum()),
-        depth=_spread(DepthShift, np.where(seen > 0, seen - distance, np.nan), 1, 50, 99),
-        change_arcsec=_spread(DepthShift, 60 * ARCMIN_PER_RADIAN * error, 1, 50, 99),
     )

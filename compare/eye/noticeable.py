@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN, SAME_PLACE
+from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.arrays import Floats, Mask
@@ -326,46 +326,6 @@ def stereo_change_arcsec(
         return math.inf
     changes = np.append(disparity_changes(height, viewer, display, settings), 0.0)
     return float(changes.max() - changes.min())
-
-
-def replay_noise_arcsec(
-    content: Content, viewer: Viewer, display: Display, settings: DoubleFrustum, eye_pixel: float
-) -> float:
-    """Return a bound on the difference of a replay from the closed form, arc seconds.
-
-    `eye_pixel` is the width that a pixel of the eyes' films has on the plate, scene units.
-
-    Notes
-    -----
-    Along the line of slope u of a hogel of shear k, a point that is moved by m is shown m u -
-    c k aside of its place (`disparity_changes` has c); the closed form has the slope of the eye's
-    ray in place of u. To first order in m, the difference of two eyes then is off by m/R times the
-    sum of these:
-
-    * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in
-      each eye;
-    * the hogel, at most half a pitch beside the eye's ray, in each eye, which changes k;
-    * the right eye's pixel, at most half a pixel off the place of the left eye's point, which
-      changes u and k;
-    * its point, the same up to `SAME_PLACE`, and so at another R, at the largest
-      slope.
-
-    It is the largest on each side of the plate, and a difference has one point on each.
-    """
-    height = content.heights
-    moved, aside = (
-        np.abs(shift) for shift in replayed_shifts(np.abs(height), display.frustum, settings)
-    )
-    distance = viewer.distance - height
-    slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
-    seen = eye_pixel * distance / viewer.distance
-    direct = display.pixel + eye_pixel / 2 / viewer.distance
-    off = direct + slope * SAME_PLACE * (seen + display.pitch) / distance
-    screen = display.frustum.screen
-    sheared = 0.0 if screen is None else (display.pitch + eye_pixel / 2) / abs(screen.height)
-    noise = (moved * off + aside * sheared) / distance
-    sides = (noise[np.signbit(height)], noise[~np.signbit(height)])
-    return sum(float(side.max(initial=0)) for side in sides) * ARCSEC_PER_RADIAN
 
 
 def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> float:
