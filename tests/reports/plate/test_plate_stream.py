@@ -17,7 +17,7 @@ import zarr
 from tests.support.views import view
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.arrays import Tile
+from xfrustum.reports.plate.arrays import Tile, make_group
 from xfrustum.reports.plate.plate import (
     PlateFiles,
     arrays_of,
@@ -282,7 +282,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clean: Path
 ) -> None:
     """Two processes that start at once on a new plate: neither takes the other's away."""
-    out, make = tmp_path / "x.zarr", plate_store.make_group
+    out, make = tmp_path / "x.zarr", make_group
     others: list[PlateFiles] = []
 
     def overtaken(*arguments: Any) -> None:

@@ -33,6 +33,7 @@ from xfrustum.reports.plate.store import PlateStore, plate_size
 from xfrustum.reports.view import StoredPlate
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
@@ -88,7 +89,8 @@ def test_xarray_shows_names_coordinates_and_units(whole: Path) -> None:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "sheets"])
 def test_the_camera_of_any_hogel_is_the_rasterizers(name: str, tmp_path: Path) -> None:
-    scene, unnamed = small(name), {"renderer": "", "shear": (0, 0), "half_extent": (1, 1)}
+    scene = small(name)
+    unnamed: dict[str, Any] = {"renderer": "", "shear": (0, 0), "half_extent": (1, 1)}
     out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [scene.plate.middle]).out
     stores = (str(out), zarr.open_group(out, mode="r"), xarray.open_zarr(out))
     with Rasterizer(scene) as rasterizer:
@@ -239,7 +241,7 @@ def test_two_processes_write_the_measures_of_one_block_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whole blocks are written under a shared lock: neither file is in the other's way."""
-    out, write = tmp_path / "x.zarr", plate_store.write_file
+    out, write = tmp_path / "x.zarr", write_file
     judged(out, [(0, 0)])
     arrays = arrays_of(small(), EVERYTHING, SQUARE, judged=True)
     store, (block, *_) = PlateStore(out, arrays), arrays.blocks([small().plate.aperture(0, 0)])

@@ -162,7 +162,7 @@ class _Survey(options.Measured):
     resolution = option(
         options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]"
     )
-    images = option(options.TEXT, "Replaced by verify.", default=None, hidden=True)
+    images: str | None = option(options.TEXT, "Replaced by verify.", default=None, hidden=True)
     engine = options.engine_options("one per processor or GPU")
     out = option(options.FOLDER, "Folder.", required=True)
 
