@@ -46,8 +46,9 @@ IMAGES_PER_THREAD = 4
 """Images under way for each judging thread: enough that no thread waits for an image."""
 
 MAX_CONCURRENT_PIXELS = 1 << 23
-"""Largest number of pixels of all images under way, unless two have more. An image takes about 240 bytes a
-pixel with its truth and its error maps, so that this is 2 GB."""
+"""Largest number of pixels of all images under way, unless two have more.
+
+An image takes about 240 bytes a pixel with its truth and its error maps, so that this is 2 GB."""
 
 
 def images_under_way(pixels: int) -> int:
@@ -56,7 +57,7 @@ def images_under_way(pixels: int) -> int:
 
 
 def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, None, None]:
-    """Yield results in order, at most so many tasks ahead; after an error or close cancel the rest."""
+    """Yield results in order with at most `most` tasks ahead; cancel the rest at an error or close."""
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
@@ -102,7 +103,7 @@ class JudgedFrame:
     settings: DoubleFrustum
     image: HogelImage
     comparison: Comparison
-    prediction: Prediction | None  #: None, like the budget, where causes were not wanted
+    prediction: Prediction | None  #: None, like the budget, without causes
     budget: Budget | None
     times: StageTimes
     gpu_s: float  #: part of `times.raster` in which the device drew, by its own clock
@@ -113,18 +114,18 @@ class JudgedDrawing(ShortRepr):
     """One drawing of a hogel, judged by the truth."""
 
     settings: DoubleFrustum
-    comparison: ComparisonNumbers  #: a `Comparison`, which has maps, where images were asked for
+    comparison: ComparisonNumbers  #: a `Comparison`, which has maps, where images are kept
     image: HogelImage | None
     causes: (
         tuple[Cause, ...] | None
-    )  #: what each link does; None, like the next two, unless asked for
+    )  #: effect of each link; None, like the next two, without causes
     unexplained: int | None  #: wrong pixels charged to rounding whose cause is not known
     predicted: Prediction | None  #: the error by closed forms
     times: StageTimes
 
     @classmethod
     def from_frame(cls, frame: JudgedFrame, *, images: bool) -> JudgedDrawing:
-        """Return what a stream yields of a frame."""
+        """Return the drawing of a frame, with or without its images."""
         budget = frame.budget
         return cls(
             settings=frame.settings,
@@ -142,7 +143,7 @@ class JudgedHogel(ShortRepr):
     """One hogel with its drawings, judged, in the order of the settings."""
 
     aperture: Aperture
-    truth: HogelImage | None  #: None unless images were asked for
+    truth: HogelImage | None  #: None unless images are kept
     drawings: tuple[JudgedDrawing, ...]
 
 
@@ -150,8 +151,8 @@ class Evaluator:
     """A reference and a rasterizer of one scene: drawn hogels are judged by traced truths.
 
     A context manager for one thread: leaving it frees the rasterizer. The tracer does not matter
-    where there is a reference; effects are those that the scene calls for where they are None;
-    `model` is that of the device, None for the known model of the device at hand. Raises InputError
+    where there is a reference; effects are the effects that the scene needs where they are None;
+    `model` describes the device, None for the known model of the device at hand. Raises InputError
     where there is no such tracer, or no usable OpenGL.
     """
 
@@ -207,7 +208,7 @@ class Evaluator:
         settings, or they make no sense for the scene's frustum.
 
         `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None
-        does so for scenes that say how they look. `causes` predicts errors, and charges wrong
+        does so for scenes with materials or lights. `causes` predicts errors, and charges wrong
         pixels to causes.
         """
         colors = is_shaded(self.scene) if radiance is None else radiance
@@ -241,7 +242,7 @@ class Evaluator:
         request: FrameRequest,
         truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
     ) -> Generator[JudgedFrame, None, None]:
-        """Yield each judged frame, hogel by hogel, those of the same cameras together.
+        """Yield each judged frame, hogel by hogel, frames of the same cameras together.
 
         Equal settings are drawn once; truths that are there already are not traced again.
         """
@@ -253,7 +254,9 @@ class Evaluator:
         # In groups of the same cameras; groups of one near follow one another.
         nears = list(dict.fromkeys(setting.near for setting in settings))
         cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-        for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
+        for setting in sorted(
+            dict.fromkeys(settings), key=lambda setting: nears.index(setting.near)
+        ):
             cameras.setdefault(with_exact_depth(setting), []).append(setting)
         return self._judged(apertures, list(cameras.values()), request, truths)
 

@@ -24,9 +24,8 @@ class FileComparison:
 
     comparison: Comparison  #: its `surface` is None where the scene is not at hand to trace
     reach: float  #: the truth's longest reach, scene units
-    heights: tuple[
-        float, float
-    ]  #: both ends of the scale of height errors; see `images.height_range`
+    #: both ends of the scale of height errors; see `images.height_range`
+    heights: tuple[float, float]
     note: str  #: reason why the scene is not at hand; empty where it is
     unexamined: str = ""  #: words for a truth that a tracer alone made; empty where it was examined
 

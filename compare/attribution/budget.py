@@ -1,4 +1,4 @@
-"""Every wrong pixel charged to one link of the chain, and every rounding explained (docs/method.md)."""
+"""Wrong pixels charged to one link of the chain each, and every rounding explained."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ RIGHT = -1  #: value in a map of charges of a pixel that is right in the end, or
 
 @dataclass(frozen=True, kw_only=True)
 class CauseNumbers:
-    """What one link of the chain does, measured and predicted; None where nothing is displaced."""
+    """Effect of one link of the chain, measured and predicted; None where nothing is displaced."""
 
     surface: int  #: judged pixels charged to it that show the wrong surface
     triangle: int  #: and another triangle
     displacement_rms_px: (
         float | None
-    )  #: what it adds, where every image shows a surface off the plate
+    )  #: displacement added, where every image shows a surface off the plate
     displacement_p99_px: float | None
     predicted_displacement_rms_px: float | None
     predicted_surface: float | None
@@ -44,24 +44,26 @@ class CauseNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
-    """The name of a link, one of `links_of`: the first field of what inherits from it."""
+    """Name of a link, one of `links_of`, as the first field of a record."""
 
     name: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cause(CauseNumbers, Named):
-    """A link of the chain by its name, and what it does."""
+    """Effect of a link, with its name."""
 
     @property
     def numbers(self) -> CauseNumbers:
         """The numbers without the name."""
-        return CauseNumbers(**{one.name: getattr(self, one.name) for one in fields(CauseNumbers)})
+        return CauseNumbers(
+            **{part.name: getattr(self, part.name) for part in fields(CauseNumbers)}
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinkNumbers(Cause):
-    """A cause, and what it does to heights; `pixels` is `triangle` by its older name."""
+    """A cause, with its effect on heights; `pixels` is `triangle` by its older name."""
 
     pixels: int
     height_rms: float | None
@@ -70,7 +72,7 @@ class LinkNumbers(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetNumbers:
-    """The numbers of a `Budget`, without its images, as they are written."""
+    """Numbers of a `Budget`, without its images: the record that `budget --json` prints."""
 
     judged: int
     wrong: int
@@ -85,17 +87,16 @@ class BudgetNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class VectorBudget(ShortRepr):
-    """What each link adds to a quantity, where every image of the chain shows a surface."""
+    """Change of a quantity by each link, where every image of the chain shows a surface."""
 
-    steps: (
-        Floats  #: (links, H, W, components) differences between neighboring images, NaN elsewhere
-    )
+    #: (links, H, W, components) differences between neighboring images, NaN elsewhere
+    steps: Floats
     total: Floats  #: (H, W, components) last image minus first
     elsewhere: int  #: pixels left out, because some image shows no surface or one in the plate
 
     @classmethod
     def from_values(cls, values: Floats) -> VectorBudget:
-        """Take the differences of a quantity (images, H, W, components), NaN where it is undefined."""
+        """Return the differences of a quantity (images, H, W, components), NaN where undefined."""
         defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
         values = np.where(defined[..., None], values, np.nan)
         total = values[-1] - values[0]
@@ -115,7 +116,7 @@ Size = tuple[float | None, float | None]
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the size of steps (H, W) where they are known; None stands for steps that are all 0."""
+    """Return the size of steps (H, W) where known; None stands for steps that are all 0."""
     if not known.any():
         return None, None
     if steps is None:
@@ -126,9 +127,9 @@ def _size(steps: Floats | None, known: Mask) -> Size:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ChainStart(ShortRepr):
-    """All images of a chain but the last, T0 to R0, and all that budgets of one pair of cameras share.
+    """Images T0 to R0 of a chain, and the results that depend on them alone.
 
-    Settings that differ in their depth buffers alone share these images.
+    Settings that differ in their depth buffers alone share them.
     """
 
     reference: Reference
@@ -316,7 +317,7 @@ def charged(
     errors: error_maps.PixelErrors,
     predicted: tuple[Prediction, tuple[LinkPrediction, ...]],
 ) -> Budget:
-    """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
+    """Charge each wrong pixel to the last link that changed its triangle or its surface."""
     exact, drawn, depth = start.images[-1], errors.raster, start.depth
     settings = drawn.camera.settings
     assert errors.surface is not None, "the reference has the scene at hand"
@@ -376,7 +377,7 @@ def explain(
 
 
 def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> list[RoundingCamera]:
-    """Return the cameras that drew an image of our rasterizer; each draws the heights of its own slab."""
+    """Return the cameras that drew an image of our rasterizer, each with the heights of its slab."""
     settings = raster.camera.settings
     assert settings is not None
     precision = Precision(device=device, depth=settings.depth, mapping=settings.mapping)
@@ -388,7 +389,7 @@ def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> li
 
 @dataclass(frozen=True, kw_only=True)
 class ShearNumbers:
-    """How far surface points are drawn from where cameras that are sheared about the aperture draw them.
+    """Displacement of surface points by a shear about other centers than the aperture.
 
     As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns and
     rows.

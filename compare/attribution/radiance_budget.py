@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
 In the chain's own links, from near offset to depth, the surface points of every image are shaded as
-the true frustum shows them. So each link tells what *showing another point* costs, and the eye
-vector's bend, which belongs to a point and not to a pixel, is counted once:
+the true frustum shows them. So each link has the cost of *showing another point*, and the bend of
+the eye vector, which belongs to a point and not to a pixel, is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
@@ -35,18 +35,19 @@ from xfrustum.scenes.representation import ShortRepr
 EYE_VECTOR, SHADING = "eye vector", "shading"
 CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
-"""Names of links. `EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn.
-`SHADING` leaves double precision: the device interpolates normals, colors and texture coordinates,
-and
-evaluates the light model."""
+"""Names of links.
+
+`EYE_VECTOR` bends the eye vector to the camera that draws, at the drawn points. `SHADING` leaves
+double precision: the device interpolates normals, colors and texture coordinates, and evaluates the
+light model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
-"""Largest number of pixels of each of a chain's images: it bounds the memory, some 500 bytes a pixel."""
+"""Largest number of pixels of each image of a chain: memory is some 500 bytes a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
-    """Change of linear radiance over a link or the whole chain; None where there is no such pixel."""
+    """Change of linear radiance over a link or the whole chain; None without such pixels."""
 
     mean: float | None  #: over all judged pixels, like the next two
     rms: float | None
@@ -59,14 +60,14 @@ class RadianceChange:
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceLink(RadianceChange, Named):
-    """What one link adds to the radiance error, with its standard error where light is sampled."""
+    """Radiance error added by one link, with its standard error where light is sampled."""
 
     standard_error: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceNumbers:
-    """The numbers of a `RadianceBudget`, without its images, as they are written."""
+    """Numbers of a `RadianceBudget`, without its images."""
 
     judged: int
     same_triangle: int
@@ -79,9 +80,8 @@ class RadianceBudget(ShortRepr):
     """The radiance error of one image, link by link."""
 
     links: tuple[str, ...]
-    change: (
-        VectorBudget  #: linear RGB; nothing is left out, for a pixel that shows no surface is black
-    )
+    #: linear RGB; nothing is left out, for a pixel that shows no surface is black
+    change: VectorBudget
     judged: Mask  #: (H, W) pixels whose truth is no tie
     same: Mask  #: (H, W) judged pixels that show the same triangle in all images of the chain
     errors: dict[str, float]  #: by link that is measured against samples, their rms standard error
@@ -91,14 +91,14 @@ class RadianceBudget(ShortRepr):
         """The numbers alone, without the images."""
 
         def changed(change: Floats) -> RadianceChange:
-            found: dict[str, float | None] = {"mean": None}
+            numbers: dict[str, float | None] = {"mean": None}
             for of, where in (("", self.judged), ("_same_triangle", self.same)):
                 some = change[where]
-                found[f"rms{of}"] = float(np.sqrt(np.mean(some**2))) if len(some) else None
-                found[f"max{of}"] = float(np.abs(some).max()) if len(some) else None
+                numbers[f"rms{of}"] = float(np.sqrt(np.mean(some**2))) if len(some) else None
+                numbers[f"max{of}"] = float(np.abs(some).max()) if len(some) else None
             if self.judged.any():
-                found["mean"] = float(change[self.judged].mean())
-            return RadianceChange(**found)
+                numbers["mean"] = float(change[self.judged].mean())
+            return RadianceChange(**numbers)
 
         return RadianceNumbers(
             judged=int(self.judged.sum()),
@@ -130,7 +130,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
         return np.asarray(boxes.mean(axis=(1, 3))) if side > 1 else color
 
     def shaded(image: HogelImage, lines: Floats) -> Floats:
-        # A point in the plate lies on every line: on that of its pixel, too.
+        # A point in the plate lies on every line, the line of its pixel included.
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
         return averaged(shader.picture(image.triangle, image.position.astype(np.float64), lines))
 
@@ -140,7 +140,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
 
 
 def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) -> RadianceBudget:
-    """Take the radiance error of a chain's last image apart; `done` is called as often as `steps` says."""
+    """Attribute the radiance error of the last image of a chain; `done` is called `steps` times."""
     truth, settings = chain.images[0], chain.settings
     aperture = truth.camera.aperture
     links, errors = [*links_of(settings), EYE_VECTOR, SHADING], dict[str, float]()
@@ -155,10 +155,10 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         links.append(AVERAGING)
     if scene.sampling.aperture > 1:
         links.insert(0, BAND_LIMITING)
-        found = Reference(scene).converged(aperture)
+        converged = Reference(scene).converged(aperture)
         done()
-        errors[BAND_LIMITING] = found.error
-        colors = np.concatenate((found.color[None], colors))
+        errors[BAND_LIMITING] = converged.error
+        colors = np.concatenate((converged.color[None], colors))
     if scene.transport.simulated:
         left_out = measure_left_out(scene, aperture, done).difference
         errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
@@ -176,7 +176,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
 
 
 def steps(scene: Scene) -> int:
-    """Return how often `make_radiance_budget` says that a part of its work is done."""
+    """Return the number of calls of `done` by `make_radiance_budget`."""
     points, transport = scene.sampling.aperture, scene.transport
     averages = scene.sampling != Sampling()
     return points * averages + (points > 1) + 2 * points * transport.simulated
@@ -185,7 +185,7 @@ def steps(scene: Scene) -> int:
 def averaged_colors(
     scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Done
 ) -> Floats:
-    """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
+    """Return `local_colors`, each the mean over the samples of pixels and aperture of a scene.
 
     The device's own samples (multisample) are in the link from here to its image. Raises InputError
     where a chain would have more than `MAX_CHAIN_PIXELS`.
@@ -194,7 +194,7 @@ def averaged_colors(
     width, height = scene.frustum.resolution
     if side * side * width * height > MAX_CHAIN_PIXELS:
         raise InputError(
-            f"{width} x {height} pixels with {side} x {side} points each are too many to take apart; "
+            f"{width} x {height} pixels with {side} x {side} points each are too many; "
             f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
     frustum = replace(scene.frustum, resolution=(side * width, side * height))

@@ -1,4 +1,4 @@
-"""What a fingerprint says of its device: a model of it, and whether a model holds for what it drew."""
+"""Rounding of a device, measured from its fingerprint, and checks of a model against it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,21 @@ LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}
 """The step that stands for a depth of one."""
 
 MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
-"""The finest grids that are looked for. Weights are odd multiples of 2^-13, which no coarser grid has."""
+"""The finest grids of the search. Weights are odd multiples of 2^-13, which no coarser grid has."""
 
 FILTER_ROUNDINGS = 4
-"""Roundings of 2^-24 in the weight of a texel of two: one each in the place between 0 and 1, in its product
-with their number, in the half that is taken off, and in the mean."""
+"""Roundings of 2^-24 in the weight of a texel of two.
+
+One each in the place between 0 and 1, in its product with their number, in the half that is
+subtracted, and in the mean."""
 
 PLANE_NOISE = 1.5
-"""Roundings beside a plane from which on its steps are rounded: storing is one, each step one more at most.
+"""Roundings off a plane from which on its steps are rounded: one to store, at most one a step.
+
 Measured were 1.01 (H100) and 2.00 (llvmpipe)."""
 
 LEAST_OF_PLANE = 20
-"""Pixels of a triangle from which on a plane through their depths, three unknowns, leaves enough of them."""
+"""Least number of pixels of a triangle for a fit of a plane, which has three unknowns."""
 
 NEAREST_EVEN = "nearest, half to even"
 ROUNDED: dict[str, Callable[[Floats], Floats]] = {
@@ -56,19 +59,18 @@ class Within:
 
     pixels: int
     within: int  #: that lie between the bounds
-    share_of_safe: (
-        float  #: median ratio of the tolerances to those of a device that nobody has measured
-    )
+    #: median ratio of the tolerances to the tolerances of an unmeasured device
+    share_of_safe: float
 
     @classmethod
     def from_ratio(cls, inside: Mask, ratio: Floats | float) -> Within:
-        """Return the same of pixels (N,) inside or outside of the bounds; 1 where no ratio is known."""
+        """Count pixels (N,) inside of the bounds; the share is 1 without pixels."""
         share = float(np.median(ratio)) if len(inside) else 1.0
         return cls(pixels=len(inside), within=int(inside.sum()), share_of_safe=share)
 
 
 class Measured:
-    """What a fingerprint says of its device."""
+    """Measurements of a device by its fingerprint."""
 
     def __init__(self, fingerprint: Fingerprint) -> None:
         self.fingerprint = fingerprint
@@ -94,19 +96,21 @@ class Measured:
 
     @cached_property
     def subpixel_bits(self) -> int:
-        """Bits of the grid that explains coverage best, but no more than the device says that it has."""
-        said = min(int(self.fingerprint.device["subpixel_bits"]), MOST_SUBPIXEL_BITS)
-        counts = {bits: min(self._differs(bits, NEAREST_EVEN).values()) for bits in range(said + 1)}
+        """Bits of the grid that explains coverage best, at most the bits that the device reports."""
+        reported = min(int(self.fingerprint.device["subpixel_bits"]), MOST_SUBPIXEL_BITS)
+        counts = {
+            bits: min(self._differs(bits, NEAREST_EVEN).values()) for bits in range(reported + 1)
+        }
         return min(counts, key=lambda bits: (counts[bits], -bits))
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Pixels that differ from corners rounded to the grid in each way, by the best rule of ties."""
+        """Wrong pixels for each way to round corners to the grid, by the best rule of ties."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property
     def ties(self) -> dict[str, int]:
-        """Pixels that differ by each rule of ties that is among the best, corners rounded in the best way."""
+        """Wrong pixels by each of the best rules of ties, with corners rounded in the best way."""
         counts = self._differs(
             self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__)
         )
@@ -114,10 +118,10 @@ class Measured:
 
     @cached_property
     def cut_from_px(self) -> float | None:
-        """Least distance from the window's middle of a corner whose triangle is cut at the sides, pixels.
+        """Least distance from the middle of the window of a corner of a cut triangle, pixels.
 
-        A cut makes corners, which are snapped, so that pixels beside its edges differ from those of
-        the whole triangle. None where no triangle is cut.
+        A cut makes corners, which are snapped, so that pixels beside its edges differ from the
+        whole triangle. None where no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
@@ -125,7 +129,7 @@ class Measured:
 
     @cached_property
     def cuts(self) -> dict[str, float]:
-        """How near and far plane cut: pixels a pixel inside of triangles that they cut, and which differ.
+        """Pixels a pixel inside of triangles that near and far plane cut, and wrong ones among them.
 
         `farthest_px` is how far the farthest of these lies from the exact cut.
         """
@@ -149,30 +153,30 @@ class Measured:
 
     @cached_property
     def snaps_depth(self) -> bool:
-        """Whether stored depths are nearer to planes through snapped corners than to the others."""
+        """True where stored depths are nearer to planes through snapped corners than to others."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
         return bool(np.median(off[1]) < np.median(off[0]))
 
     @cached_property
     def plane_noise(self) -> float:
-        """Roundings of 2^-24 in depths beside the plane nearest to those of a triangle; median of triangles.
+        """Roundings of 2^-24 in depths off the plane nearest to the depths of a triangle, median.
 
         Corners and gradient have their errors, but they make a plane. A rounding's variance is a
         twelfth.
         """
         which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
-        off, found = self._off_planes(snapped=self.snaps_depth), []
+        off, roundings = self._off_planes(snapped=self.snaps_depth), []
         for number in np.unique(which):
             # From a half on the spacing of float32 is 2^-24.
             here = (which == number) & (stored >= 0.5)
             if (count := int(here.sum())) >= LEAST_OF_PLANE:
                 rest = np.linalg.lstsq(points[here], off[here], rcond=None)[1]
-                found.append(12 * float(rest.sum()) / (count - 3))
-        return float(np.median(found)) if found else np.inf
+                roundings.append(12 * float(rest.sum()) / (count - 3))
+        return float(np.median(roundings)) if roundings else np.inf
 
     @cached_property
     def filter_bits(self) -> int | None:
-        """Bits of the weights of a bilinear filter; None where they are finer than is looked for."""
+        """Bits of the weights of a bilinear filter; None where they are finer than the search."""
         for bits in range(MOST_FILTER_BITS + 1):
             scaled = self.fingerprint.filtered.astype(np.float64) * 2.0**bits
             if np.array_equal(scaled, np.round(scaled)):
@@ -180,9 +184,9 @@ class Measured:
         return None
 
     def written_steps(self, depth: DepthFormat) -> Range:
-        """Return lowest and highest difference, in steps, of what is stored and what fragments wrote."""
+        """Return lowest and highest stored minus written depth, in steps."""
         wrote, kept = self.fingerprint.written[depth]
-        # What is beyond one is clamped, and negative or no numbers are not depths.
+        # Values beyond one are clamped; negative values and NaN are not depths.
         valid = (wrote >= 0) & (wrote <= 1)
         if depth not in FIXED:
             off = (kept[valid].astype(np.float64) - wrote[valid]) / FLOAT32_ROUNDING
@@ -191,13 +195,13 @@ class Measured:
         return float(off.min()), float(off.max())
 
     def interpolated_steps(self, depth: DepthFormat) -> Range:
-        """Return the same for interpolated depths, beside planes through snapped corners if it snaps them."""
+        """Return lowest and highest stored minus interpolated depth, in steps."""
         off = self._off_planes(snapped=self.snaps_depth, depth=depth)
         return float(off.min()), float(off.max())
 
     def varyings(self) -> dict[str, float]:
-        """Return how far varyings that are equal at all corners are off at pixels, by their interpolation."""
-        fingerprint, found = self.fingerprint, {}
+        """Return the largest error of varyings that are equal at all corners, by interpolation."""
+        fingerprint, largest = self.fingerprint, {}
         equal = np.asarray((fingerprint.varyings == fingerprint.varyings[:, :1]).all(axis=(1, 2)))
         shown = fingerprint.drawn & equal[:, None, None]
         corner = fingerprint.varyings[np.nonzero(shown)[0], 0]
@@ -208,11 +212,11 @@ class Measured:
         }
         for name, values in pictures.items():
             off = np.abs(values[shown].astype(np.float64) - corner)
-            found[name] = float(np.nanmax(off, initial=0.0))
-        return found
+            largest[name] = float(np.nanmax(off, initial=0.0))
+        return largest
 
     def within(self, model: DeviceModel, depth: DepthFormat = DepthFormat.D32F) -> Within:
-        """Hold the stored depths of all triangles against a model's bounds."""
+        """Compare the stored depths of all triangles with the bounds of a model."""
         which, points, stored = self._stored(depth, self.fingerprint.drawn)
         planes = self._planes
         exact = planes.exact(which, points)
@@ -224,34 +228,34 @@ class Measured:
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
-        # What clipping leaves lies between zero and one, and is clamped to that.
+        # Clipped depths lie between zero and one, and are clamped to that range.
         inside = np.abs(stored - np.clip(exact, 0.0, 1.0) - step * (high + low) / 2) <= tolerance
         return Within.from_ratio(inside, tolerance / safe)
 
     def varyings_within(self, model: DeviceModel) -> Within:
-        """Hold the smooth varyings of all triangles against a model's bounds."""
+        """Compare the smooth varyings of all triangles with the bounds of a model."""
         which, points, _ = self._stored(DepthFormat.D32F, self.fingerprint.drawn)
         safe, off, bounds = safe_model(model.subpixel_bits), [], []
         for number in range(2):
             corners = self.fingerprint.varyings[..., number].astype(np.float64)
             exact, tolerance = self._planes.varying(corners, which, points, model)
-            found = self.fingerprint.fragment[..., 2 + number][self.fingerprint.drawn]
-            off.append(np.abs(found - exact) <= tolerance)
+            drawn = self.fingerprint.fragment[..., 2 + number][self.fingerprint.drawn]
+            off.append(np.abs(drawn - exact) <= tolerance)
             bounds.append(tolerance / self._planes.varying(corners, which, points, safe)[1])
         return Within.from_ratio(off[0] & off[1], np.array(bounds))
 
     def filtered_within(self, model: DeviceModel) -> Within:
-        """Hold filtered means of a texel of 0 and one of 1, which are weights, against a model's bounds."""
+        """Compare filter weights, means of texels of 0 and 1, with the bounds of a model."""
         filtered = self.fingerprint.filtered
         exact = (np.arange(len(filtered)) + 0.5) / len(filtered)
         bound, safe = (
-            one.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING
-            for one in (model, safe_model())
+            bounded.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING
+            for bounded in (model, safe_model())
         )
         return Within.from_ratio(np.abs(filtered - exact) <= bound, bound / safe)
 
     def as_json(self) -> dict[str, Any]:
-        """Return `device.json`: what was measured, the model, and the model that pixels are explained by."""
+        """Return `device.json`: the measurements, and the model by which pixels are explained."""
         device, depths = self.fingerprint.device, {}
         for depth in DepthFormat:
             steps = {"written_steps": self.written_steps(depth)}
@@ -308,7 +312,7 @@ class Measured:
 
     @cached_property
     def _uncut(self) -> Mask:
-        """(T, 64, 64) pixels of triangles that neither plane cuts, and that snapping leaves an area."""
+        """(T, 64, 64) pixels of uncut triangles whose snapped corners span an area."""
         solid = np.isfinite(self._snapped.gradient).all(axis=1)
         return np.asarray(self.fingerprint.drawn & (self._planes.uncut & solid)[:, None, None])
 
@@ -336,10 +340,9 @@ class Measured:
         )
 
     def off_by_slope(self, depth: DepthFormat, *, snapped: bool) -> Floats:
-        """Return (T, 2) slope of a triangle's depth, steps a pixel, and its largest difference, steps.
+        """Return (T, 2) slope of depth, steps a pixel, and largest stored minus exact depth, steps.
 
-        The difference is that of stored from exact depths, on planes through corners that are
-        snapped or not.
+        Planes run through corners that are snapped or not.
         """
         which, _, _ = self._stored(depth, self._uncut)
         planes, largest = self._snapped if snapped else self._planes, np.zeros(len(self._uncut))
@@ -353,7 +356,7 @@ class Measured:
         return np.stack((slope, largest), axis=1)[np.unique(which)]
 
     def stored_range(self, depth: DepthFormat) -> Range:
-        """Return how float32 depths are stored, to sixteenths of a step: those that fragments have are known.
+        """Return the error range of stored float32 depths, to sixteenths of a step.
 
         The product with the number of steps is rounded in float32 first, which is no part of this.
         """
@@ -361,9 +364,9 @@ class Measured:
         stored = self.fingerprint.stored[depth][self.fingerprint.drawn]
         wrote, kept = self.fingerprint.written[depth]
         valid = (wrote >= 0) & (wrote <= 1)
-        given = np.concatenate((fragment, wrote[valid].astype(np.float64)))
-        off = np.concatenate((stored, kept[valid])) - given * LARGEST[depth]
-        product = FLOAT32_ROUNDING * given * LARGEST[depth]
+        values = np.concatenate((fragment, wrote[valid].astype(np.float64)))
+        off = np.concatenate((stored, kept[valid])) - values * LARGEST[depth]
+        product = FLOAT32_ROUNDING * values * LARGEST[depth]
         low, high = float((off + product).min()), float((off - product).max())
         sixteenths = np.ceil(np.array([-low, high]) / SIXTEENTH - 2.0**-10) * SIXTEENTH
         return min(-0.5, -float(sixteenths[0])), max(0.5, float(sixteenths[1]))
@@ -376,18 +379,18 @@ class Measured:
         )
 
     def _differs(self, bits: int, rounding: str) -> dict[str, int]:
-        """Return by each rule of ties at how many pixels coverage is not that of corners snapped so.
+        """Return the number of wrong pixels by each rule of ties, for corners snapped in one way.
 
         Triangles that reach out of the window are left out: some devices cut them at its border.
         """
         whole, covered = self._reach <= SIZE / 2, self.fingerprint.covered
         return {
-            rule: int((one != covered)[whole].sum())
-            for rule, one in self._covers(bits, rounding).items()
+            rule: int((covers != covered)[whole].sum())
+            for rule, covers in self._covers(bits, rounding).items()
         }
 
     def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
-        """Return by each rule of ties which pixels (E, 64, 64) triangles with corners snapped so cover.
+        """Return the covered pixels (E, 64, 64) by each rule of ties, for corners snapped in one way.
 
         Places are multiples of a grid, and products of them have at most 53 bits, so that all is
         exact.
@@ -397,17 +400,17 @@ class Measured:
         rows, columns = np.mgrid[0:SIZE, 0:SIZE] + 0.5
         (x, y), (right, up) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
         turned = np.sign(x * up - y * right)[:, None]
-        found = dict.fromkeys(
+        covers = dict.fromkeys(
             TIES, np.broadcast_to(turned[..., None] != 0, self.fingerprint.covered.shape)
         )
         for i in range(3):
-            one, along = places[:, i], (places[:, (i + 1) % 3] - places[:, i]) * turned
-            (x, y), (right, up) = one.T[:, :, None, None], along.T[:, :, None, None]
+            corner, along = places[:, i], (places[:, (i + 1) % 3] - places[:, i]) * turned
+            (x, y), (right, up) = corner.T[:, :, None, None], along.T[:, :, None, None]
             side = right * (rows - y) - up * (columns - x)
             # Counter-clockwise, with rows that count up: left sides go down, and those at the
             # bottom right.
             for rule in TIES:
                 left, bottom = (up < 0) == ("left" in rule), (right > 0) == ("bottom" in rule)
                 owns = np.where(up != 0, left, bottom)
-                found[rule] = found[rule] & ((side > 0) | ((side == 0) & owns))
-        return found
+                covers[rule] = covers[rule] & ((side > 0) | ((side == 0) & owns))
+        return covers

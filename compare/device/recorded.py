@@ -1,4 +1,4 @@
-"""Frames that were recorded on some machine, explained by the model of the device that drew them."""
+"""Frames recorded on any machine, explained by the model of the device that drew them."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ class RecordedFrame:
         """The scene that was drawn."""
         return self.name.split("|")[0]
 
-    def asked(self, scene: Scene) -> tuple[Aperture, DoubleFrustum]:
-        """Return for which hogel of the scene, and with which settings, it was drawn."""
+    def question(self, scene: Scene) -> tuple[Aperture, DoubleFrustum]:
+        """Return the aperture and the settings that the frame shows."""
         try:
             _, near, depth, mapping, place = self.name.split("|")
             column, row = (int(number) for number in place.split(","))
             near_of_scene = float(near) * scene.frustum.longest_reach
         except ValueError as error:
             raise InputError(
-                f"{self.name!r} names no frame; frames are called scene|near/reach|depth|mapping|column,row"
+                f"{self.name!r} names no frame; write scene|near/reach|depth|mapping|column,row"
             ) from error
         settings = DoubleFrustum(near=near_of_scene, depth=depth, mapping=mapping)  # type: ignore[arg-type]
         return scene.plate.aperture(column, row), settings
@@ -56,11 +56,11 @@ class RecordedFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
-    """Why recorded frames differ from what their cameras show without rounding."""
+    """Causes of the differences of recorded frames from their exact cameras."""
 
     frames: int
     device: str  #: name of the device that drew
-    model: DeviceModel  #: by which they were explained
+    model: DeviceModel  #: model by which they were explained
     counts: dict[str, int]  #: pixels by their heading
     unexplained: dict[str, int]  #: pixels of each frame that has some
 
@@ -70,7 +70,7 @@ class Replayed:
         return sum(self.counts.values())
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `device --replay --json` prints."""
+        """Return the record that `device --replay --json` prints."""
         return {
             "frames": self.frames,
             "wrong": self.wrong,
@@ -91,17 +91,17 @@ class _Device(BaseModel):
 
 def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
     """Read the names of the device and the frames of a recording; InputError where it is none."""
-    found = read_arrays(path, "recording of frames", "give a .npz of recorded frames")
+    arrays = read_arrays(path, "recording of frames", "give a .npz of recorded frames")
     try:
-        device = _Device.model_validate_json(str(found.pop("device", None)))
+        device = _Device.model_validate_json(str(arrays.pop("device", None)))
     except ValidationError as error:
         reason = error.errors(include_url=False)[0]["msg"]
         raise InputError(
             f"{path} is no recording of frames: it names no device ({reason})"
         ) from error
-    if not found:
+    if not arrays:
         raise InputError(f"{path} has no frames")
-    for triangle in found.values():
+    for triangle in arrays.values():
         if (
             triangle.ndim != 2
             or triangle.dtype.kind != "i"
@@ -109,7 +109,7 @@ def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
         ):
             raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
         check_picture_size(path, triangle.shape[1], triangle.shape[0])
-    frames = [RecordedFrame(name=name, triangle=triangle) for name, triangle in found.items()]
+    frames = [RecordedFrame(name=name, triangle=triangle) for name, triangle in arrays.items()]
     return {name: str(value) for name, value in device}, frames
 
 
@@ -118,7 +118,10 @@ def replay(
     model: DeviceModel | None = None,
     begun: Callable[[RecordedFrame], None] = lambda frame: None,
 ) -> Replayed:
-    """Explain recorded frames by a model, None for that of their device; `begun` hears of each frame."""
+    """Explain recorded frames by a model, None for the model of their device.
+
+    `begun` is called with each frame.
+    """
     device, frames = recording
     model = model or model_of(device)
     counts, unexplained = Counter(dict.fromkeys(HEADINGS, 0)), {}
@@ -132,23 +135,23 @@ def replay(
             frustum = replace(scene.frustum, resolution=(width, height))
             references[opened] = Reference(replace(scene, frustum=frustum))
         reference = references[opened]
-        aperture, settings = frame.asked(reference.scene)
+        aperture, settings = frame.question(reference.scene)
         if (most := int(frame.triangle.max(initial=NOTHING))) >= (
-            known := len(reference.scene.faces)
+            count := len(reference.scene.faces)
         ):
             raise InputError(
-                f"{frame.name} shows triangle {most}, and the scene has {known}: record that scene anew"
+                f"{frame.name} shows triangle {most}, and the scene has {count}: record it anew"
             )
-        # What exact cameras show does not depend on the depth buffer.
+        # Pictures of exact cameras do not depend on the depth buffer.
         key = (*opened, settings.near, aperture.index)
         if key not in traced:
             traced[key] = reference.trace_model(aperture, settings, shaded=False)
         expected = traced[key]
         shown = recorded_image(reference.scene, expected, frame, model)
-        found = explain(reference.scene, expected, shown, model).counts()
-        counts.update(found)
-        if found["unexplained"]:
-            unexplained[frame.name] = found["unexplained"]
+        by_heading = explain(reference.scene, expected, shown, model).counts()
+        counts.update(by_heading)
+        if by_heading["unexplained"]:
+            unexplained[frame.name] = by_heading["unexplained"]
     return Replayed(
         frames=len(frames),
         device=str(device["renderer"]),
@@ -158,36 +161,40 @@ def replay(
     )
 
 
-BESIDE_PX = 0.05
-"""Distance outside of a triangle, pixels, up to which a pixel may still be the triangle's, as snapping moves
-edges by 2^-9 of a pixel and float32 by less than a tenth of that, but for triangles cut beside the camera."""
+OUTSIDE_PX = 0.05
+"""Distance outside of a triangle, pixels, up to which a pixel may still belong to it.
+
+Snapping moves edges by 2^-9 of a pixel and float32 by less than a tenth of that, except in
+triangles cut beside the camera."""
 
 
 def recorded_image(
     scene: Scene, expected: HogelImage, frame: RecordedFrame, model: DeviceModel
 ) -> HogelImage:
-    """Return a frame as an image with the surface points (H, W, 3) that it shows, NaN where nothing is.
+    """Return a frame as an image with its surface points (H, W, 3), NaN without surface.
 
-    A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the
+    A recording does not name the camera of a pixel. It was C*, which is drawn last, where the
     triangle covers the pixel as C* sees it; else the camera by which the pixel lies least outside
     of the triangle.
     """
-    camera = replace(expected.camera, settings=frame.asked(scene)[1])
+    camera = replace(expected.camera, settings=frame.question(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
-    found, (rows, columns) = (
+    objects, (rows, columns) = (
         np.full(frame.triangle.shape, NOTHING),
         np.nonzero(frame.triangle != NOTHING),
     )
-    found[rows, columns] = scene.object_of_triangle[frame.triangle[rows, columns]]
+    objects[rows, columns] = scene.object_of_triangle[frame.triangle[rows, columns]]
     image = replace(
-        expected, camera=camera, triangle=frame.triangle, object=found, position=position
+        expected, camera=camera, triangle=frame.triangle, object=objects, position=position
     )
     cameras = drawing_cameras(scene, image, model)
     slots = np.arange(len(cameras) * len(rows))
     number = frame.triangle[rows, columns].astype(np.int64)
     drawn = PixelTriangles.from_pixels(scene.triangles, cameras, number, (columns, rows), slots)
     film, side = drawn.film, np.where(drawn.film.orthoscopic, 1.0, -1.0)
-    edges, (plane,) = (drawn.linear_at(one, drawn.points) for one in (film.lines, film.plane[None]))
+    edges, (plane,) = (
+        drawn.linear_at(function, drawn.points) for function in (film.lines, film.plane[None])
+    )
     first, last = map(drawn.each, film.planes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = plane * drawn.each(side / film.volume)
@@ -200,10 +207,12 @@ def recorded_image(
     least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf).reshape(len(cameras), -1)
     forward = (drawn.each(side) * w).reshape(least.shape)
     best, point = np.full(len(rows), -np.inf), np.full((len(rows), 3), np.nan)
-    for place, one in reversed(list(enumerate(cameras))):
-        taken = (least[place] > best + BESIDE_PX) | np.isnan(point[:, 2])
-        line = np.stack((one.bundle.dx[columns], one.bundle.dy[rows], -np.ones(len(rows))), axis=-1)
-        point[taken] = (one.bundle.center + forward[place][:, None] * line)[taken]
+    for place, drawing in reversed(list(enumerate(cameras))):
+        taken = (least[place] > best + OUTSIDE_PX) | np.isnan(point[:, 2])
+        line = np.stack(
+            (drawing.bundle.dx[columns], drawing.bundle.dy[rows], -np.ones(len(rows))), axis=-1
+        )
+        point[taken] = (drawing.bundle.center + forward[place][:, None] * line)[taken]
         best[taken] = least[place][taken]
     position[rows, columns] = point
     return image

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """How many of the judged pixels are wrong in one sense; the fraction is 0 where none is judged."""
+    """Number of judged pixels that are wrong in one sense; the fraction is 0 without judged pixels."""
 
     wrong: int
     fraction: float
@@ -30,26 +30,23 @@ class Share:
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceShare(Share):
-    """How many of the judged pixels show the wrong surface."""
+    """Number of judged pixels that show the wrong surface."""
 
-    outside: (
-        int  #: of these, those whose point belongs outside the true film, where no pixel shows it
-    )
-    culled: int | None = (
-        None  #: those whose true surface culling left out; None where nothing was culled
-    )
+    #: of these, those whose point belongs outside the true film, where no pixel shows it
+    outside: int
+    #: those whose true surface culling left out; None where nothing was culled
+    culled: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonNumbers:
-    """How a raster image differs from the truth, in numbers: the object that `compare --json` prints."""
+    """Errors of a raster image in numbers: the record that `compare --json` prints."""
 
     pixels: int
     judged: int  #: pixels whose truth is no tie
     covered: int  #: pixels where the truth shows a surface
-    at_plate: (
-        int  #: raster pixels that show a surface in the plate, where displacement is undefined
-    )
+    #: raster pixels that show a surface in the plate, where displacement is undefined
+    at_plate: int
     surface: SurfaceShare | None  #: None where the scene was not at hand
     triangle: Share | None  #: None where the raster image names no triangles
     displacement_px: (
@@ -64,7 +61,7 @@ class ComparisonNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(ShortRepr, ComparisonNumbers):
-    """How a raster image differs from the truth: in numbers, and pixel by pixel."""
+    """Errors of a raster image, in numbers and pixel by pixel."""
 
     errors: error_maps.PixelErrors
     colors: RadianceError | None  #: None where they were not compared
@@ -76,19 +73,19 @@ class Comparison(ShortRepr, ComparisonNumbers):
 
     @property
     def surface_wrong(self) -> int | None:
-        """Number of judged pixels that show the wrong surface; None where the scene was not at hand."""
+        """Number of judged pixels with the wrong surface; None without the scene."""
         return self.surface.wrong if self.surface else None
 
     @property
     def triangle_wrong(self) -> int | None:
-        """Number of judged pixels that show another triangle; None where the raster names no triangles."""
+        """Number of judged pixels with another triangle; None where the raster names none."""
         return self.triangle.wrong if self.triangle else None
 
     @property
     def numbers(self) -> ComparisonNumbers:
         """The numbers alone, without the images."""
         return ComparisonNumbers(
-            **{one.name: getattr(self, one.name) for one in fields(ComparisonNumbers)}
+            **{part.name: getattr(self, part.name) for part in fields(ComparisonNumbers)}
         )
 
     def summary(self) -> dict[str, Any]:
@@ -96,7 +93,7 @@ class Comparison(ShortRepr, ComparisonNumbers):
         return asdict(self.numbers)
 
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
-        """Return the errors as an `xarray.Dataset`, lengths in `units`; InputError without xarray."""
+        """Return the errors as `xarray.Dataset`, lengths in `units`; InputError without xarray."""
         maps, camera = self.maps, self.errors.truth.camera
         moved, surface, radiance = maps.displacement, maps.surface, maps.radiance
         labels: tuple[tuple[str, Any, str, str | None], ...] = (
@@ -186,16 +183,19 @@ def compare_images(
 def _check(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> None:
     if truth.camera.settings is not None:
         raise InputError(
-            f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
+            f"the truth was made by a double frustum ({truth.camera.renderer}): "
+            "give the traced image first"
         )
     if truth.triangle.shape != raster.triangle.shape:
         (h, w), (rh, rw) = truth.triangle.shape, raster.triangle.shape
         raise InputError(
-            f"the truth has {w} x {h} pixels and the raster {rw} x {rh}: trace and draw the same scene"
+            f"the truth has {w} x {h} pixels and the raster {rw} x {rh}: "
+            "trace and draw the same scene"
         )
     if truth.camera.scene_hash != raster.camera.scene_hash:
         raise InputError(
-            "truth and raster show different scenes (content hashes differ): make both from one file"
+            "truth and raster show different scenes (content hashes differ): "
+            "make both from one file"
         )
     mine, other = truth.camera.aperture, raster.camera.aperture
     if (mine.x, mine.y) != (other.x, other.y):
@@ -205,6 +205,7 @@ def _check(truth: HogelImage, raster: HogelImage, reference: Reference | None) -
         )
     if reference is not None and raster.triangle.max(initial=NOTHING) >= len(reference.scene.faces):
         raise InputError(
-            f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
+            f"the raster names triangle {raster.triangle.max()}, "
+            f"the scene has {len(reference.scene.faces)}: "
             "number them from 0 (id.triangle is that number + 1)"
         )

@@ -1,7 +1,7 @@
-"""Errors of each pixel: displacement, surface, triangle and height (docs/method.md, "What is compared").
+"""Errors of each pixel: displacement, surface, triangle and height (docs/method.md).
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there
-is one, or that of another object (`other_surfaces`); or the point that it shows belongs outside the
+is one, or another object (`other_surfaces`); or the point that it shows belongs outside the
 film (`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film and
 the lines are here those of the true frustum, in `xfrustum.compare.judging.judged` those of a
 renderer's own cameras.
@@ -39,18 +39,20 @@ from xfrustum.scenes.representation import ShortRepr
 
 Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
 FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
-"""Share of its depth by which a point may float in front of every surface, and how many times it may float by
-what storage coarser than float32 changes, which moves points off slanted surfaces along their lines."""
+"""Bounds of points that float in front of every surface.
+
+A share of the depth, and a multiple of the rounding by storage coarser than float32, which moves
+points off slanted surfaces along their lines."""
 SNAPPED_PX = (
     0.25  #: pixels by which an edge may be drawn beside its place; 4 subpixel bits snap by 0.05
 )
 Places = tuple[Floats, Floats]
-"""Columns and rows (N,) of points on a film, where a pixel's center has whole numbers and rows count down."""
+"""Columns and rows (N,) of points on a film; centers of pixels are integers, rows count down."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """How a quantity in pixels is distributed over an image."""
+    """Distribution of a quantity in pixels over an image."""
 
     rms: float
     p50: float
@@ -127,13 +129,12 @@ class DrawnPoints:
     pixels: Indices  #: (N,) flat numbers
     coordinates: Floats  #: (3, N) scene units
     triangle: Numbers  #: (N,) as the image has them
-    doubt: Floats | None = (
-        None  #: (N, 3) how exactly the image's storage holds coordinates; None as float32
-    )
+    #: (N, 3) error bounds of the stored coordinates; None as float32
+    doubt: Floats | None = None
 
     @classmethod
     def from_image(cls, image: SurfaceImage, pixels: Indices) -> DrawnPoints:
-        """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
+        """Return the points at some pixels of an image, given by their flat numbers (N,)."""
         axes = [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)]
         triangle = image.triangle.reshape(-1)[pixels]
         coordinates = np.stack(axes, dtype=np.float64)
@@ -148,12 +149,12 @@ class DrawnPoints:
         return DrawnPoints(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
     def places(self, bundle: RayBundle) -> Places:
-        """Return where a pencil's film shows each point; see `pixel_places`."""
+        """Return the place of each point on the film of a ray bundle; see `pixel_places`."""
         x, y, z = self.coordinates
         return places_off_center(x, y, z, bundle)
 
     def surface_points(self, scene: Scene) -> SurfacePoints:
-        """Return the points with how exactly they are known."""
+        """Return the points with their error bounds."""
         position, number = self.coordinates.T, existing_triangles(self.triangle, scene)
         tolerance = position_tolerance(scene, number, position)
         if self.doubt is not None:
@@ -188,7 +189,7 @@ def displacement(image: HogelImage, camera: HogelCamera) -> Floats:
 
 
 def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
-    """Return displacements (H, W, 2) without what the storage of an image's positions may have moved.
+    """Return displacements (H, W, 2) less the error bounds of the stored positions.
 
     Coordinates that are off by e, and heights by e_z, move a point's slope (x - a) / z by at most
     (e + e_z |x - a| / |z|) / |z|.
@@ -213,7 +214,7 @@ def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceErrors:
-    """Pixels (H, W) that show the wrong surface, and those of them whose point lies outside the film."""
+    """Pixels (H, W) with the wrong surface, and among them pixels with a point outside the film."""
 
     wrong: Mask
     outside: Mask
@@ -263,9 +264,9 @@ def covered_by(image: HogelImage) -> Mask:
 
 
 def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
-    """Return the pixels (H, W) that show a surface where none is expected, none, or another object's.
+    """Return the pixels (H, W) with an unexpected, a missing or another object's surface.
 
-    Where an image says neither object nor triangle, the expected object stands for its own.
+    Where an image names neither object nor triangle, the expected object stands for its own.
     """
     objects = np.where(shown.object != NOTHING, shown.object, expected.object)
     unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
@@ -277,10 +278,10 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
 
 def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
-    """Return which points (N,) are, within rounding, those of the truth: with a tiny near, most are."""
-    found = np.zeros(len(points.pixels), dtype=np.bool_)
+    """Return the points (N,) that equal the truth within rounding; with a tiny near, most do."""
+    seen = np.zeros(len(points.pixels), dtype=np.bool_)
     if truth.certainty is None:
-        return found
+        return seen
     same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
     same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
     same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
@@ -292,14 +293,14 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
     drawn = points.at(some)
     apart = drawn.coordinates - DrawnPoints.from_image(truth, drawn.pixels).coordinates
     tolerance = POSITION_TOLERANCE * scene.largest_coordinates[drawn.triangle]
-    found[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
-    return found
+    seen[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
+    return seen
 
 
 def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: Scene) -> Mask:
-    """Return which points (N,) at some places belong outside a pencil's film, however they were rounded.
+    """Return the points (N,) that belong outside the film of a ray bundle, beyond rounding.
 
-    A point known to within a tolerance is known on the film to within that over w t, with w its
+    A point with an error bound has on the film this bound over w t, with w its
     depth from the center of the lines: |z| for the true frustum.
     """
     tolerance = points.surface_points(scene).tolerance / np.abs(
@@ -312,34 +313,34 @@ def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: 
     return outside
 
 
-def outside_film(asked: Mask, shown: HogelImage, scene: Scene, bundle: RayBundle) -> Mask:
-    """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil."""
-    points = DrawnPoints.from_image(shown, np.flatnonzero(asked))
-    found = np.zeros_like(asked)
-    found.flat[points.pixels] = _beyond_film(points, points.places(bundle), bundle, scene)
-    return found
+def outside_film(mask: Mask, shown: HogelImage, scene: Scene, bundle: RayBundle) -> Mask:
+    """Return the pixels of a mask (H, W) with a point that belongs outside the film of a bundle."""
+    points = DrawnPoints.from_image(shown, np.flatnonzero(mask))
+    outside = np.zeros_like(mask)
+    outside.flat[points.pixels] = _beyond_film(points, points.places(bundle), bundle, scene)
+    return outside
 
 
-def hidden_pixels(asked: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded) -> Mask:
-    """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point."""
-    pixels = np.flatnonzero(asked)
-    found = np.zeros_like(asked)
-    found.flat[pixels] = hides(DrawnPoints.from_image(shown, pixels).surface_points(scene))
-    return found
+def hidden_pixels(mask: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded) -> Mask:
+    """Return the pixels of a mask (H, W) of surfaces off the plate that show a hidden point."""
+    pixels = np.flatnonzero(mask)
+    hidden = np.zeros_like(mask)
+    hidden.flat[pixels] = hides(DrawnPoints.from_image(shown, pixels).surface_points(scene))
+    return hidden
 
 
 def floating_pixels(
-    asked: Mask, answer: HogelImage, shown: HogelImage, lines: RayBundle, hides: Occluded
+    mask: Mask, answer: HogelImage, shown: HogelImage, lines: RayBundle, hides: Occluded
 ) -> Mask:
-    """Return which of the asked pixels (H, W) show a point with no surface at it or close behind it.
+    """Return the pixels of a mask (H, W) with a point without a surface at or close behind it.
 
     Positions in other units may lie on the right lines, in front of everything. A point is moved
     away along its line by `FLOATING_SHARE` of its depth: where nothing hides it there, nor
-    `SNAPPED_PX` beside it, as rasterizers snap edges, it was on no surface. Points that close to
-    the answer's are on one.
+    `SNAPPED_PX` beside it, as rasterizers snap edges, it was on no surface. Points as close to
+    the answer are on a surface.
     """
-    found = np.zeros_like(asked)
-    points = DrawnPoints.from_image(shown, np.flatnonzero(asked))
+    floating = np.zeros_like(mask)
+    points = DrawnPoints.from_image(shown, np.flatnonzero(mask))
     position, true = (
         points.coordinates.T,
         DrawnPoints.from_image(answer, points.pixels).coordinates.T,
@@ -364,12 +365,12 @@ def floating_pixels(
                 position=there, triangle=nameless, tolerance=np.zeros(len(far))
             )
             far = far[~hides(points_there)]
-    found.flat[points.pixels[far]] = True
-    return found
+    floating.flat[points.pixels[far]] = True
+    return floating
 
 
 def turned_away(truth: HogelImage) -> Mask:
-    """Return the pixels (H, W) whose true surface shows its back: culling makes it the wrong surface."""
+    """Return the pixels (H, W) whose true surface shows its back, which culling removes."""
     assert truth.normal is not None, "the reference gives normals"
     directions = true_lines(truth.camera).directions()
     with np.errstate(invalid="ignore"):
@@ -377,7 +378,7 @@ def turned_away(truth: HogelImage) -> Mask:
 
 
 def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
-    """Return the pixels (H, W) whose true surface the raster's cameras leave out; None where nothing is."""
+    """Return the pixels (H, W) whose true surface is culled; None without culling."""
     settings = raster.camera.settings
     if settings is None or settings.cull is Cull.NONE or truth.normal is None:
         return None
@@ -403,7 +404,7 @@ class ErrorMaps(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PixelErrors(ShortRepr):
-    """Errors of an image but those of color: maps, and the numbers of displacement and height."""
+    """Errors of an image without color: maps, and numbers of displacement and height."""
 
     truth: HogelImage
     raster: HogelImage
@@ -438,7 +439,7 @@ def pixel_errors(
 ) -> PixelErrors:
     """Return the errors of an image.
 
-    `cached_errors` are those of another image by the same truth; pixels that show the same in both
+    `cached_errors` belong to another image by the same truth; pixels that show the same in both
     images are not judged again.
     """
     if cached_errors is not None:
@@ -524,16 +525,16 @@ def names_triangles(image: HogelImage) -> bool:
     return bool((image.triangle != NOTHING).any()) or not image.covered.any()
 
 
-def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
+def differing_pixels(first: HogelImage, second: HogelImage) -> Indices:
     """Return the flat numbers of the pixels at which two images show different things."""
-    differs = (one.triangle != other.triangle) | (one.object != other.object)
-    if one.position.dtype == other.position.dtype == np.float32:
+    differs = (first.triangle != second.triangle) | (first.object != second.object)
+    if first.position.dtype == second.position.dtype == np.float32:
         # Compared bit by bit, for NaN equals NaN here. Zeros of two signs are merely judged again.
         for axis in range(3):
-            mine, its = (image.position[..., axis].view(np.int32) for image in (one, other))
+            mine, its = (image.position[..., axis].view(np.int32) for image in (first, second))
             differs |= mine != its
     else:
-        equal = np.isclose(one.position, other.position, rtol=0, atol=0, equal_nan=True)
+        equal = np.isclose(first.position, second.position, rtol=0, atol=0, equal_nan=True)
         differs |= ~equal.all(axis=-1)
     return np.flatnonzero(differs)
 
@@ -556,7 +557,7 @@ CONFIDENCE = (
 
 @dataclass(frozen=True, kw_only=True)
 class PixelSet:
-    """A set of pixels of a film: their number, and one bit for each pixel of the film, compressed."""
+    """A set of pixels of a film: their number, and a compressed bit for each pixel of the film."""
 
     count: int
     packed: bytes = field(repr=False)
@@ -570,17 +571,19 @@ class PixelSet:
 
     def shared_with(self, other: PixelSet) -> int:
         """Return how many pixels are in both sets, of one film."""
-        one, two = (np.frombuffer(zlib.decompress(each.packed), np.uint8) for each in (self, other))
-        return int(np.bitwise_count(one & two).sum())
+        mine, its = (
+            np.frombuffer(zlib.decompress(each.packed), np.uint8) for each in (self, other)
+        )
+        return int(np.bitwise_count(mine & its).sum())
 
 
 def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """Return whether more pixels are wrong in one picture than in another, beyond chance.
 
-    This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, say
-    nothing; if neither picture were worse, each other pixel would be wrong in the one or the other
-    with equal chances. Pixels along one contour change together, so that the test sees differences
-    too soon: callers ask for a smallest difference besides. `CONFIDENCE` holds for all
+    This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, do not
+    count; if neither picture were worse, each other pixel would be wrong in either picture with
+    equal chances. Pixels along one contour change together, so that the test detects differences
+    too soon: callers require a smallest difference besides. `CONFIDENCE` holds for all
     `comparisons` with the other picture together (Bonferroni).
     """
     if only_here <= only_there:

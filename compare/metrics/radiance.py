@@ -1,13 +1,13 @@
-"""Radiance error: how far colors are off in linear RGB, raster minus truth, and how different pictures look.
+"""Radiance error in linear RGB, raster minus truth, and perceptual difference.
 
-See docs/method.md, "What is compared". FLIP and SSIM judge pictures as they are shown, clipped and
+See docs/method.md. FLIP and SSIM judge displayed pictures, clipped and
 in sRGB (`display.encoded`): FLIP in its mode for such pictures (LDR), SSIM with the window of its
 inventors.
 
-A reference that samples light paths knows its mean and the variance of that mean. Where a picture
-is the mean's expectation, (mean - picture) / standard error follows Student's t with one degree of
-freedom less than there are samples; Sidak's correction accounts for the number of pixels. What a
-rasterizer leaves out, shadows and interreflection, is the difference of two such truths, each with
+A reference that samples light paths has a mean and the variance of this mean. Where a picture is
+the mean's expectation, (mean - picture) / standard error follows Student's t with one degree of
+freedom less than there are samples; Sidak's correction accounts for the number of pixels. Shadows
+and interreflection, which a rasterizer leaves out, are the difference of two such truths, each with
 its own noise.
 """
 
@@ -37,14 +37,16 @@ from xfrustum.scenes.representation import ShortRepr
 ALPHA = 0.01  #: chance that a test of a whole picture fails although nothing is wrong
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
-"""FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m. It is that of a
-picture on a screen; through a plate one aperture's picture is not seen as a whole."""
+"""Viewing condition of FLIP: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
+
+It holds for a picture on a screen; through a plate, the picture of an aperture is not seen as a
+whole."""
 
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
-"""Standard deviation and width of SSIM's Gaussian window (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+"""Standard deviation and width of the Gaussian window of SSIM (Wang et al., 2004)."""
 
 STEP = 1 / 255
-"""One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
+"""One level of 8-bit output in linear radiance: allowed difference of two shaded answers."""
 
 Rgb = tuple[float, float, float]  #: one number for each of red, green and blue
 Done = Callable[[], object]  #: function that is called when a part of the work is done
@@ -55,8 +57,8 @@ class NoiseNumbers:
     """Numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
     A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is
-    the chance that some pixel lies as far out as the farthest does, if the picture is what the
-    reference converges to: exact for independent tests, an upper bound where they depend on each
+    the chance that some pixel lies as far out as the farthest does, if the picture is the limit
+    of the reference: exact for independent tests, an upper bound where they depend on each
     other, as channels of a pixel do.
     """
 
@@ -73,7 +75,7 @@ class NoiseNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseTest:
-    """What a per-pixel test says of a picture against a noisy reference."""
+    """Result of a per-pixel test of a picture against a noisy reference."""
 
     numbers: NoiseNumbers
     differs: Mask  #: (H, W) pixels that differ at the level of the whole picture
@@ -85,12 +87,13 @@ def compare_with_noise(
     judged: Mask,
     rounding: Floats | float = 0.0,
 ) -> NoiseTest:
-    """Test whether a picture (H, W, 3) of linear RGB without noise is what a noisy reference converges to.
+    """Test a noise-free picture (H, W, 3) of linear RGB against the limit of a noisy reference.
 
     `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less
-    than 1 - (level of one test)^(1 / samples): chance may miss it, and then neither mean nor
-    variance knows of it. `rounding` is the radiance by which picture and mean may differ for other
-    reasons than noise, such as rounding to float32. It alone decides where samples do not vary.
+    than 1 - (level of one test)^(1 / samples): chance may miss it in all samples, and then neither
+    mean nor variance shows it. `rounding` is the radiance by which picture and mean may differ for
+    other reasons than noise, such as rounding to float32. It alone decides where samples do not
+    vary.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
@@ -118,18 +121,18 @@ def compare_with_noise(
 
 
 def joint_chance(chance: float, tests: int) -> float:
-    """Return the chance that the least of several independent p-values is at most `chance` (Sidak)."""
+    """Return the chance that the least of independent p-values is at most `chance` (Sidak)."""
     return 1.0 if chance >= 1 else float(-np.expm1(tests * np.log1p(-chance)))
 
 
 def single_level(chance: float, tests: int) -> float:
-    """Return the level of each single test for which all tests together have the level `chance` (Sidak)."""
+    """Return the level of each test for which all tests together have the level `chance` (Sidak)."""
     return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOutNumbers:
-    """What shadows and interreflection do to an image; radiance is positive where the raster lacks light."""
+    """Effect of shadows and interreflection; radiance is positive where the raster lacks light."""
 
     shadows: bool
     interreflection: bool
@@ -143,17 +146,16 @@ class LeftOutNumbers:
     )  #: over the mean radiance of the image without them; None where that is 0
     rms: float  #: of the change, from which the noise is taken off
     rms_noise: float
-    alpha: float  #: level of the test that tells pixels from noise, for the whole picture
+    alpha: float  #: level of the test of pixels against noise, for the whole picture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOut:
-    """What shadows and interreflection do to an image."""
+    """Effect of shadows and interreflection on an image."""
 
     numbers: LeftOutNumbers
-    difference: (
-        RadianceEstimate  #: the truth with them minus the truth without; samples are those of one
-    )
+    #: the truth with them minus the truth without; samples of one truth
+    difference: RadianceEstimate
     without: Floats  #: the truth without them, (H, W, 3)
 
 
@@ -179,7 +181,7 @@ def transported(
 
 
 def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None) -> LeftOut:
-    """Measure what the light transport that a scene asks for does to an image."""
+    """Measure the effect of the light transport of a scene on an image."""
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
     without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)
@@ -189,7 +191,7 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
         variance_of_mean=full.variance_of_mean + without.variance_of_mean,
         samples=min(full.samples, without.samples),
     )
-    # The hypothesis is that they do nothing: what differs is what a rasterizer misses.
+    # The null hypothesis is no effect: a rasterizer misses the pixels that differ.
     change = difference.mean
     everywhere = np.ones(change.shape[:2], dtype=np.bool_)
     test = compare_with_noise(np.zeros(change.shape), difference, everywhere)
@@ -214,7 +216,7 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PerceptualDifference:
-    """How different two pictures look."""
+    """Perceptual difference of two pictures."""
 
     flip: float  #: mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
     ssim: (
@@ -228,7 +230,7 @@ def perceptual_difference(
     raster: NDArray[np.floating],
     pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> PerceptualDifference:
-    """Return how different two pictures (H, W, 3) of linear RGB look."""
+    """Return the perceptual difference of two pictures (H, W, 3) of linear RGB."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
     flip_map, _, _ = flip_evaluator.evaluate(
@@ -250,7 +252,7 @@ def perceptual_difference(
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSpread:
-    """How the radiance error is distributed in red, green and blue alone; see `RadianceSpread`."""
+    """Distribution of the radiance error in red, green and blue alone; see `RadianceSpread`."""
 
     rms: Rgb
     mean: Rgb
@@ -260,7 +262,7 @@ class ChannelSpread:
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceSpread:
-    """How the radiance error is distributed over some pixels.
+    """Distribution of the radiance error over some pixels.
 
     Root mean square and mean are over the pixels' channels; the mean is signed, positive where the
     raster is brighter. 99th percentile and maximum are over the pixels; the channel that is
@@ -310,7 +312,7 @@ class RadianceNumbers(RadianceSpread):
     away_from_edges: (
         RadianceSpread | None
     )  #: over those pixels that the function of that name returns
-    flip: float | None  #: None unless asked for, like the next two
+    flip: float | None  #: None unless requested, like the next two
     ssim: float | None
     pixels_per_degree: float | None
     noise: (
@@ -320,7 +322,7 @@ class RadianceNumbers(RadianceSpread):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RadianceError(ShortRepr):
-    """How far the colors of a raster image are from the truth's, in numbers and at judged pixels (H, W)."""
+    """Errors of the colors of a raster image, in numbers and at judged pixels (H, W)."""
 
     numbers: RadianceNumbers
     truth: HogelImage
@@ -329,7 +331,7 @@ class RadianceError(ShortRepr):
 
     @cached_property
     def error(self) -> Floats:
-        """(H, W, 3) raster minus truth, NaN where not judged, made when it is first asked for."""
+        """(H, W, 3) raster minus truth, NaN where not judged; computed at the first access."""
         assert self.raster.color is not None and self.truth.color is not None, "compared colors"
         error = self.raster.color.astype(np.float64) - self.truth.color
         error[~self.judged] = np.nan
@@ -372,7 +374,7 @@ def compare_radiance(
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
-    """Return the pixels (H, W) that both images say show the same triangle, shaded continuously."""
+    """Return the pixels (H, W) with the same triangle in both images, shaded continuously."""
     return np.asarray(
         (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
     )

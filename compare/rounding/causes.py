@@ -7,15 +7,16 @@ error budget"):
 * edge: rounding may have moved an edge of one of the two triangles across the pixel's center. Edges
   are also those that clipping makes: cuts by the near plane and by the reach, the film's border,
   and seams. Where only one picture shows something, at the pixel and all its neighbors, no snapped
-  edge explains what is missing;
+  edge explains the difference;
 * order: both triangles cover the pixel, and their stored depths differ by no more than depth's
   roundings;
 * lost: the stored depth of the expected surface differs by no more than that from the clear value,
-  and what is shown covers the pixel.
+  and the shown triangle covers the pixel.
 
-A pixel that bears no mark is unexplained: somebody's bug. The classifier knows nothing of settings
-or of models of renderers. It takes cameras; `xfrustum.compare.attribution.budget` makes them for
-our rasterizer, `xfrustum.compare.judging.judged` for somebody else's renderer.
+A pixel that bears no mark is unexplained: a bug in one of the programs. The classifier does not
+depend on settings or on models of renderers. It takes cameras;
+`xfrustum.compare.attribution.budget` makes them for our rasterizer,
+`xfrustum.compare.judging.judged` for other renderers.
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ HEADINGS = ("edge", "order", "lost", "unexplained")
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Causes(ShortRepr):
-    """Pixels that show another triangle than expected, each under one heading: a list, for they are few."""
+    """Pixels that show another triangle than expected, each under one heading.
+
+    A list, for they are few.
+    """
 
     shape: tuple[int, ...]  #: H, W
     pixels: Indices  #: (N,) flat numbers of the pixels
@@ -72,7 +76,7 @@ class Causes(ShortRepr):
         return dict(zip(HEADINGS, numbers, strict=True))
 
     def some(self, kept: Mask) -> Causes:
-        """Return the causes of those of the pixels that are marked, (N,)."""
+        """Return the causes of the marked pixels, (N,)."""
         return Causes(shape=self.shape, pixels=self.pixels[kept], heading=self.heading[kept])
 
     def joined(self, other: Causes) -> Causes:
@@ -93,8 +97,8 @@ def find_causes(
 ) -> Causes:
     """Find the cause of every wrong pixel: those, by flat numbers (N,), at which the images differ.
 
-    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is what
-    they show without rounding, or with another depth buffer; its ties need no exception: they lie
+    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is their
+    picture without rounding, or with another depth buffer; its ties need no exception: they lie
     on an edge, or at one depth. `shown` may name triangles that the scene does not have.
     """
     shape = shown.triangle.shape
@@ -112,9 +116,9 @@ def find_causes(
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if chosen.any():
         kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
-        one, other = depths(kept).at(kept.slots, (len(cameras), len(images), len(chosen)))
-        order = np.asarray(one.indistinguishable_from(other).any(axis=0))
-        lost = one.lost().any(axis=0) & ~order
+        first, second = depths(kept).at(kept.slots, (len(cameras), len(images), len(chosen)))
+        order = np.asarray(first.indistinguishable_from(second).any(axis=0))
+        lost = first.lost().any(axis=0) & ~order
     # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both
     # are looked at where nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
@@ -130,7 +134,7 @@ def find_causes(
 def misplaced_pixels(
     triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage
 ) -> Mask:
-    """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
+    """Return the pixels (H, W) whose centers lie outside their triangles by more than rounding."""
     where: Mask = np.not_equal(shown.triangle, NOTHING)
     pixels = np.flatnonzero(where)
     drawn = _drawn_by(triangles, cameras, (shown,), pixels)
@@ -144,9 +148,10 @@ def _drawn_by(
     images: Sequence[HogelImage],
     pixels: Indices,
 ) -> PixelTriangles:
-    """Return the triangles at pixels (N,) that each camera may have drawn, one or both of two at a cut.
+    """Return the triangles at pixels (N,) that each camera may have drawn, of two at a cut both.
 
-    Small arrays cost calls alone: slots of the result are those of an array (cameras, images, N).
+    Per-call overhead dominates for small arrays: the result has the slots of one array
+    (cameras, images, N).
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     # `take` would copy all of the heights, which lie apart in memory.
@@ -174,7 +179,7 @@ def _marks(
 
 
 def _beside_likeness(expected: HogelImage, shown: HogelImage, pixels: PixelIndex) -> Mask:
-    """Return which pixels, or which one beside them, show something in both images, or nothing in both."""
+    """Return the pixels (N,) at or beside which both images show a surface, or neither does."""
     (columns, rows), around = pixels, np.arange(3)
     alike = np.pad((expected.triangle == NOTHING) == (shown.triangle == NOTHING), 1)
     near = alike[rows[:, None, None] + around[:, None], columns[:, None, None] + around]
@@ -182,9 +187,9 @@ def _beside_likeness(expected: HogelImage, shown: HogelImage, pixels: PixelIndex
 
 
 def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:
-    """Return which pixels are sampled on the film's own border, where clipping cuts every triangle.
+    """Return the pixels (N,) sampled on the border of the film, where clipping cuts triangles.
 
-    Only shifted samples lie there: those of the outermost pixels, half a pixel from their centers.
+    Only shifted samples of the outermost pixels lie there, half a pixel from their centers.
     """
     near = np.zeros(len(pixels[0]), dtype=np.bool_)
     for camera in cameras:
@@ -200,7 +205,7 @@ def _near_seam(
     images: Sequence[HogelImage],
     pixels: PixelIndex,
 ) -> Mask:
-    """Return which pixels are sampled where clipping may have split a triangle that either image shows."""
+    """Return the pixels (N,) sampled where clipping may have split a triangle of either image."""
     columns, rows = pixels
     near = np.zeros(len(rows), dtype=np.bool_)
     for camera in cameras:

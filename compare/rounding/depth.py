@@ -1,4 +1,4 @@
-"""How exactly a depth buffer knows the depth of a triangle at a pixel."""
+"""Error bounds of the depth that a buffer stores for a triangle at a pixel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEPTH_ROUNDINGS = 8
 """Roundings of 2^-24 in a depth that a fragment computes from w, relative to its largest term."""
 
 LOG_ULPS, LOG_NEAR_ONE = 6, 2.0**-21
-"""Errors that GLSL allows a logarithm: 3 units in the last place (6 half units), or 2^-21 near one."""
+"""Errors that GLSL allows a logarithm: 3 ULP (6 half units), or 2^-21 near one."""
 
 STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 0.0}
 """Distance of neighboring stored values of the fixed-point formats."""
@@ -29,7 +29,7 @@ STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Depths:
-    """Depth of one triangle at each of some pixels, and how exactly a buffer knows it."""
+    """Depth of one triangle at each of some pixels, with error bounds."""
 
     depth: Floats  #: (...) stored value 0..1 before rounding, NaN where there is no triangle
     tolerance: Floats  #: (...) how far the stored value may lie from `depth`
@@ -41,12 +41,12 @@ class Depths:
 
         Everywhere else there is no triangle.
         """
-        found = []
+        arrays = []
         for values, nothing in ((self.depth, np.nan), (self.tolerance, 0.0), (self.clear, np.nan)):
             whole = np.full(shape, nothing)
             whole.reshape(-1)[slots] = values
-            found.append(whole.swapaxes(0, 1))
-        return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*found, strict=True)]
+            arrays.append(whole.swapaxes(0, 1))
+        return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*arrays, strict=True)]
 
     def indistinguishable_from(self, other: Depths) -> Mask:
         """Return where a buffer may order two triangles either way."""
@@ -60,8 +60,8 @@ class Depths:
 def depths(shown: PixelTriangles) -> Depths:
     """Return the depth of one triangle at each pixel, as its camera's buffer stores it.
 
-    With w the distance along the axis, 1 / w is linear on the film, and so is what the hardware
-    interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w.
+    With w the distance along the axis, 1 / w is linear on the film, and so is the quantity that the
+    hardware interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w.
     """
     film, precision = shown.film, shown.film.precision
     (n, f), mapping = film.planes, precision.mapping
@@ -74,7 +74,7 @@ def depths(shown: PixelTriangles) -> Depths:
             depth, tolerance = _written(mapping, inverse, known, shown.each(n), shown.each(f))
         else:
             depth, tolerance = shown.each(a) + shown.each(b) * inverse, known
-    # What is stored lies between two bounds beside what was computed.
+    # Storing adds an error between two bounds to the computed value.
     (low, high), step = precision.device.stored(precision.depth), STEP[precision.depth]
     tolerance = tolerance + step * (high - low) / 2 + FLOAT32_ROUNDING * np.abs(depth)
     # A camera draws nothing that lies behind it: there it has no depths to order.
@@ -89,7 +89,7 @@ def depths(shown: PixelTriangles) -> Depths:
 
 
 def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:
-    """Return what the hardware interpolates over triangles, a + b / w, as a plane each."""
+    """Return the planes of the interpolated quantity a + b / w over triangles."""
     n, f = film.planes
     vertices = film.vertices * np.where(film.orthoscopic, 1.0, -1.0)[:, None, None]
     w, error = vertices[..., 2], film.bound[..., 2]
@@ -111,7 +111,7 @@ def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:
 
 
 def _linear_in_inverse(mapping: DepthMapping, n: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Return a and b (T,) of what a device interpolates, a + b / w, between planes at n and f."""
+    """Return a and b (T,) of the interpolated quantity a + b / w, between planes at n and f."""
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
             return np.zeros_like(n), np.ones_like(n)
@@ -130,7 +130,7 @@ def _written(
     n: Floats,
     f: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return the depth that fragments write, and how exactly, given how exactly 1 / w is `known`."""
+    """Return the depth that fragments write, and its error bound; `known` is the bound of 1 / w."""
     # The fragment takes w from the interpolated 1 / w.
     w = 1 / inverse
     of_w = w * known * w

@@ -1,8 +1,8 @@
-"""Edges that rounding may move across a pixel's center: of the mesh, of cuts, and seams of clipping.
+"""Edges that rounding may move across a pixel's center: of meshes, of cuts, and clipping seams.
 
-A renderer that cuts triangles at its film and at its near and far planes draws what is left as
-several triangles. Which ones it does not say, but their common sides are diagonals of the polygon
-that is left: edges that no mesh has.
+A renderer that clips triangles at its film and at its near and far planes draws the remaining
+polygon as several triangles. The specification leaves the triangulation undefined, but their common
+sides are diagonals of the polygon: edges that no mesh has.
 """
 
 from itertools import combinations
@@ -17,19 +17,20 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 FAR_ROUNDINGS = 4
-"""Roundings of 2^-24 w in w - z: two in z, one in w, one in the difference. Its sign is the test at the far
-plane."""
+"""Roundings of 2^-24 w in w - z: two in z, one in w, one in the difference.
+
+The sign of w - z is the test at the far plane."""
 
 
 def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest 1 / w at which the far plane may cut triangles, (T,) each.
+    """Return the smallest and largest 1 / w at which the far plane may cut triangles, (T,) each.
 
     Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is
     known at each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two corners it is linear, and
     so is its error: the cut lies where |w - z| is at most the larger of the two errors, within (f -
-    n) / n of that of w = f. Where this is more than f, as with n below 2^-24 w, it may lie at any
-    distance, beside the camera or behind it. Reversed clip depth is zero at the far plane and has
-    no such difference.
+    n) / n times this error of w = f. Where this is more than f, as with n below 2^-24 w, it may lie
+    at any distance, beside the camera or behind it. Reversed clip depth is zero at the far plane
+    and has no such difference.
     """
     n, f = film.planes
     match film.precision.mapping:
@@ -118,11 +119,11 @@ def per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:
 
 
 def _perturbation(film: FilmTriangles) -> tuple[Floats, Floats]:
-    """Return how far each coefficient of the lines (3, T, 3) and the volume (T,) move within the bounds."""
+    """Return bounds of the changes of the lines (3, T, 3) and of the volume (T,)."""
     size, bound = np.abs(film.vertices), film.bound
     # Sums of absolute products in a x b, for each corner a and the next one b.
-    begins = [(one.take(NEXT, axis=-1), one.take(AFTER_NEXT, axis=-1)) for one in (size, bound)]
-    ends = [tuple(side.take(NEXT, axis=1) for side in one) for one in begins]
+    begins = [(part.take(NEXT, axis=-1), part.take(AFTER_NEXT, axis=-1)) for part in (size, bound)]
+    ends = [tuple(side.take(NEXT, axis=1) for side in pair) for pair in begins]
 
     def magnitude(a: int, b: int) -> Floats:
         (next_a, after_a), (next_b, after_b) = begins[a], ends[b]
@@ -137,7 +138,7 @@ def _perturbation(film: FilmTriangles) -> tuple[Floats, Floats]:
 
 
 def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
-    """Return the diagonals (K, 2, 2) of what clipping leaves of a triangle with corners (3, 3).
+    """Return the diagonals (K, 2, 2) of the polygon that clipping leaves of a triangle (3, 3).
 
     Both ends of each are in pixels from the film's left and upper border; K is 0 where the triangle
     is not cut, or where no more than three corners are left of it. The camera's lines run through
@@ -154,14 +155,14 @@ def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Flo
 
 
 def clipped(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Mask:
-    """Return which triangles (T, 3, 3) clipping cuts and leaves something of: others have no seams."""
+    """Return the triangles (T, 3, 3) that clipping cuts and does not remove: no others have seams."""
     beyond = np.less(_clip_places(corners, bundle, shift) @ _clip_bounds(bundle).T, 0.0)
     nothing_left = np.any(np.all(beyond, axis=1), axis=1)
     return np.asarray(np.any(beyond, axis=(1, 2)) & ~nothing_left)
 
 
 def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
-    """Return homogeneous places (.., 4) of corners (.., 3): from the left and from above, w, and 1."""
+    """Return homogeneous places (.., 4) of corners (.., 3): from the left, from above, w, and 1."""
     width, height = bundle.resolution
     q = corners - np.asarray(bundle.center)
     # s is positive in front of a C and negative in front of a C*; the distance along the axis, w,
@@ -175,7 +176,7 @@ def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float])
 
 
 def _clip_bounds(bundle: RayBundle) -> Floats:
-    """Return linear functions (6, 4) that clipping keeps from being negative: near, far, borders."""
+    """Return the linear functions (6, 4) of the clip planes, not negative inside."""
     (width, height), (begin, end) = bundle.resolution, sorted(abs(s) for s in bundle.s_range)
     bounds = (
         (0, 0, 1, -begin),
@@ -189,7 +190,7 @@ def _clip_bounds(bundle: RayBundle) -> Floats:
 
 
 def distance_to_segments(points: Floats, segments: Floats) -> Floats:
-    """Return how far points (N, 2) lie from the nearest of some segments (K, 2, 2); infinite without any."""
+    """Return distances (N,) of points (N, 2) from the nearest of some segments (K, 2, 2)."""
     nearest = np.full(len(points), np.inf)
     for start, end in segments:
         along = end - start
@@ -206,7 +207,7 @@ def distance_to_segments(points: Floats, segments: Floats) -> Floats:
 
 
 def distance_to_border(points: Floats, resolution: tuple[int, int]) -> Floats:
-    """Return how far points (N, 2) lie from the nearest border of a film, in pixels, borders prolonged."""
+    """Return distances (N,) of points from the nearest of the prolonged borders of a film, pixels."""
     off = np.full(len(points), np.inf)
     for place, extent in zip(points.T, resolution, strict=True):
         off = np.minimum(off, np.minimum(np.abs(place), np.abs(place - extent)))
@@ -214,7 +215,7 @@ def distance_to_border(points: Floats, resolution: tuple[int, int]) -> Floats:
 
 
 def _cut(polygon: Floats, bound: Floats) -> Floats:
-    """Return what is left of a convex polygon (N, 4) where a linear function of it is not negative."""
+    """Return the part of a convex polygon (N, 4) where a linear function is not negative."""
     kept = []
     for i, here in enumerate(polygon):
         following, next_bound = polygon[i - len(polygon) + 1], bound[i - len(polygon) + 1]

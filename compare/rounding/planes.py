@@ -1,4 +1,4 @@
-"""How exactly a device knows what it interpolates over a triangle: depth, or 1 / w."""
+"""Error bounds of quantities that a device interpolates over a triangle: depth, or 1 / w."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 
 CUT_ROUNDINGS = 8
-"""Roundings of 2^-24 in the plane of a triangle that a clip plane cuts, relative to the largest term.
+"""Roundings of 2^-24 in the plane of a clipped triangle, relative to the largest term.
 
 Four in the clip coordinate, one each for the division by w, the viewport, and the two steps of
 the plane equation along x and y.
 """
 
 GRADIENT_ROUNDINGS = 5
-"""Roundings of 2^-24 in the gradient of a plane through three corners, relative to the products in it.
+"""Roundings of 2^-24 in the gradient of a plane through three corners, relative to its products.
 
 Each product of an edge and a difference of depth has five: the edge, the difference, the quotient
 of edge and area, the product, and the difference of two products. The area has three in each of its
@@ -30,7 +30,9 @@ and cancel.
 """
 
 PLANE_ROUNDINGS = 11
-"""Roundings of 2^-24 in a plane's value at a pixel, relative to that and to its rise from the film's corner.
+"""Roundings of 2^-24 in the value of a plane at a pixel.
+
+They are relative to the value and to its rise from the corner of the film.
 
 Four in a corner's place in pixels (quotient, two products, a sum), one each in the two products and
 the two sums that carry the plane to the film's corner, one each in the two products and the sum
@@ -42,8 +44,8 @@ that carry it to the pixel. Renderers that begin at the triangle have fewer.
 class Planes:
     """A quantity Z / w over triangles (T,) in homogeneous film coordinates, linear on the film.
 
-    A device interpolates between corners V' = V + d: the triangle's, or those of a polygon that
-    clipping makes of it, each a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with
+    A device interpolates between corners V' = V + d of the triangle, or of a polygon that clipping
+    makes of it, each corner a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with
     weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On the exact plane Z = G . V, so that
 
         found - exact = sum(m_i (dZ_i - G . d_i)),        sum(m_i w_i) = 1,
@@ -58,21 +60,20 @@ class Planes:
     * the setup of the plane from corners in pixels, `GRADIENT_ROUNDINGS` and `PLANE_ROUNDINGS`.
     """
 
-    vertices: (
-        Floats  #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
-    )
+    #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
+    vertices: Floats
     value: Floats  #: (T, 3) Z of the corners
     moved: Floats  #: (T, 3, 3) bounds of the float32 errors of V
-    moved_value: Floats  #: (T, 3) those of Z
+    moved_value: Floats  #: (T, 3) bounds of the float32 errors of Z
     uncut: Mask  #: (T,) triangles that neither near nor far plane cuts
-    largest: Floats  #: (T,) largest term of the quantity on what is left of a triangle
+    largest: Floats  #: (T,) largest term of the quantity on the clipped triangle
     resolution: tuple[int, int]  #: W, H of the film in pixels
 
     @cached_property
     def weights(self) -> Floats:
         """(3, T, 3) weight of each corner at a film point as linear functions of (u, v, 1)."""
         following, after = (
-            self.vertices.take(one, axis=1).reshape(-1, 3) for one in (NEXT, (2, 0, 1))
+            self.vertices.take(order, axis=1).reshape(-1, 3) for order in (NEXT, (2, 0, 1))
         )
         lines = cross_products(following, after).reshape(-1, 3, 3)
         volume = np.einsum("tc,tc->t", self.vertices[:, 0], lines[:, 0])
@@ -89,13 +90,13 @@ class Planes:
         return np.asarray(np.einsum("nc,nc->n", self.gradient.take(which, axis=0), points))
 
     def tolerance(self, which: Indices, points: Floats, device: DeviceModel) -> Floats:
-        """Return how far what a device finds there may lie from the exact quantity, (N,)."""
+        """Return the error bounds (N,) of the quantity that a device interpolates."""
         gradient, size = np.abs(self.gradient), np.asarray(self.resolution, dtype=np.float64)
         slope_px = gradient[:, :2] * (2 / size)
         snapped = slope_px.sum(axis=1) * device.half_step if device.snaps_depth else 0.0
         moved = np.einsum("tc,tkc->tk", gradient, self.moved) + self.moved_value
         each = np.einsum("ktc,tk->tc", self.weights, moved).take(which, axis=0)
-        # sum(m_i) is 1 / w at the pixel, but for what the same errors do to 1 / w itself.
+        # sum(m_i) is 1 / w at the pixel, except for the effect of these errors on 1 / w itself.
         over_w = self.weights.sum(axis=0)
         aside = np.einsum("tc,tkc->tk", np.abs(over_w), self.moved).max(axis=1, initial=0.0)
         all_alike = moved.max(axis=1, initial=0.0) / np.maximum(1 - aside, 0.0)
@@ -113,15 +114,15 @@ class Planes:
     def varying(
         self, values: Floats, which: Indices, points: Floats, device: DeviceModel
     ) -> tuple[Floats, Floats]:
-        """Return what a smooth varying (T, 3) is at film points, exactly, and how far a device may be off.
+        """Return a smooth varying (T, 3) at film points, exactly, and its error bounds.
 
-        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: what is found
+        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: the value
         at p is exact at a point within half a subpixel step of it, where a minus its exact value at
         p has risen by its own slope alone. Float32 moves each by itself. Where 1 / w may vanish,
-        nothing is known.
+        the bound is infinite.
         """
         w, size = self.vertices[..., 2], np.asarray(self.resolution, dtype=np.float64)
-        largest = [(np.abs(one) / w).max(axis=1) for one in (values, np.ones_like(w))]
+        largest = [(np.abs(value) / w).max(axis=1) for value in (values, np.ones_like(w))]
         over = replace(
             self, value=values, moved_value=FLOAT32_ROUNDING * np.abs(values), largest=largest[0]
         )
@@ -133,31 +134,31 @@ class Planes:
         flat = inverse.gradient.take(which, axis=0)
         rises = over.gradient.take(which, axis=0) - exact[:, None] * flat
         step_px = device.half_step if device.snaps_depth else 0.0
-        moved, less = (np.abs(one[:, :2]) @ (2 / size) * step_px for one in (rises, flat))
+        moved, less = (np.abs(slope[:, :2]) @ (2 / size) * step_px for slope in (rises, flat))
         unsnapped = replace(device, snaps_depth=False)
-        doubt, of_w = (one.tolerance(which, points, unsnapped) for one in (over, inverse))
+        doubt, of_w = (plane.tolerance(which, points, unsnapped) for plane in (over, inverse))
         least = one_over_w - less - of_w
         with np.errstate(divide="ignore"):
             off = (moved + doubt + np.abs(exact) * of_w) / np.maximum(least, 0.0)
         return exact, np.asarray(off + FLOAT32_ROUNDING * np.abs(exact))
 
     def _setup(self, slope_px: Floats, size: Floats) -> Floats:
-        """Return the roundings (T,) of planes through corners in pixels: the worst of three to start from."""
+        """Return the roundings (T,) of planes through corners in pixels, from the worst corner."""
         w = self.vertices[:, :, 2:]
         places, value = (self.vertices[:, :, :2] / w + 1) / 2 * size, self.value / w[..., 0]
         worst = np.zeros(len(value))
         for i in range(3):
-            one, other = places[:, i] - places[:, i - 2], places[:, i - 1] - places[:, i]
+            edge, next_edge = places[:, i] - places[:, i - 2], places[:, i - 1] - places[:, i]
             rise, fall = (
                 np.abs(value[:, i] - value[:, i - 2]),
                 np.abs(value[:, i - 1] - value[:, i]),
             )
-            # Edges crosswise: that along y gives the slope along x.
-            crosswise, otherwise = np.abs(one[:, ::-1]), np.abs(other[:, ::-1])
-            area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+            # Edges crosswise: the edge along y gives the slope along x.
+            crosswise, otherwise = np.abs(edge[:, ::-1]), np.abs(next_edge[:, ::-1])
+            area = np.abs(edge[:, 0] * next_edge[:, 1] - edge[:, 1] * next_edge[:, 0])
             gradient = rise[:, None] * otherwise + fall[:, None] * crosswise
-            farthest = np.maximum(np.abs(one), np.abs(other))
-            products = (np.abs(one) * otherwise).sum(axis=1) * np.maximum(rise, fall)
+            farthest = np.maximum(np.abs(edge), np.abs(next_edge))
+            products = (np.abs(edge) * otherwise).sum(axis=1) * np.maximum(rise, fall)
             cancelled = ((gradient * farthest).sum(axis=1) + products) / area
             origin = (slope_px * (np.abs(places[:, i]) + size)).sum(axis=1)
             worst = np.maximum(worst, GRADIENT_ROUNDINGS * cancelled + PLANE_ROUNDINGS * origin)

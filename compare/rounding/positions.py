@@ -1,4 +1,4 @@
-"""How exactly a rasterizer in float32 can know the surface point that it draws."""
+"""Error bounds of the surface points that a rasterizer draws in float32."""
 
 import numpy as np
 
@@ -22,11 +22,11 @@ two for each step along x and y, in numerator and denominator alike, and one for
 FLOAT32_ROUNDING = 2.0**-24
 
 POSITION_TOLERANCE = POSITION_ROUNDINGS * FLOAT32_ROUNDING
-"""Distance within which a drawn point is known, relative to the largest coordinate of its triangle."""
+"""Error bound of a drawn point, relative to the largest coordinate of its triangle."""
 
 
 def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
-    """Return the distance within which drawn surface points (N, 3) are known, (N,), scene units.
+    """Return the error bounds (N,) of drawn surface points (N, 3), scene units.
 
     They are on triangles (N,); where that is `NOTHING`, the point's own coordinates stand for its
     triangle's.

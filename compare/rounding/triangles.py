@@ -1,4 +1,4 @@
-"""Cameras as a rasterizer draws with them, triangles on their films, and the pixels that show them."""
+"""Cameras of a rasterizer, triangles on their films, and the pixels that show them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Precision:
 
     @property
     def snap_px(self) -> float:
-        """Largest distance by which the nearest subpixel lies from a vertex: half a step along each axis."""
+        """Largest distance of a vertex from the nearest subpixel: half a step along each axis."""
         return math.sqrt(2) / 2 * 2 * self.device.half_step
 
 
@@ -41,8 +41,8 @@ class RoundingCamera:
     #: near and far plane.
     bundle: RayBundle
     precision: Precision
-    #: Lowest and highest z of the surfaces that the camera draws; None where images do not say at
-    #: which height their surfaces lie, so that any surface may be this camera's
+    #: Lowest and highest z of the surfaces that the camera draws; None for images
+    #: without heights, any surface of which may be this camera's
     heights: tuple[float, float] | None = None
     #: Distance of the sampling points from the centers of their pixels, columns and rows, for a
     #: camera that may clip triangles at the borders of its film; None for one that does not
@@ -62,7 +62,7 @@ NEXT, AFTER_NEXT = (1, 2, 0), (2, 0, 1)
 """Number of the corner or coordinate after each of three, and of the one after that."""
 
 CLIPPED_VERTEX_ROUNDINGS = 16
-"""Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.
+"""Error bound of a float32 clip coordinate, in roundings of 2^-24 of its sum of absolute terms.
 
 One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
 three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
@@ -71,7 +71,7 @@ three planes (near and two sides) makes new vertices, each with three more: 9. O
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmTriangles:
-    """Triangles on the films of cameras that draw equally exactly, those of all cameras side by side."""
+    """Triangles on the films of cameras of one precision, one camera after the other."""
 
     precision: Precision
     resolution: tuple[int, int]  #: W, H of their films in pixels
@@ -130,10 +130,8 @@ class FilmTriangles:
     def lines(self) -> Floats:
         """(3, T, 3) edges as linear functions of (u, v, 1), from each corner to the next one."""
         following = self.vertices.take(NEXT, axis=1)
-        found = cross_products(self.vertices.reshape(-1, 3), following.reshape(-1, 3)).reshape(
-            -1, 3, 3
-        )
-        return np.ascontiguousarray(found.transpose(1, 0, 2))
+        edges = cross_products(self.vertices.reshape(-1, 3), following.reshape(-1, 3))
+        return np.ascontiguousarray(edges.reshape(-1, 3, 3).transpose(1, 0, 2))
 
     @cached_property
     def plane(self) -> Floats:
@@ -149,12 +147,12 @@ class FilmTriangles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PixelTriangles:
-    """One triangle at each of some pixels; what depends on a triangle alone is found once for each."""
+    """One triangle at each of some pixels; each triangle is projected once."""
 
     film: FilmTriangles  #: The triangles, each once for each camera
     which: Indices  #: (N,) place of each pixel's triangle among these
     points: Floats  #: (N, 3) centers of the pixels, (u, v, 1)
-    slots: Indices  #: (N,) places that the pixels have where those of all cameras lie side by side
+    slots: Indices  #: (N,) places of the pixels in an array with the pixels of all cameras
 
     @classmethod
     def from_pixels(
@@ -165,11 +163,10 @@ class PixelTriangles:
         pixels: PixelIndex,
         slots: Indices,
     ) -> PixelTriangles:
-        """Take the triangles that each of some cameras may have drawn out of those of a scene (F, 3, 3).
+        """Select the triangles of a scene (F, 3, 3) that each of some cameras may have drawn.
 
-        `number` and `pixels` (P,) are triangles, all of which exist where they are asked for, and
-        the pixels that show them. `slots` (N,) are asked for: k P + p is that of pixel p drawn by
-        camera k.
+        `number` and `pixels` (P,) are triangles, all of which exist at the slots, and the pixels
+        that show them. `slots` (N,) are selected: k P + p is pixel p drawn by camera k.
         """
         camera, place = np.divmod(slots, max(len(number), 1))
         drawn = camera * len(triangles) + number.take(place)
@@ -196,9 +193,9 @@ class PixelTriangles:
         return values.take(self.which, axis=-1)
 
     def linear_at(self, functions: Floats, points: Floats) -> Floats:
-        """Return the triangles' linear functions (K, T, 3) of (u, v, 1) at the pixels' points, (K, N)."""
-        taken = (one.take(self.which, axis=0) for one in functions)
-        return np.stack([np.einsum("ij,ij->i", one, points) for one in taken])
+        """Return linear functions (K, T, 3) of (u, v, 1) of the triangles at points (N, 3), (K, N)."""
+        taken = (function.take(self.which, axis=0) for function in functions)
+        return np.stack([np.einsum("ij,ij->i", function, points) for function in taken])
 
 
 def film_points(resolution: tuple[int, int], pixels: PixelIndex) -> Floats:

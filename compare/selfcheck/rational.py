@@ -1,4 +1,4 @@
-"""The truth once more, by brute force in integers, to check the reference with.
+"""Independent truth by brute force in integers, to check the reference.
 
 This module is independent of the reference on purpose. The two share only the definition of the
 line of a pixel (`RayBundle`). Here a line is intersected with a triangle's plane first; then the
@@ -22,22 +22,22 @@ Integers = tuple[int, int, int]  #: three coordinates of a point or vector as in
 Ratio = tuple[int, int]  #: numerator and positive denominator
 
 BOX_MARGIN = 2.0**-40
-"""Width added around every box, relative to the largest coordinate times 1 + the steepest slope. The bounds
-of a box are a difference of two coordinates and its product with a slope: at most 3 roundings of
-2^-53, each
-of a number no larger than twice that product. The margin is over a thousand times as wide."""
+"""Width added around every box, relative to the largest coordinate times 1 + the steepest slope.
+
+The bounds of a box are a difference of two coordinates and its product with a slope: at most 3
+roundings of 2^-53, each of a number no larger than twice that product. The margin is over a
+thousand times as wide."""
 
 CHUNK_TRIANGLES = 1 << 13
-"""Triangles whose boxes are compared with all rows at once; each needs a byte for every row and column."""
+"""Triangles compared with all rows at once; each needs a byte for every row and column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactRows:
     """The first triangle on each line of some rows, decided without any rounding."""
 
-    triangle: (
-        Numbers  #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
-    )
+    #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
+    triangle: Numbers
     #: (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
     s: Floats
     #: (N, 3) row of the image, column and number of all triangles first together, sorted
@@ -45,7 +45,7 @@ class ExactRows:
 
 
 def first_by_brute_force(triangles: Floats, bundle: RayBundle, rows: range) -> ExactRows:
-    """Decide the first of the triangles (F, 3, 3) on every line of some rows of a pencil, all in integers."""
+    """Decide in integers the first of the triangles (F, 3, 3) on every line of some rows."""
     width = bundle.resolution[0]
     pixel, candidates, nearest = _boxes_met(triangles, bundle, rows)
     lines = _ExactLines(triangles, np.unique(candidates), bundle)
@@ -71,14 +71,14 @@ def _boxes_met(
 ) -> tuple[Indices, Indices, Floats]:
     """Return pairs (N,) of a pixel and a triangle that may meet, and a lower bound of s for each.
 
-    Pixels are numbered within the given rows; pairs are sorted by pixel, then by this bound. A
+    Pixels are numbered within these rows; pairs are sorted by pixel, then by this bound. A
     point of the line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the
     least and the largest s of the corners: s dx lies in the interval between these two times dx,
     and x - cx in the interval of the corners. The two must overlap, for x and for y alike. Boxes
     are widened by `BOX_MARGIN`, so that rounding loses no pair.
     """
     center, slopes = np.asarray(bundle.center), (bundle.dx, bundle.dy[rows.start : rows.stop])
-    steepest = max(np.abs(one).max() for one in slopes)
+    steepest = max(np.abs(slope).max() for slope in slopes)
     pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
     for start in range(0, len(triangles), CHUNK_TRIANGLES):
         chunk = triangles[start : start + CHUNK_TRIANGLES]
@@ -99,16 +99,16 @@ def _boxes_met(
             pairs.append(
                 (pixel, np.full(len(pixel), start + box), np.full(len(pixel), low[box, 2]))
             )
-    pixels, numbers, nearest = (np.concatenate(one) for one in zip(*pairs, strict=True))
+    pixels, numbers, nearest = (np.concatenate(part) for part in zip(*pairs, strict=True))
     order = np.lexsort((nearest, pixels))
     return pixels[order], numbers[order], nearest[order]
 
 
 def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floats) -> Mask:
-    """Return (T, N) whether lines of slopes (N,) meet, within ranges of s (T,), intervals (T,) on an axis."""
-    one, other = (bound[:, None] * slopes for bound in s)
+    """Return where lines of slopes (N,) meet intervals (T,) on an axis within ranges of s, (T, N)."""
+    low_s, high_s = (bound[:, None] * slopes for bound in s)
     low, high = (end[:, None] for end in ends)
-    return np.asarray((np.minimum(one, other) <= high) & (np.maximum(one, other) >= low))
+    return np.asarray((np.minimum(low_s, high_s) <= high) & (np.maximum(low_s, high_s) >= low))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ class _Plane:
 
     @classmethod
     def through(cls, corners: list[Integers]) -> _Plane | None:
-        """Return a triangle's plane and edges; None for a triangle without area, which no line meets."""
+        """Return plane and edges of a triangle; None without area, for no line meets it."""
         # Step 1: the normal, by the cross product of two edges.
         p0, p1, p2 = corners
         a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]
@@ -180,7 +180,7 @@ class _Integral:
 
 
 class _ExactLines:
-    """The lines of a pencil, and those of the triangles (F, 3, 3) that they may meet, in integers."""
+    """Lines of a ray bundle, and the triangles (F, 3, 3) that they may meet, in integers."""
 
     def __init__(self, triangles: Floats, numbers: Indices, bundle: RayBundle) -> None:
         # Lengths and slopes have scales of their own: each is a common power of two.
@@ -189,7 +189,7 @@ class _ExactLines:
         slope = _Integral(np.concatenate((bundle.dx, bundle.dy)))
         self._bits = length.bits, slope.bits
         self._dx, self._dy = (
-            [slope(one) for one in axis.tolist()] for axis in (bundle.dx, bundle.dy)
+            [slope(value) for value in axis.tolist()] for axis in (bundle.dx, bundle.dy)
         )
         self._begin, self._end = (length(float(end)) for end in bundle.s_range)
         cx, cy, cz = (length(float(value)) for value in bundle.center)

@@ -1,4 +1,4 @@
-"""Is the truth true? The reference against integer brute force, pixel by pixel, and a sphere."""
+"""Comparison of the reference with integer brute force, pixel by pixel, and a closed sphere."""
 
 import multiprocessing
 import time
@@ -26,25 +26,27 @@ from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
 Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13
-"""Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
+"""Largest number of pixels in one task of a process: few, to keep all processes busy."""
 
 VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
-"""Approximate numbers of pixels in each view of a scene; hard cases keep their own resolution, at which their
-lines are aimed."""
+"""Approximate numbers of pixels in each view of a scene.
+
+Hard cases keep the resolution at which their lines are aimed."""
 
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
-"""Places of the apertures as shares of the plate's columns and rows: middle, off center, and two corners."""
+"""Apertures as shares of the columns and rows of a plate: middle, off center, two corners."""
 
 MAX_LISTED = 5  #: largest number of disagreements of one image that are described one by one
 UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double
 
 PLANE_ROUNDINGS = 16
-"""Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
-products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1
-for the product, and 1 for the difference of two products. The product with q, a difference itself,
-has 2 more, and the sum of three products 2 more: 8, in whatever order. The number is doubled to
-cover terms of second order
-and the rounding of this bound itself."""
+"""Roundings in each of the two dot products of s = (q . n) / (d . n).
+
+They are relative to the sum of absolute products. A component of n has 4: 1 for each of the two
+differences of coordinates in a product, 1 for the product, and 1 for the difference of two
+products. The product with q, a difference itself, has 2 more, and the sum of three products 2 more:
+8, in any order. The number is doubled to cover terms of second order and the rounding of this bound
+itself."""
 
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
@@ -103,13 +105,13 @@ class SphereCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether every line meets the right triangles."""
+        """True where every line meets the right triangles."""
         return self.vertex_misses == self.edge_misses == self.wrong == 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SelfCheck:
-    """All images that were checked, and the sphere, or None where it was not asked for."""
+    """All checked images, and the sphere; None without a check of it."""
 
     views: tuple[ViewCheck, ...]
     sphere: SphereCheck | None
@@ -117,7 +119,7 @@ class SelfCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether no image and no line of the sphere is wrong."""
+        """True where no image and no line of the sphere is wrong."""
         return not any(view.wrong for view in self.views) and (
             self.sphere is None or self.sphere.agrees
         )
@@ -127,7 +129,7 @@ class SelfCheck:
         return sum(getattr(view, count) for view in self.views)
 
     def summary(self) -> dict[str, Any]:
-        """Return everything as `selfcheck --json` prints it."""
+        """Return the record that `selfcheck --json` prints."""
         counts = {count: self.total(count) for count in COUNTS}
         return {"agrees": self.agrees, **counts, **asdict(self)}
 
@@ -142,8 +144,8 @@ def selfcheck(
     """Compare the reference with exact brute force on every pixel of many images.
 
     `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes
-    smaller images and a coarser sphere. `processes` compute; None for one per processor, 1 for this
-    one alone. Raises InputError where there is no such scene, or it is a giant.
+    smaller images and a coarser sphere. `processes` compute; None for one per processor, 1 for the
+    calling process. Raises InputError where there is no such scene, or it is a giant.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]
@@ -169,9 +171,9 @@ def selfcheck(
 
 
 def default_names() -> list[str]:
-    """Return the built-in scenes, the hard cases, and scene files where there are any beside the checkout."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes"
-    files = (str(path) for path in sorted(beside.glob("*.toml")))
+    """Return the built-in scenes, the hard cases, and the scene files beside the checkout, if any."""
+    shared = Path(__file__).resolve().parents[3] / "shared" / "scenes"
+    files = (str(path) for path in sorted(shared.glob("*.toml")))
     return [*builtin.names(), *hard_cases.names(giants=False), *files]
 
 
@@ -220,7 +222,7 @@ def _check(
     for part in rows:
         parts.append((part.triangle, part.s, part.ties))
         bar.update(part.triangle.size)
-    triangle, s, ties = (np.concatenate(one) for one in zip(*parts, strict=True))
+    triangle, s, ties = (np.concatenate(part) for part in zip(*parts, strict=True))
     exact = ExactRows(triangle=triangle, s=s, ties=ties)
     bundle = crossed_frustum(scene.frustum, aperture)
     wrong, listed = disagreements(image, exact, bundle, scene.triangles)
@@ -246,8 +248,8 @@ def disagreements(
 ) -> tuple[Mask, tuple[Disagreement, ...]]:
     """Compare every pixel of a traced image with the exact answer for all its rows.
 
-    A pixel is wrong where its triangle is another one; where a tie is not called one, a pixel
-    without a tie is called one, or it was not examined; where its tie has other companions; and
+    A pixel is wrong where its triangle differs; where a tie is not marked, a pixel without a tie is
+    marked, or it was not examined; where other triangles are tied; and
     where its position is off its line, or farther from the exact position along it than
     `position_bound`, than one rounding where the reference claims rational arithmetic. Returns (H,
     W) pixels with any disagreement, and descriptions of the first few.
@@ -263,7 +265,7 @@ def disagreements(
         for row, column, _ in places:
             mask[row, column] = True
     claimed = image.certainty == Certainty.TIE
-    found: dict[str, Mask] = {
+    wrong_by_kind: dict[str, Mask] = {
         "triangle": image.triangle != exact.triangle,
         "certainty": (claimed != tie) | (image.certainty == Certainty.UNEXAMINED),
         "companions": tied_triangles,
@@ -272,7 +274,9 @@ def disagreements(
 
     def described(about: str, pixel: tuple[int, int]) -> Disagreement:
         """Describe the integers' answer and the reference's."""
-        tied, said = (sorted(n for *at, n in one if tuple(at) == pixel) for one in (expected, got))
+        tied, marked = (
+            sorted(number for *at, number in ties if tuple(at) == pixel) for ties in (expected, got)
+        )
         assert image.certainty is not None
         words = {
             "triangle": (str(exact.triangle[pixel]), str(image.triangle[pixel])),
@@ -280,7 +284,7 @@ def disagreements(
                 "tie" if tied else "no tie",
                 Certainty(image.certainty[pixel]).name.lower(),
             ),
-            "companions": (str(tied), str(said)),
+            "companions": (str(tied), str(marked)),
             "position": (f"s = {exact.s[pixel]!r}", f"position {image.position[pixel].tolist()}"),
         }[about]
         return Disagreement(
@@ -288,12 +292,14 @@ def disagreements(
         )
 
     pixels = [
-        (about, (row, column)) for about, mask in found.items() for row, column in np.argwhere(mask)
+        (about, (row, column))
+        for about, mask in wrong_by_kind.items()
+        for row, column in np.argwhere(mask)
     ]
     listed = tuple(
         described(about, (int(row), int(column))) for about, (row, column) in pixels[:MAX_LISTED]
     )
-    return np.logical_or.reduce(list(found.values())), listed
+    return np.logical_or.reduce(list(wrong_by_kind.values())), listed
 
 
 def _misplaced(image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles: Floats) -> Mask:
@@ -316,7 +322,7 @@ def _misplaced(image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles
 def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
-    `corners` (N, 3, 3) are those of the triangles met, relative to the center; d (N, 3) the
+    `corners` (N, 3, 3) belong to the triangles met, relative to the center; d (N, 3) the
     directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n in
     doubt, only rational arithmetic can decide s: there the bound is that of a rounded exact s.
     """
@@ -338,7 +344,7 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
 
 
 def check_sphere(*, quick: bool = False) -> SphereCheck:
-    """Ask the reference about every vertex and edge of a sphere about the origin: no line may miss it."""
+    """Trace lines through every vertex and edge of a sphere: none may miss it."""
     started = time.perf_counter()
     mesh = trimesh.creation.icosphere(subdivisions=QUICK_SUBDIVISIONS if quick else SUBDIVISIONS)
     vertices, faces = (

@@ -68,9 +68,8 @@ class Measurement:
     aperture: Aperture
     settings: DoubleFrustum
     comparison: ComparisonNumbers
-    causes: tuple[
-        Cause, ...
-    ]  #: links of the error budget with their wrong pixels; empty where left out
+    #: links of the error budget with their wrong pixels; empty where left out
+    causes: tuple[Cause, ...]
     unexplained: (
         int | None
     )  #: wrong pixels that rounding ought to explain and does not; None without causes
@@ -79,9 +78,8 @@ class Measurement:
     )  #: the error by closed forms, from the scene alone; None without causes
     times_s: StageTimes
     gpu_s: float  #: the device's own time, a part of `times_s.raster`
-    shear: ShearNumbers | None = (
-        None  #: what the pivot does to the points that are shown, if anything
-    )
+    #: what the pivot does to the points that are shown, if anything
+    shear: ShearNumbers | None = None
     #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that
     #: is off by more than 1/255; empty where they were not kept.
     wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)

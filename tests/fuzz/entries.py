@@ -70,7 +70,7 @@ def read_recording(recording: Path) -> None:
     device, frames = read_frames(recording)
     model_of(device)
     for frame in frames:
-        frame.asked(open_scene(frame.scene))
+        frame.question(open_scene(frame.scene))
     click.echo(str(len(frames)))
 
 

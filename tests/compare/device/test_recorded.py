@@ -121,7 +121,7 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
         truth, reference.gaps(aperture), reference.gaps(aperture, truth)
     )
     for frame in recording[1]:
-        place, settings = frame.asked(scene)
+        place, settings = frame.question(scene)
         if frame.scene != scene_name or place != aperture:
             continue
         exact = reference.trace_model(aperture, settings, shaded=False)
