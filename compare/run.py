@@ -57,7 +57,7 @@ def images_under_way(pixels: int) -> int:
 
 
 def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, None, None]:
-    """Yield results in order with at most `most` tasks ahead; cancel the rest at an error or close."""
+    """Yield results in order with at most `most` tasks ahead; an end cancels the rest."""
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:

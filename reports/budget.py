@@ -45,7 +45,7 @@ CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN if name != "T5"))
-"""Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
+"""Files that are always written, besides `radiance-*.png` for each link of radiance."""
 
 SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
 """Colors of right pixels with and without a surface, RGBA: gray on white and on dark paper."""
@@ -58,7 +58,7 @@ class BudgetReport(NotebookRepr):
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
-    chain: Chain  #: images from the truth to what was drawn
+    chain: Chain  #: images from the truth to the drawn frame
     geometry: Budget  #: every wrong pixel, charged to one link of the chain
     radiance: radiance_budget.RadianceBudget  #: the error of color, link by link
     why: str = ""  #: reason for which the aperture was chosen; empty where it was given
@@ -75,7 +75,7 @@ class BudgetReport(NotebookRepr):
         return tuple(name for name in CHAIN if culled or name != "T5")
 
     def summary(self) -> dict[str, Any]:
-        """Return one JSON object: the numbers of geometry, and those of radiance after them."""
+        """Return one JSON object: the numbers of geometry, then of radiance."""
         geometry = json_object(with_sentences(self.geometry.numbers))
         return {**geometry, "radiance": json_object(self.radiance.numbers)}
 
@@ -115,23 +115,25 @@ class AutoBudget(NotebookRepr):
     budgets: tuple[BudgetReport, ...]
 
     def summary(self) -> dict[str, Any]:
-        """Return one JSON object: a budget for each aperture, beside the reason for which it was chosen."""
+        """Return one JSON object: a budget for each aperture, with the reason of its choice."""
         every = [
-            {"aperture": one.aperture.index, "why": one.why, **one.summary()}
-            for one in self.budgets
+            {"aperture": report.aperture.index, "why": report.why, **report.summary()}
+            for report in self.budgets
         ]
         return {"apertures": json_ready(every)}
 
     def table(self) -> str:
         """Return the budgets one below the other, each under its aperture."""
-        return "\n\n".join(f"{one.place}: {one.why}\n{one.table()}" for one in self.budgets)
+        return "\n\n".join(
+            f"{report.place}: {report.why}\n{report.table()}" for report in self.budgets
+        )
 
     def _said(self) -> str:
-        said = (
-            f"{one.place.removeprefix('aperture ')}: {headline(one.geometry.numbers)}"
-            for one in self.budgets
+        lines = (
+            f"{report.place.removeprefix('aperture ')}: {headline(report.geometry.numbers)}"
+            for report in self.budgets
         )
-        return f"{len(self.budgets)} apertures; " + "; ".join(said)
+        return f"{len(self.budgets)} apertures; " + "; ".join(lines)
 
 
 def auto_budget(
@@ -145,9 +147,10 @@ def auto_budget(
     """Return a budget at each of the apertures that were chosen for a plate; see `budget`."""
     budgets = [
         replace(
-            budget(scene, settings, one.aperture, progress=progress, device=device), why=one.why
+            budget(scene, settings, choice.aperture, progress=progress, device=device),
+            why=choice.why,
         )
-        for one in auto.chosen
+        for choice in auto.chosen
     ]
     return AutoBudget(budgets=tuple(budgets))
 
@@ -164,7 +167,7 @@ def budget(
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the
     middle one where None; `progress` draws a bar on standard error; rounding is explained by
-    `device`, None for what is known of the device at hand. InputError where the settings make no
+    `device`, None for the known model of the device at hand. InputError where the settings make no
     sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
@@ -188,7 +191,7 @@ def budget(
 def budget_of(
     scene: Scene, aperture: Aperture, settings: DoubleFrustum, device: DeviceModel | None = None
 ) -> tuple[Budget, Chain]:
-    """Trace and draw the chain of one aperture, and charge every wrong pixel to a link; see `budget`."""
+    """Trace and draw the chain of one aperture, and charge wrong pixels to links."""
     require_seen(scene, [aperture])
     # The links of geometry are about what pixels' centers show.
     once = replace(scene, sampling=Sampling())
@@ -215,24 +218,26 @@ def _radiance_file(name: str) -> str:
 
 
 def _counts(link: LinkNumbers) -> bool:
-    """Whether a link changes anything, or is predicted to."""
+    """Return whether a link changes anything, or is predicted to."""
     return bool(link.surface or link.pixels or link.predicted_surface or link.displacement_rms_px)
 
 
 def headline(numbers: BudgetNumbers) -> str:
-    """Say how many pixels show the wrong surface and why, and how many another triangle."""
+    """Return the numbers of wrong surfaces and triangles, with the main cause."""
     wrong, most = (
         sum(link.surface for link in numbers.links),
-        max(numbers.links, key=lambda one: one.surface),
+        max(numbers.links, key=lambda link: link.surface),
     )
     share = percent(wrong / max(numbers.judged, 1))
     cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
-    said = f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
-    return f"{said}; {numbers.wrong:,} show another triangle"
+    sentence = (
+        f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
+    )
+    return f"{sentence}; {numbers.wrong:,} show another triangle"
 
 
 def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
-    """Return each link in words, below a head, beside what was predicted of it, with the ratios."""
+    """Return a row for each link with its prediction and ratios, below a head."""
     compared = ("predicted", "ratio")
     rows: list[Sequence[str]] = [
         ("charged to", "pixels", "surface", *compared, "moves by, px rms", *compared)
@@ -256,7 +261,8 @@ def table(geometry: Budget) -> str:
     notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
         f"{headline(numbers)}\n{aligned(_link_cells(numbers))}\n{notes}"
-        f"explained by the model of {numbers.device_model}: {reasons}; unexplained {numbers.unexplained:,}\n"
+        f"explained by the model of {numbers.device_model}: {reasons}; "
+        f"unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
 
@@ -271,7 +277,7 @@ def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
 
 
 def prediction_notes(numbers: BudgetNumbers) -> list[str]:
-    """Return where the predictions of a budget are not held to a factor of 3, and why, in words."""
+    """Return the predictions of a budget that do not hold, with the reasons."""
     named: dict[str, Reason] = {}
     for link in numbers.links:
         reasons = link.prediction_reasons
@@ -300,13 +306,13 @@ def command(report: BudgetReport) -> str:
 
 
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
-    """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
+    """Write page, budget.json, images of the chain, and causes in color, all or nothing.
 
-    With a picture of what each link of the radiance error changes, too. Several budgets are written
+    Pictures of the change of radiance by each link are among them. Several budgets are written
     to a folder each, named by their apertures; InputError where it cannot be written.
     """
     if isinstance(report, AutoBudget):
-        every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)
+        every = (write_budget(part, out / folder_of(part.aperture)) for part in report.budgets)
         return tuple(path for paths in every for path in paths)
     geometry, links = report.geometry, report.geometry.numbers.links
     truth, unexplained, colors = (
@@ -322,7 +328,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     changes = (*report.radiance.change.steps, report.radiance.change.total)
     for name, change in zip((*report.radiance.links, IN_ALL), changes, strict=True):
         pictures[_radiance_file(name)] = images.radiance_map(change)
-    changing = [one for one in _radiance_rows(report) if one.max]
+    changing = [part for part in _radiance_rows(report) if part.max]
     values = {
         **{name: getattr(report, name) for name in ("scene", "aperture", "why", "settings")},
         "numbers": geometry.numbers,
@@ -330,14 +336,14 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "links": [link for link in links if _counts(link)],
         "idle": [link for link in links if not _counts(link)],
         "changing": changing,
-        "unchanging": [one for one in _radiance_rows(report) if not one.max],
+        "unchanging": [part for part in _radiance_rows(report) if not part.max],
         "colors": colors,
         "notes": prediction_notes(geometry.numbers),
         "unexplained_color": UNEXPLAINED_COLOR,
         "chain": report.images,
         "by_triangle": BY_TRIANGLE,
         "by_surface": BY_SURFACE,
-        "radiance_pictures": [_radiance_file(one.name) for one in changing],
+        "radiance_pictures": [_radiance_file(part.name) for part in changing],
         "radiance_range": images.RADIANCE_RANGE,
         "radiance_colors": images.RADIANCE_SCALE,
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},

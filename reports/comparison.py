@@ -1,4 +1,4 @@
-"""`xfrustum compare`: two images from files, and what a person wants to see of the outcome."""
+"""`xfrustum compare`: two images from files, compared in numbers and pictures."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +31,8 @@ class FileComparison:
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
-    """Compare two EXR files and open the truth's scene; InputError where they do not belong together."""
-    # Sizes are compared before cameras: files of two sizes differ, whatever they say about their
-    # cameras.
+    """Compare two EXR files; InputError where they do not belong together."""
+    # Sizes are compared before cameras: files of two sizes always differ.
     (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
     if (width, height) != (other_width, other_height):
         raise InputError(
@@ -41,7 +40,7 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
             "make both of one scene, at one resolution"
         )
     true_image = read_image(truth)
-    # An image that says nothing of its camera is taken to answer for the truth's.
+    # An image without a camera takes the camera of the truth.
     raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
     reference, reach = None if scene is None else Reference(scene), max(true_image.camera.reach)
@@ -58,15 +57,15 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
 
 
 def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
-    """Open the scene that an image names, or say why it cannot be had."""
+    """Open the scene of an image; without it, return the reason."""
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
     # The scene may lie where it is named, or beside the image: a folder of both may have been moved
     # as one.
-    beside = (folder / camera.scene, folder / Path(camera.scene).name)
+    candidates = (folder / camera.scene, folder / Path(camera.scene).name)
     other, reasons = "", {}
-    for name in dict.fromkeys((camera.scene, *map(str, beside))):
+    for name in dict.fromkeys((camera.scene, *map(str, candidates))):
         try:
             scene = open_scene(name)
         except InputError as error:
@@ -77,13 +76,13 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
         other = name
     if other:
         return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
-    # What is wrong with a file that exists says more than that another file does not exist.
-    told = max(reasons, key=lambda name: Path(name).is_file())
-    return None, f"scene {camera.scene} cannot be opened ({reasons[told]}); {unseen}"
+    # The error of a file that exists matters more than a missing file.
+    opened = max(reasons, key=lambda name: Path(name).is_file())
+    return None, f"scene {camera.scene} cannot be opened ({reasons[opened]}); {unseen}"
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
-    """Write comparison.json and a picture of each error, all or nothing; InputError where that cannot be."""
+    """Write comparison.json and a picture of each error, all or nothing."""
     comparison, maps = compared.comparison, compared.comparison.maps
     pictures = {
         "displacement": images.displacement_map(comparison.errors.moved),

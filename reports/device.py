@@ -1,4 +1,4 @@
-"""`xfrustum device`: how the OpenGL device at hand rounds, as a table, a page and `device.json`."""
+"""`xfrustum device`: rounding of the OpenGL device at hand, as table, page and `device.json`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FILES = PAGE, DATA = "index.html", "device.json"
 
 
 def measure_device() -> Measured:
-    """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3.
+    """Draw and measure the fingerprint of the device of EGL; InputError without OpenGL 3.3.
 
     A device that is not known is kept (`kept_at`), so that other commands explain by its measured
     model.
@@ -52,17 +52,17 @@ def measure_device() -> Measured:
 
 
 def table(measured: Measured) -> str:
-    """Return what was measured as aligned lines, with how often each was tried."""
-    found = measured.as_json()
-    tried = found["tried"]
+    """Return the measurements as aligned lines, with the number of trials."""
+    record = measured.as_json()
+    tried = record["tried"]
     pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
-    noise = "?" if found["plane_noise"] is None else f"{found['plane_noise']:.2f}"
+    noise = "?" if record["plane_noise"] is None else f"{record['plane_noise']:.2f}"
     planes = (
-        f"from {'' if found['snaps_depth'] else 'un'}snapped vertices, {noise} roundings a pixel"
+        f"from {'' if record['snaps_depth'] else 'un'}snapped vertices, {noise} roundings a pixel"
     )
-    bits, filtered = found["subpixel_bits"], found["filter_bits"]
-    edges, cuts = f"{tried['edges_in_window']} triangles", found["cuts"]
-    sides = "none" if (begins := found["cut_from_px"]) is None else f"from {begins:.4g} px on"
+    bits, filtered = record["subpixel_bits"], record["filter_bits"]
+    edges, cuts = f"{tried['edges_in_window']} triangles", record["cuts"]
+    sides = "none" if (begins := record["cut_from_px"]) is None else f"from {begins:.4g} px on"
     cut = (
         f"{cuts['differ']:,} pixels differ, at most {cuts['farthest_px']:.2g} px from the exact cut"
     )
@@ -73,13 +73,13 @@ def table(measured: Measured) -> str:
             f"{bits}, vertices snapped to 1/{2**bits} px",
             f"{tried['edges']} triangles",
         ),
-        ("places in the window", _least(found["viewport"]), edges),
-        ("pixel centers on edges are of the", _least(found["ties"]), edges),
+        ("places in the window", _least(record["viewport"]), edges),
+        ("pixel centers on edges are of the", _least(record["ties"]), edges),
         ("cut at the window's sides", sides, f"up to {tried['reach_px']:,.0f} px from its middle"),
         ("cut by near and far plane", cut, f"{cuts['pixels']:,} pixels"),
         ("depth planes", planes, pixels),
     ]
-    for name, steps in found["depth"].items():
+    for name, steps in record["depth"].items():
         unit = "steps of 2^-24" if name == "d32f" else "steps"
         rows += [
             (
@@ -91,24 +91,24 @@ def table(measured: Measured) -> str:
         ]
     weights = "float32" if filtered is None else f"multiples of 1/{2**filtered}"
     rows.append(("filter weights", weights, f"{tried['filtered']:,} places"))
-    equal = ", ".join(f"{name} {off:.2g}" for name, off in found["varyings"].items())
+    equal = ", ".join(f"{name} {off:.2g}" for name, off in record["varyings"].items())
     rows.append(("equal varyings off by", equal, "every 7th triangle"))
     within = ", ".join(
-        f"{name} {percent(one['within'] / max(one['pixels'], 1))}"
-        for name, one in found["within"].items()
+        f"{name} {percent(part['within'] / max(part['pixels'], 1))}"
+        for name, part in record["within"].items()
     )
     smaller = ", ".join(
-        f"{name} {one['share_of_safe']:.2f}" for name, one in found["within"].items()
+        f"{name} {part['share_of_safe']:.2f}" for name, part in record["within"].items()
     )
     rows += [
-        (f"within the bounds of {found['model']['name']}", within, pixels),
+        (f"within the bounds of {record['model']['name']}", within, pixels),
         ("these bounds, relative to those of any device", smaller, ""),
     ]
-    return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows, str.ljust)}"
+    return f"{record['renderer']}, OpenGL {record['version']}\n{aligned(rows, str.ljust)}"
 
 
 def _least(counts: dict[str, int]) -> str:
-    """Return the names with the fewest pixels that differ, and how many that are."""
+    """Return the names with the fewest wrong pixels, and their number."""
     least = min(counts.values())
     names = " or ".join(name for name, count in counts.items() if count == least)
     return f"{names} ({least:,} pixels differ)"
@@ -126,10 +126,11 @@ def write_device(measured: Measured, out: Path) -> tuple[Path, ...]:
 
 
 def figures(measured: Measured) -> dict[str, Figure]:
-    """Draw how far the depths of triangles lie from their planes, against the slopes of these."""
+    """Draw the distance of depths from their planes against the slopes of the planes."""
     planes = {"corners as given": False, "corners snapped to the grid": True}
     float32 = {
-        name: measured.off_by_slope(DepthFormat.D32F, snapped=one) for name, one in planes.items()
+        name: measured.off_by_slope(DepthFormat.D32F, snapped=snapped)
+        for name, snapped in planes.items()
     }
     fixed = {
         depth.value.upper(): measured.off_by_slope(depth, snapped=measured.snaps_depth)
@@ -141,16 +142,16 @@ def figures(measured: Measured) -> dict[str, Figure]:
     }
 
 
-def _by_slope(told: Mapping[str, Floats], steps: str) -> Figure:
+def _by_slope(offsets: Mapping[str, Floats], steps: str) -> Figure:
     curves: list[dict[str, Any]] = []
-    for place, (name, found) in enumerate(told.items()):
+    for place, (name, pairs) in enumerate(offsets.items()):
         color, marker = look(place)
-        slope, off = found[(found > 0).all(axis=1)].T
+        slope, off = pairs[(pairs > 0).all(axis=1)].T
         points = {"type": "scatter", "mode": "markers", "x": slope.tolist(), "y": off.tolist()}
         curves.append(
             {**points, "name": name, "marker": {"color": color, "symbol": marker, "size": 5}}
         )
-    ends = [[end for one in curves for end in one[axis]] for axis in "xy"]
+    ends = [[end for curve in curves for end in curve[axis]] for axis in "xy"]
     layout = {
         "height": 380,
         "xaxis": {"title": f"slope of depth, {steps} a pixel", **log_axis(ends[0])},
@@ -161,33 +162,35 @@ def _by_slope(told: Mapping[str, Floats], steps: str) -> Figure:
 
 
 def listed() -> dict[str, Any]:
-    """Return all devices that EGL lists, and what keeps it from a card that it does not draw on."""
-    return {"devices": [vars(one) for one in egl_devices()], "overlooked": overlooked_card()}
+    """Return all devices of EGL, and the reason for an overlooked card."""
+    return {"devices": [vars(device) for device in egl_devices()], "overlooked": overlooked_card()}
 
 
-def list_table(found: dict[str, Any]) -> str:
+def list_table(record: dict[str, Any]) -> str:
     """Return the devices of EGL as aligned lines."""
     rows = [("EGL device", "renderer", "OpenGL")]
     rows += [
-        (str(one["index"]), one["renderer"] or "none", one["version"]) for one in found["devices"]
+        (str(device["index"]), device["renderer"] or "none", device["version"])
+        for device in record["devices"]
     ]
-    return "\n".join(filter(None, (aligned(rows, str.ljust), found["overlooked"])))
+    return "\n".join(filter(None, (aligned(rows, str.ljust), record["overlooked"])))
 
 
 def replayed(frames: Path, model: DeviceModel | None = None, *, progress: bool = False) -> Replayed:
-    """Explain recorded frames by a model, None for that of the device that drew them."""
+    """Explain recorded frames by a model, None for the model of their device."""
     recording = read_frames(frames)
     with progress_bar(len(recording[1]), "replay", "frame", shown=progress) as bar:
         return replay(recording, model, lambda frame: bar.update())
 
 
-def replay_table(found: Replayed) -> str:
-    """Return why recorded frames differ from exact cameras as text."""
-    counts = ", ".join(f"{name} {count:,}" for name, count in found.counts.items())
+def replay_table(replay: Replayed) -> str:
+    """Return the causes of differences of recorded frames as text."""
+    counts = ", ".join(f"{name} {count:,}" for name, count in replay.counts.items())
     lines = [
-        f"{found.frames} frames of {found.device}, explained by the model of {found.model.name}:",
-        f"{found.wrong:,} pixels differ from exact cameras: {counts}",
+        f"{replay.frames} frames of {replay.device}, "
+        f"explained by the model of {replay.model.name}:",
+        f"{replay.wrong:,} pixels differ from exact cameras: {counts}",
     ]
     return "\n".join(
-        [*lines, *(f"unexplained in {name}: {n:,}" for name, n in found.unexplained.items())]
+        [*lines, *(f"unexplained in {name}: {n:,}" for name, n in replay.unexplained.items())]
     )

@@ -23,7 +23,7 @@ from xfrustum.scenes.model.scene import SceneObject
 from xfrustum.scenes.representation import counted, digits, percent, sides
 
 MOVED_PX = 1.0
-"""Displacement from which on a map is in full color: a neighboring pixel shows what this one should."""
+"""Displacement of full color on a map: a neighboring pixel shows the point."""
 
 MAX_LISTED_OBJECTS = 24  #: largest number of listed objects of a scene; the others are counted
 
@@ -117,7 +117,10 @@ def _hogel_image(image: HogelImage) -> Display:
     if camera.settings is not None:
         facts.append(f"settings: {camera.settings}")
     if image.certainty is not None:
-        counts = {one.name.lower(): np.count_nonzero(image.certainty == one) for one in Certainty}
+        counts = {
+            kind_of.name.lower(): np.count_nonzero(image.certainty == kind_of)
+            for kind_of in Certainty
+        }
         facts.append("certainty: " + ", ".join(f"{n:,} {name}" for name, n in counts.items() if n))
     return Display(
         line=f"{kind} of aperture {column},{row} of {camera.scene or 'a scene'!r} by "

@@ -218,7 +218,7 @@ def _classes_pane(caption: str, masks: Classes, reduction: int) -> Pane:
 
 
 def _labels(masks: Classes, numbers: Indices) -> list[str | None]:
-    """Return the label of each of some pixels, given by their flat numbers; None without a label."""
+    """Return the label of each of some pixels, by flat numbers; None without a label."""
     flat = {label: mask.reshape(-1) for label, mask in masks.items()}
     return [next((label for label in flat if flat[label][n]), None) for n in numbers]
 
@@ -279,7 +279,7 @@ class Inspection:
 
     command: str
     scene: Scene
-    told: str  #: sentence about the hogels
+    intro: str  #: sentence about the hogels
     hogels: Sequence[InspectedHogel]  #: the worst first; at most `MAX_HOGELS` are shown
     plate_map: PlateMap  #: errors of the hogels of the plate
 
@@ -288,7 +288,7 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
     """Write the page into a folder."""
     hogels = tuple(shown.hogels)[:MAX_HOGELS]
     data: list[dict[str, Any]] = [
-        {"size": one.size, "columns": one.columns, "pixels": one.pixels} for one in hogels
+        {"size": hogel.size, "columns": hogel.columns, "pixels": hogel.pixels} for hogel in hogels
     ]
     values = {
         "shown": shown,
@@ -305,7 +305,7 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
 def replacing_inspection(folder: Path, *, kept: bool = True) -> Iterator[None]:
     """Remove the inspection page of an earlier run after a block that writes none.
 
-    A file of that name that is no such page belongs to somebody else, and stays.
+    Another file of this name stays.
     """
     yield
     page = folder / PAGE

@@ -27,12 +27,12 @@ MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
 
 
 def as_shown(color: Singles | None, covered: Mask, height: NDArray[np.floating]) -> Bytes:
-    """Return an image of linear RGB as a screen shows it, (H, W, 3); without colors, see `by_height`."""
+    """Return linear RGB as displayed levels (H, W, 3); without colors, shades by height."""
     return by_height(covered, height) if color is None else _levels(encoded(color))
 
 
 def by_height(covered: Mask, height: NDArray[np.floating]) -> Bytes:
-    """Return surfaces as shades of gray, (H, W, 3): the lowest dark, the highest light, black for none."""
+    """Return surfaces as shades of gray (H, W, 3): the lowest dark, the highest light."""
     gray = np.where(covered, SHADES[0], 0.0)
     known = np.isfinite(height)
     if known.any():
@@ -52,16 +52,16 @@ def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
     `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None
     if not known.
     """
-    found = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
+    shades = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
     share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
-    found = found * (1 - MARKED * share) + MARKED * share * np.array(MOVED)
+    shades = shades * (1 - MARKED * share) + MARKED * share * np.array(MOVED)
     if wrong is not None:
-        found[wrong] = WRONG
-    return np.asarray(np.rint(found), dtype=np.uint8)
+        shades[wrong] = WRONG
+    return np.asarray(np.rint(shades), dtype=np.uint8)
 
 
 def map_of(values: Floats) -> Bytes:
-    """Return numbers (rows, columns) as squares, the largest the brightest; black where there is none."""
+    """Return numbers (rows, columns) as shades, the largest the brightest; NaN black."""
     known = np.isfinite(values)
     largest = float(values.max(where=known, initial=0.0))
     share = np.where(
@@ -71,7 +71,7 @@ def map_of(values: Floats) -> Bytes:
 
 
 def png(picture: Bytes) -> bytes:
-    """Return a picture (H, W, 3) as PNG of `MIN_SIDE_PX` to `MAX_SIDE_PX` pixels, in whole steps of size."""
+    """Return a picture (H, W, 3) as PNG, scaled by whole factors to a useful size."""
     longest = max(picture.shape[:2])
     factor = max(1, MIN_SIDE_PX // longest)
     image = Image.fromarray(
@@ -115,14 +115,14 @@ class Display:
 
 
 class NotebookRepr:
-    """A result that a notebook displays: its line (`_said`), facts (`_facts`), pictures (`_figures`)."""
+    """A result that a notebook displays, by its line, facts and pictures."""
 
     def _said(self) -> str:
         """Return the result in a line or two, with sizes and units; cheap to compute."""
         raise NotImplementedError
 
     def table(self) -> str:
-        """Return the facts as aligned lines, as a command prints them; empty where no command does."""
+        """Return the facts as aligned lines, as a command prints them; empty without any."""
         return ""
 
     def _facts(self) -> str:

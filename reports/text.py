@@ -18,7 +18,8 @@ SENTENCES = {
     Reason.STARVED: "the depth buffer shows other surfaces than those that are displaced",
     Reason.ROUNDED: "smaller than the rounding of float32 positions",
     Reason.LARGE: (
-        "triangles are far larger than the plate: float32 rounds their depth by more than is predicted"
+        "triangles are far larger than the plate: "
+        "float32 rounds their depth by more than is predicted"
     ),
     Reason.PARALLEL: (
         "surfaces are parallel to the plate: the depth of all their pixels is rounded alike"
@@ -47,7 +48,7 @@ CERTAINTY_LABELS = {
 
 
 def aligned(rows: Sequence[Sequence[str]], others: Callable[[str, int], str] = str.rjust) -> str:
-    """Return rows of cells as lines: the first column to the left, the others to the right, or as asked."""
+    """Return rows of cells as lines: the first column to the left, the others by `others`."""
     first, *rest = [max(map(len, column)) for column in zip(*rows, strict=True)]
     cells = ([row[0].ljust(first), *map(others, row[1:], rest)] for row in rows)
     return "\n".join("  ".join(line).rstrip() for line in cells)
@@ -134,7 +135,7 @@ def comparison_table(numbers: ComparisonNumbers) -> str:
 
 
 def selfcheck_table(check: SelfCheck) -> str:
-    """Return a self-check in words: one row per scene, the sphere, every disagreement, the result."""
+    """Return a self-check: a row per scene, the sphere, every disagreement, the result."""
     of_scene: dict[str, list[ViewCheck]] = {}
     for view in check.views:
         of_scene.setdefault(view.scene, []).append(view)
@@ -143,11 +144,14 @@ def selfcheck_table(check: SelfCheck) -> str:
         sums = (sum(getattr(view, count) for view in group) for count in COUNTS)
         rows.append((name, str(len(group)), *(f"{n:,}" for n in sums)))
     lines = [aligned(rows)]
-    if one := check.sphere:
+    if sphere := check.sphere:
         lines.append(
-            f"sphere of {one.triangles:,} triangles, lines from its center: {one.vertices:,} vertices, "
-            f"{one.vertex_misses:,} missed (float32 {one.tracer_vertex_misses:,}); {one.edges:,} edges, "
-            f"{one.edge_misses:,} missed (float32 {one.tracer_edge_misses:,}); {one.wrong:,} wrong"
+            f"sphere of {sphere.triangles:,} triangles, lines from its center: "
+            f"{sphere.vertices:,} vertices, "
+            f"{sphere.vertex_misses:,} missed (float32 {sphere.tracer_vertex_misses:,}); "
+            f"{sphere.edges:,} edges, "
+            f"{sphere.edge_misses:,} missed (float32 {sphere.tracer_edge_misses:,}); "
+            f"{sphere.wrong:,} wrong"
         )
     lines += [
         f"{view.scene} {view.aperture[0]},{view.aperture[1]}: column {at.column}, row {at.row}, "

@@ -1,4 +1,4 @@
-"""`xfrustum trace`: the truth of one aperture to a file, in the memory of a band, whatever its size."""
+"""`xfrustum trace`: the truth of one aperture to a file, in the memory of one band."""
 
 from collections import Counter
 from dataclasses import replace
@@ -21,14 +21,14 @@ from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import Certainty, Rendering
 
 LARGE_PIXELS = 1 << 23
-"""Lines or light paths from which on `trace` says beforehand what it will take; below, it takes seconds."""
+"""Lines or light paths from which on `trace` prints a forecast; below, it takes seconds."""
 
 FILE_BYTES, VARIANCE_BYTES = 52, 12
-"""Bytes of a pixel before compression: 13 channels of 32 bits, and 3 more for the variance of light paths."""
+"""Bytes of a pixel before compression: 13 channels of 32 bits, 3 more for variance."""
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:
-    """Say what tracing an aperture will take, with light paths or without; None where that is little."""
+    """Return a forecast of tracing an aperture; None below `LARGE_PIXELS`."""
     (width, height), sampling = scene.frustum.resolution, scene.sampling
     pixels = width * height
     kind, each = ("light paths", scene.transport.samples) if transported else ("samples", 1)
@@ -51,7 +51,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
 
 
 def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> dict[str, Any]:
-    """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
+    """Write the unexamined picture of a tracer in single precision as EXR.
 
     InputError where the file cannot be written: it appears complete, or not at all.
     """
@@ -77,7 +77,7 @@ def trace_to_file(
 ) -> dict[str, Any]:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    `compared` says whether to count what each tracer alone would have got wrong. InputError where
+    `compared` counts the errors of each tracer alone, too. InputError where
     the file cannot be written: it appears complete, or not at all. Returns the object that `trace
     --json` prints.
     """
@@ -110,9 +110,9 @@ def trace_to_file(
 def trace_transported(
     reference: Reference, aperture: Aperture, path: str | Path, *, progress: bool = False
 ) -> None:
-    """Trace the truth of an aperture and color it by light paths, as its scene asks; write it as EXR.
+    """Trace the truth of an aperture, color it by light paths, and write it as EXR.
 
-    Surfaces are those of the certified truth. The color is a mean, whose variance goes into
+    Surfaces come from the certified truth. The color is a mean, whose variance goes into
     channels of its own, and the number of light paths into the camera. InputError where the file
     cannot be written: it appears complete, or not at all.
     """

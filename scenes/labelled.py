@@ -54,7 +54,9 @@ def dataset(
             "pip install '.[notebook]' in the checkout of xfrustum"
         ) from error
     known = {
-        n: one.variable for n, one in images.items() if one is not None and one.values is not None
+        name: image.variable
+        for name, image in images.items()
+        if image is not None and image.values is not None
     }
     height, width = next(iter(known.values()))[1].shape[:2]
     u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
@@ -68,6 +70,6 @@ def dataset(
     }
     return xarray.Dataset(
         known,
-        coords={**film, **{name: one.variable for name, one in places.items()}},
+        coords={**film, **{name: place.variable for name, place in places.items()}},
         attrs={name: value for name, value in attributes.items() if value is not None},
     )

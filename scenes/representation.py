@@ -10,7 +10,7 @@ import numpy as np
 
 
 def digits(value: float) -> str:
-    """Write a number with three digits, such as `0.0474` or `2.87e-7`, and thousands in full: `7,470`."""
+    """Write a number with three digits, such as `0.0474`; thousands in full: `7,470`."""
     written = f"{value:.3g}"
     return f"{float(written):,.0f}" if 1e3 <= abs(value) < 1e9 else plain(written)
 
@@ -42,7 +42,8 @@ class ShortRepr:
     """A dataclass whose `repr` has its fields, of arrays and large parts the type alone."""
 
     def __repr__(self) -> str:
-        named = (f"{one.name}={_kind(getattr(self, one.name))}" for one in fields(self))  # type: ignore[arg-type]
+        names = [part.name for part in fields(self)]  # type: ignore[arg-type]
+        named = (f"{name}={_kind(getattr(self, name))}" for name in names)
         return f"{type(self).__name__}({', '.join(named)})"
 
 

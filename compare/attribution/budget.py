@@ -377,7 +377,7 @@ def explain(
 
 
 def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> list[RoundingCamera]:
-    """Return the cameras that drew an image of our rasterizer, each with the heights of its slab."""
+    """Return the cameras that drew an image of our rasterizer, with their slabs."""
     settings = raster.camera.settings
     assert settings is not None
     precision = Precision(device=device, depth=settings.depth, mapping=settings.mapping)

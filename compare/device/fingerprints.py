@@ -96,7 +96,7 @@ class Measured:
 
     @cached_property
     def subpixel_bits(self) -> int:
-        """Bits of the grid that explains coverage best, at most the bits that the device reports."""
+        """Bits of the grid that explains coverage best, at most the reported bits."""
         reported = min(int(self.fingerprint.device["subpixel_bits"]), MOST_SUBPIXEL_BITS)
         counts = {
             bits: min(self._differs(bits, NEAREST_EVEN).values()) for bits in range(reported + 1)
@@ -129,7 +129,7 @@ class Measured:
 
     @cached_property
     def cuts(self) -> dict[str, float]:
-        """Pixels a pixel inside of triangles that near and far plane cut, and wrong ones among them.
+        """Pixels a pixel inside of triangles cut by near and far plane, and wrong ones among them.
 
         `farthest_px` is how far the farthest of these lies from the exact cut.
         """
@@ -390,7 +390,7 @@ class Measured:
         }
 
     def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
-        """Return the covered pixels (E, 64, 64) by each rule of ties, for corners snapped in one way.
+        """Return the covered pixels (E, 64, 64) by each rule of ties for one way of snapping.
 
         Places are multiples of a grid, and products of them have at most 53 bits, so that all is
         exact.

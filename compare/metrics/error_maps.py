@@ -2,9 +2,9 @@
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there
 is one, or another object (`other_surfaces`); or the point that it shows belongs outside the
-film (`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film and
-the lines are here those of the true frustum, in `xfrustum.compare.judging.judged` those of a
-renderer's own cameras.
+film (`outside_film`); or that point is hidden behind something else (`hidden_pixels`). Film and
+lines belong here to the true frustum, in `xfrustum.compare.judging.judged` to the
+cameras of another renderer.
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ def joint_chance(chance: float, tests: int) -> float:
 
 
 def single_level(chance: float, tests: int) -> float:
-    """Return the level of each test for which all tests together have the level `chance` (Sidak)."""
+    """Return the level of each test that gives all tests the level `chance` (Sidak)."""
     return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))
 
 
@@ -279,7 +279,7 @@ class RadianceSpread:
 
     @staticmethod
     def from_errors(error: Floats) -> RadianceSpread | None:
-        """Return the spread of signed errors, (3, N) for each channel; None where there are none."""
+        """Return the spread of signed errors, (3, N) for each channel; None without any."""
         if error.size == 0:
             return None
         sizes, squares, means = np.abs(error), np.square(error).mean(axis=1), error.mean(axis=1)

@@ -155,7 +155,7 @@ def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Flo
 
 
 def clipped(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Mask:
-    """Return the triangles (T, 3, 3) that clipping cuts and does not remove: no others have seams."""
+    """Return the triangles (T, 3, 3) that clipping cuts and keeps: no others have seams."""
     beyond = np.less(_clip_places(corners, bundle, shift) @ _clip_bounds(bundle).T, 0.0)
     nothing_left = np.any(np.all(beyond, axis=1), axis=1)
     return np.asarray(np.any(beyond, axis=(1, 2)) & ~nothing_left)
@@ -207,7 +207,7 @@ def distance_to_segments(points: Floats, segments: Floats) -> Floats:
 
 
 def distance_to_border(points: Floats, resolution: tuple[int, int]) -> Floats:
-    """Return distances (N,) of points from the nearest of the prolonged borders of a film, pixels."""
+    """Return distances (N,) of points from the nearest prolonged border of a film, pixels."""
     off = np.full(len(points), np.inf)
     for place, extent in zip(points.T, resolution, strict=True):
         off = np.minimum(off, np.minimum(np.abs(place), np.abs(place - extent)))

@@ -193,7 +193,7 @@ class PixelTriangles:
         return values.take(self.which, axis=-1)
 
     def linear_at(self, functions: Floats, points: Floats) -> Floats:
-        """Return linear functions (K, T, 3) of (u, v, 1) of the triangles at points (N, 3), (K, N)."""
+        """Return linear functions (K, T, 3) of the triangles at points (u, v, 1), (K, N)."""
         taken = (function.take(self.which, axis=0) for function in functions)
         return np.stack([np.einsum("ij,ij->i", function, points) for function in taken])
 

@@ -105,7 +105,7 @@ def _boxes_met(
 
 
 def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floats) -> Mask:
-    """Return where lines of slopes (N,) meet intervals (T,) on an axis within ranges of s, (T, N)."""
+    """Return where lines of slopes (N,) meet intervals (T,) of an axis in ranges of s, (T, N)."""
     low_s, high_s = (bound[:, None] * slopes for bound in s)
     low, high = (end[:, None] for end in ends)
     return np.asarray((np.minimum(low_s, high_s) <= high) & (np.maximum(low_s, high_s) >= low))

@@ -171,7 +171,7 @@ def selfcheck(
 
 
 def default_names() -> list[str]:
-    """Return the built-in scenes, the hard cases, and the scene files beside the checkout, if any."""
+    """Return the built-in scenes, the hard cases, and scene files beside the checkout."""
     shared = Path(__file__).resolve().parents[3] / "shared" / "scenes"
     files = (str(path) for path in sorted(shared.glob("*.toml")))
     return [*builtin.names(), *hard_cases.names(giants=False), *files]
@@ -324,7 +324,7 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
 
     `corners` (N, 3, 3) belong to the triangles met, relative to the center; d (N, 3) the
     directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n in
-    doubt, only rational arithmetic can decide s: there the bound is that of a rounded exact s.
+    doubt, only rational arithmetic can decide s: there the bound holds for a rounded exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     magnitude = np.stack(

@@ -1,9 +1,9 @@
-"""How every figure looks: colors that are told apart, axes that can be read."""
+"""Style of every figure: distinct colors, readable axes."""
 
 from collections.abc import Sequence
 from typing import Any
 
-# Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
+# Palette of Okabe and Ito: distinct for color-blind readers, on white and on black.
 COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
 MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
 INK = "#80868f"
@@ -14,7 +14,7 @@ _LEAST_WRITTEN_OUT = (
 )
 
 Figure = dict[str, Any]
-"""Data and layout, as plotly.js takes them: plotly's own classes take longer to fill than a page to write."""
+"""Data and layout of plotly.js: the classes of plotly take longer than writing a page."""
 
 
 def look(place: int) -> tuple[str, str]:
@@ -29,7 +29,7 @@ def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) ->
 
     So few powers of ten as there are below it label little or nothing: 1, 2 and 5 times each, which
     plotly writes as a bare 2 or 5 unless a format is given. Over less than one step from 1 to 5,
-    plotly's own choice, of about as many labels as are asked for.
+    plotly's own choice, of about that number of labels.
     """
     if not values or max(values) >= ratio * min(values):
         return {"type": "log", "dtick": 1, "exponentformat": "power"}
@@ -39,7 +39,7 @@ def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) ->
 
 
 def styled(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
-    """Return a figure whose ink and grid read on light and dark paper, on the page's own background.
+    """Return a figure with ink and grid for light and dark paper.
 
     Titles of axes may be plain texts.
     """
@@ -51,13 +51,13 @@ def styled(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
         "tickcolor": _GRID,
     }
     axes = {}
-    for name, given in ({"xaxis": {}, "yaxis": {}} | layout).items():
+    for name, own in ({"xaxis": {}, "yaxis": {}} | layout).items():
         if name.startswith(("xaxis", "yaxis")):
             # Margins grow with the labels, and titles keep clear of them. Labels without room turn
             # so that they end under their ticks: the last one stays on the page.
             turned = {"autotickangles": [0, -30, -90]} if name.startswith("x") else {}
-            title = {"text": given.get("title", ""), "standoff": 8}
-            axes[name] = {**axis, "automargin": True, **turned, **given, "title": title}
+            title = {"text": own.get("title", ""), "standoff": 8}
+            axes[name] = {**axis, "automargin": True, **turned, **own, "title": title}
     usual = {
         "paper_bgcolor": "rgba(0, 0, 0, 0)",
         "plot_bgcolor": "rgba(0, 0, 0, 0)",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from xfrustum.reports.common.templates_environment import fragment
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
+"""Characters outside of XML 1.0, which no reference can hold either (`Char`)."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class JUnitCase:
     skipped: str | None = None
 
 
-def junit(suite: str, cases: Sequence[JUnitCase], told: str) -> bytes:
-    """Return test cases as JUnit XML, with what is told of all of them."""
-    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "told": told})
+def junit(suite: str, cases: Sequence[JUnitCase], output: str) -> bytes:
+    """Return test cases as JUnit XML, with the output of the suite."""
+    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "told": output})
     return _NOT_IN_XML.sub("\ufffd", text).encode()

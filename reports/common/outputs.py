@@ -1,4 +1,4 @@
-"""What leaves a command: values as JSON, files that are whole or absent, and bars of progress.
+"""Outputs of a command: JSON, files that are whole or absent, and progress bars.
 
 Files are probed before the work, written aside, and renamed at the end.
 """
@@ -36,8 +36,7 @@ def json_ready(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    # Dataclasses first: that they are no Mapping is asked of all subclasses of Mapping, once for
-    # each class.
+    # Dataclasses first: a test for Mapping visits all its subclasses once for each class.
     named = (is_dataclass(value) and not isinstance(value, type)) or isinstance(value, Mapping)
     return json_object(value) if named else value
 
@@ -50,7 +49,7 @@ def json_object(record: Any) -> dict[str, Any]:
 
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
-    """Return a bar of `total` units, None where unknown, on standard error; its caller updates it."""
+    """Return a bar of `total` units, None where unknown; the caller updates it."""
     # A log keeps every line that a terminal would overwrite, so it gets few of them.
     shown = shown and sys.stderr is not None
     seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
@@ -65,10 +64,10 @@ class Staging:
     the disk; leaving without it removes every trace.
 
     The folder `out` may exist: then files of the same name are replaced one by one, each
-    atomically, and others stay. What links of the same name point to is replaced. `names` are those
-    of the files that will be put there, where they are known beforehand. InputError is raised on
-    entering, when `out` is not a folder, has the name of a file or cannot be written, and by
-    `commit`, when the disk is full.
+    atomically, and others stay. Targets of links of the same name are replaced. `names` are the
+    names of the files to come, where they are known. InputError is raised on entering, when `out`
+    is not a folder, has the name of a file or cannot be written, and by `commit`, when the disk is
+    full.
     """
 
     folder: Path  #: aside, to which the files are written
@@ -99,13 +98,13 @@ class Staging:
             # Where a run has put them that found no folder.
             durable.remove_abandoned(self._place.parent)
             self._aside = durable.TempPath(host, folder=True)
-            # With the permissions that new folders get; the one aside is for nobody else.
+            # With the permissions of new folders; the folder aside is private.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
         return self
 
     def write(self, name: str, content: object) -> None:
-        """Write a file to be committed: text, bytes, or anything else as JSON without NaN or infinity."""
+        """Write a file to commit: text, bytes, or a record as JSON without NaN or infinity."""
         if not isinstance(content, str | bytes):
             content = json.dumps(json_ready(content), allow_nan=False, indent=1) + "\n"
         (self.folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
@@ -137,7 +136,7 @@ class Staging:
 
 
 def write_files(out: Path, files: Mapping[str, object]) -> tuple[Path, ...]:
-    """Put files into a folder, all or nothing; see `Staging.write`. InputError where that cannot be."""
+    """Put files into a folder, all or nothing; see `Staging.write`."""
     with Staging(out, tuple(files)) as staging:
         for name, content in files.items():
             staging.write(name, content)
@@ -177,7 +176,7 @@ def write_output(path: Path, content: bytes, option: str = "--out") -> None:
 
 @contextmanager
 def refused(what: str, advice: str = "free some space or choose another place") -> Iterator[None]:
-    """Turn the operating system's errors into one line: what failed, the reason, and what to do."""
+    """Turn errors of the operating system into InputError: the failure, reason and advice."""
     try:
         yield
     except OSError as error:
@@ -187,7 +186,7 @@ def refused(what: str, advice: str = "free some space or choose another place") 
 
 
 def _check_kind(path: Path, where: str, which: str = "") -> None:
-    """Raise InputError where a name belongs to what is no file and cannot be written into."""
+    """Raise InputError for a name of a folder or of another kind that cannot be written."""
     try:
         durable.written_into(path)
     except InputError as error:

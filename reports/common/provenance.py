@@ -1,4 +1,4 @@
-"""What repeats a result: versions and machine, commands to be copied, and what nobody examined."""
+"""Versions, machine, and commands that repeat a result."""
 
 import os
 import platform
@@ -21,8 +21,8 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str]:
-    """Return processor, number of cores that this process may use, system, and where arrays of Dr.Jit lie."""
-    # platform.processor() is empty on most Linux systems; the kernel knows the name.
+    """Return processor, usable cores, system, and the place of Dr.Jit arrays."""
+    # platform.processor() is empty on most Linux systems; the kernel has the name.
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text(encoding="utf-8", errors="replace") if cpuinfo.exists() else ""
     named = re.search(r"^model name\s*:\s*(.*\S)", text, re.MULTILINE)
@@ -70,7 +70,7 @@ def settings_words(settings: DoubleFrustum) -> list[str]:
         # Options that are left out have their usual values.
         if value != getattr(usual, name):
             every = value if isinstance(value, tuple) else (value,)
-            texts = (_number(one) if isinstance(one, float) else str(one) for one in every)
+            texts = (_number(part) if isinstance(part, float) else str(part) for part in every)
             words += [f"--{name}", ",".join(texts)]
     return words
 
@@ -82,5 +82,5 @@ def _number(value: float) -> str:
 
 
 def unexamined_truth(tracer: str) -> str:
-    """Say that a truth is what one tracer shows alone; `tracer` is its name, such as `embree`."""
+    """Return the note on a truth by one tracer alone, such as `embree`."""
     return f"truth: {tracer.capitalize()} alone, not examined"

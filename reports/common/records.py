@@ -1,4 +1,4 @@
-"""Records as tables: columns and their types follow from the fields of a dataclass, not from the data."""
+"""Records as JSON and as tables, whose columns follow from the fields of a dataclass."""
 
 import io
 import json
@@ -16,7 +16,7 @@ import pyarrow.json
 from xfrustum.reports.common.outputs import json_ready
 
 _SCALARS = ((bool, pa.bool_()), (int, pa.int64()), (float, pa.float64()), (str, pa.string()))
-"""Types of single values and of their columns; the first that fits counts, for a bool is an int too."""
+"""Types of single values and of their columns; the first match counts: a bool is an int."""
 
 _UNIONS = (Union, UnionType)  #: both forms in which Python names a type that may be one of several
 
@@ -48,20 +48,22 @@ def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     no column can have the field's type.
     """
     hints = get_type_hints(kind)
-    found: list[Column] = []
+    columns: list[Column] = []
     for field in fields(kind):
         pattern = field.metadata.get("columns", f"{field.name}_{{}}")
         values = [None if row is None else getattr(row, field.name) for row in rows]
-        found += _columns(field.name, pattern, hints[field.name], values)
-    return found
+        columns += _columns(field.name, pattern, hints[field.name], values)
+    return columns
 
 
 def _columns(name: str, pattern: str, hint: Any, values: Sequence[Any]) -> Iterator[Column]:
-    """Yield the columns of one field; `pattern` names those of a group."""
+    """Yield the columns of one field; `pattern` names the columns of a group."""
     hint = _without_none(hint)
     if is_dataclass(hint):
         assert isinstance(hint, type), "hints name classes, not instances"
-        yield from (one._replace(name=pattern.format(one.name)) for one in columns_of(hint, values))
+        yield from (
+            column._replace(name=pattern.format(column.name)) for column in columns_of(hint, values)
+        )
     elif get_origin(hint) in (dict, Mapping):
         for key in dict.fromkeys(key for value in values if value for key in value):
             part = re.sub(r"\W+", "_", key.lower())
@@ -104,4 +106,4 @@ def _without_none(hint: Any) -> Any:
     """Return an optional type without its None: a single type, or a union of several."""
     if get_origin(hint) not in _UNIONS:
         return hint
-    return reduce(or_, (one for one in get_args(hint) if one is not NoneType))
+    return reduce(or_, (part for part in get_args(hint) if part is not NoneType))

@@ -1,6 +1,6 @@
-"""The one place where templates are filled in: HTML pages, SVG and Markdown.
+"""The only place that fills in templates: HTML pages, SVG, XML and Markdown.
 
-Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, which it knows
+Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, identified
 by their hashes, and nothing else, whatever text of a scene has found its way into the page; and it
 loads nothing.
 """
@@ -26,15 +26,14 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.scenes.representation import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
-NO_FILTERS: Filters = MappingProxyType(
-    {}
-)  #: but those of every template: `digits`, `percent`, `counted`
+NO_FILTERS: Filters = MappingProxyType({})  #: none but the filters of every template
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
 _POLICY_MARK = "@@content-security-policy@@"
-"""Stands in a page for its policy until all scripts of the page are known. The first one is replaced: the
-template has it before any text from outside."""
+"""Placeholder of the policy until all scripts of the page are known.
+
+The first occurrence is replaced: it comes before any text from outside."""
 
 
 def html_page(
@@ -110,7 +109,7 @@ def png(pixels: NDArray[np.number], *, optimize: bool = True) -> bytes:
 
 
 def address(encoded: bytes) -> str:
-    """Return an encoded picture, WebP, PNG or SVG, as an address that a page holds within itself."""
+    """Return an encoded picture, WebP, PNG or SVG, as a data URL."""
     kind = "svg+xml"
     if encoded.startswith((b"RIFF", b"\x89PNG")):
         kind = "webp" if encoded.startswith(b"RIFF") else "png"
@@ -118,7 +117,7 @@ def address(encoded: bytes) -> str:
 
 
 def script_json(value: Any) -> Markup:
-    """Return JSON for a script element: no string in it can close the element or end a line of a script."""
+    """Return JSON for a script element: no string in it can close the element or end a line."""
     text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
     for letter in "<>&":
         text = text.replace(letter, f"\\u{ord(letter):04x}")

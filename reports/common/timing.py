@@ -1,4 +1,4 @@
-"""What repetitions come to: medians with intervals, and races in which all contestants take turns."""
+"""Medians of repetitions with intervals, and races of contestants in turns."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from dataclasses import dataclass, replace
 from math import comb
 
 CONFIDENCE = 0.95
-"""Least probability with which an interval of six or more repetitions holds the true median. With fewer,
-the interval from the lowest to the highest holds it with probability 1 - 2^(1 - n)."""
+"""Least probability that an interval of six or more repetitions holds the true median.
+
+With fewer, the interval from the lowest to the highest holds it with probability 1 - 2^(1 - n)."""
 
 FEWEST_DIFFERENCES = 6  #: fewest differences of pairs whose interval has `CONFIDENCE`
 
 FEWEST_REPETITIONS = 5
-"""Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long
+"""Fewest repetitions to distinguish two times.
+
+By chance alone the intervals of two equally long
 times are separated once in 126 times with five repetitions of each, and more rarely with more: as
 often as
 so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
@@ -72,12 +75,12 @@ class Timing:
         return low, self.highest if self.high is None else self.high
 
     def told_below(self, other: Timing) -> bool:
-        """Whether it is less than another: their intervals do not overlap, and repetitions are enough."""
+        """Return whether it is less than another: intervals are apart, repetitions enough."""
         enough = min(self.repetitions, other.repetitions) >= FEWEST_REPETITIONS
         return enough and self.interval[1] < other.interval[0]
 
     def divided_by(self, count: float) -> Timing:
-        """Return the timing of each of so many equal parts."""
+        """Return the timing of each of `count` equal parts."""
         names = ("median", "lowest", "highest", "low", "high")
         shares = {
             name: value / count for name in names if (value := getattr(self, name)) is not None
@@ -91,7 +94,7 @@ def race(
     done: Callable[[], object] = lambda: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Return the seconds of each contestant by a clock; after a warm-up all take turns, `repeat` times."""
+    """Return the seconds of each contestant; after a warm-up all take turns, `repeat` times."""
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
         for name, run in contestants.items():

@@ -53,7 +53,7 @@ class RowNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class TableRow:
-    """One row of measurements.parquet, which names the scene and everything that made the numbers."""
+    """One row of measurements.parquet, with the scene and the programs behind the numbers."""
 
     aperture: Aperture
     numbers: RowNumbers = field(metadata=named_columns("{}"))
@@ -70,15 +70,13 @@ class Measurement:
     comparison: ComparisonNumbers
     #: links of the error budget with their wrong pixels; empty where left out
     causes: tuple[Cause, ...]
-    unexplained: (
-        int | None
-    )  #: wrong pixels that rounding ought to explain and does not; None without causes
+    unexplained: int | None  #: wrong pixels without an explanation by rounding; None without causes
     predicted: (
         Prediction | None
     )  #: the error by closed forms, from the scene alone; None without causes
     times_s: StageTimes
-    gpu_s: float  #: the device's own time, a part of `times_s.raster`
-    #: what the pivot does to the points that are shown, if anything
+    gpu_s: float  #: time of the device, a part of `times_s.raster`
+    #: effect of the pivot on the shown points, if any
     shear: ShearNumbers | None = None
     #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that
     #: is off by more than 1/255; empty where they were not kept.
@@ -98,7 +96,7 @@ class Measurement:
         return displacement_p99(self.comparison)
 
     def wrong_share(self, kind: str) -> float:
-        """Return the share of judged pixels that are wrong in one sense, `surface` or `radiance`."""
+        """Return the share of wrong judged pixels by kind, `surface` or `radiance`."""
         if kind == "surface":
             return self.surface_fraction
         radiance = self.comparison.radiance
@@ -115,7 +113,7 @@ class Measurement:
 
     @property
     def measured_over_predicted(self) -> dict[str, float | None]:
-        """Ratios; None where there is no measurement or no prediction, and where zero is predicted."""
+        """Ratios; None without a measurement or a prediction, and where zero is predicted."""
         predicted, measured = self.predicted, self.comparison.displacement_px
         moved = predicted.displacement_px if predicted else None
         surface = predicted.surface_fraction if predicted else None
@@ -130,10 +128,11 @@ class Measurement:
         }
 
     def numbers(self, reach: float) -> RowNumbers:
-        """Return the numbers of the row, as they are written."""
+        """Return the numbers of the row, the record of report.json."""
         predicted, surface = self.predicted, None
         if predicted is not None:
-            parts = {one.name: getattr(predicted, one.name) for one in fields(PredictedSurface)[1:]}
+            names = [part.name for part in fields(PredictedSurface)[1:]]
+            parts = {name: getattr(predicted, name) for name in names}
             surface = PredictedSurface(fraction=predicted.surface_fraction, **parts)
         return RowNumbers(
             settings=self.settings,
@@ -151,7 +150,7 @@ class Measurement:
         )
 
     def table_row(self, reach: float, made_by: Mapping[str, str]) -> TableRow:
-        """Return the row of measurements.parquet; where causes were left out, their columns stay."""
+        """Return the row of measurements.parquet; columns of causes exist without causes, too."""
         causes: dict[str, CauseNumbers | None] = dict.fromkeys(links_of(self.settings))
         return TableRow(
             aperture=self.aperture,
@@ -162,17 +161,21 @@ class Measurement:
 
 
 SURFACE_TIE_FRACTION = 1e-4
-"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
+"""Surface fractions closer than this are equal.
+
+A rasterizer snaps vertices to 2^-8 px, which leaves
 the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
-for
-contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten thousand."""
+for contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten
+thousand."""
 
 DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
 pixels within 1e-3 px on meshes)."""
 
 UNSEEN_DISPLACEMENT_PX = 0.1
-"""Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel
+"""Displacements below this are equally good.
+
+At 67 pixels per degree, for which FLIP judges, a pixel
 spans 54 seconds of arc; people see an offset of 5 at best between two lines that continue each
 other (vernier acuity, Westheimer 1979): a tenth of a pixel."""
 
@@ -206,10 +209,10 @@ class Recommendation:
 
 def grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
     """Return rows in groups of equal keys, in the order in which the keys come first."""
-    found: dict[Hashable, list[Row]] = {}
+    groups: dict[Hashable, list[Row]] = {}
     for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return list(found.values())
+        groups.setdefault(key(row), []).append(row)
+    return list(groups.values())
 
 
 def _worst(rows: Sequence[Measurement], kind: str) -> Measurement:
@@ -218,13 +221,13 @@ def _worst(rows: Sequence[Measurement], kind: str) -> Measurement:
 
 
 def _is_worse(
-    one: Sequence[Measurement], other: Sequence[Measurement], kind: str, comparisons: int
+    rows: Sequence[Measurement], others: Sequence[Measurement], kind: str, comparisons: int
 ) -> bool:
-    """Return whether a setting is worse at its worst aperture: by more than a tie, and beyond chance."""
-    here = _worst(one, kind)
-    if here.wrong_share(kind) <= _worst(other, kind).wrong_share(kind) + SURFACE_TIE_FRACTION:
+    """Return whether a setting is worse at its worst aperture, by more than a tie and chance."""
+    here = _worst(rows, kind)
+    if here.wrong_share(kind) <= _worst(others, kind).wrong_share(kind) + SURFACE_TIE_FRACTION:
         return False
-    there = next(row for row in other if row.aperture == here.aperture)
+    there = next(row for row in others if row.aperture == here.aperture)
     both = kind in here.wrong and kind in there.wrong
     shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
     return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
@@ -237,42 +240,48 @@ def _displaced(rows: Sequence[Measurement]) -> float:
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     """Return the settings than which no measured setting is better.
 
-    Settings are chosen in three steps. The first keeps those that are not worse than the one with
-    the fewest wrong surfaces. The second does the same for wrong colors, where the scene is shaded.
-    The third keeps those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the
-    least displacement plus `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more
-    wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
+    Settings are chosen in three steps. The first keeps settings that are not worse than the setting
+    with the fewest wrong surfaces. The second does the same for wrong colors, where the scene is
+    shaded. The third keeps settings displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is
+    more, by the least displacement plus `DISPLACEMENT_TIE_PX`. One setting is worse than another if
+    it has more wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
     (`compare.metrics.error_maps`). The worst aperture counts.
     """
     candidates = grouped(rows, lambda row: row.settings)
     comparisons = max(len(candidates) - 1, 1)
     for kind in ("surface", "radiance"):
-        least = min(candidates, key=lambda one: _worst(one, kind).wrong_share(kind))
-        candidates = [one for one in candidates if not _is_worse(one, least, kind, comparisons)]
+        least = min(candidates, key=lambda group: _worst(group, kind).wrong_share(kind))
+        candidates = [
+            group for group in candidates if not _is_worse(group, least, kind, comparisons)
+        ]
     limit = max(min(map(_displaced, candidates)) + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
-    return {one[0].settings for one in candidates if _displaced(one) <= limit}
+    return {group[0].settings for group in candidates if _displaced(group) <= limit}
 
 
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
-    """Return what is recommended: the middle of the widest window of equally good near planes.
+    """Return the middle of the widest window of equally good near planes.
 
-    A window is a run of near planes of one depth buffer and one camera geometry, as they were
-    measured, that all are `equally_good`. Where windows are equally wide, the one with the larger
-    nears is taken, and where these are equal too, the geometry and the depth buffer that come
-    first. Its middle, by ratio, is farthest both from nears so large that they bend the picture and
-    from nears so small that they starve it of depth; of two middles the larger near is taken.
+    A window is a run of measured near planes of one depth buffer and one camera geometry that all
+    are `equally_good`. Where windows are equally wide, the window with the larger nears is taken,
+    and where these are equal too, the geometry and the depth buffer that come first. Its middle, by
+    ratio, is farthest both from nears so large that they bend the picture and from nears so small
+    that they starve it of depth; of two middles the larger near is taken.
     """
     good, windows = equally_good(rows), []
     for line in grouped(
-        dict.fromkeys(row.settings for row in rows), lambda one: replace(one, near=1.0)
+        dict.fromkeys(row.settings for row in rows), lambda setting: replace(setting, near=1.0)
     ):
-        for is_good, run in groupby(sorted(line, key=lambda one: one.near), key=good.__contains__):
+        for is_good, run in groupby(
+            sorted(line, key=lambda setting: setting.near), key=good.__contains__
+        ):
             if is_good:
-                nears = [one.near for one in run]
+                nears = [setting.near for setting in run]
                 windows.append(
                     (Window(low=nears[0], high=nears[-1], nears=len(nears)), nears, line[0])
                 )
-    window, nears, cameras = max(windows, key=lambda one: (one[0].high / one[0].low, one[0].high))
+    window, nears, cameras = max(
+        windows, key=lambda window: (window[0].high / window[0].low, window[0].high)
+    )
     middle = (window.low * window.high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     near = min(reversed(nears), key=lambda near: round(max(near / middle, middle / near), 12))
@@ -292,12 +301,12 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
 
 
 def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
-    """Return the best setting of each depth format and mapping, in the order in which the rows name them."""
+    """Return the best setting of each depth format and mapping, in the order of the rows."""
     return [best_setting(group) for group in grouped(rows, lambda row: row.settings.depth_label)]
 
 
 def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
-    """Return the best setting of each camera geometry, in the order in which the rows name them."""
+    """Return the best setting of each camera geometry, in the order of the rows."""
     return [best_setting(group) for group in grouped(rows, lambda row: geometry_of(row.settings))]
 
 

@@ -1,4 +1,4 @@
-"""Pictures for people: encoded, small, with scales that stay the same over a whole report."""
+"""Encoded pictures of truths, frames and errors, with the same scales over a whole report."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CAUSE_COLORS = {
     "rasterization": "rgb(230,159,0)",
     "depth": "rgb(213,94,0)",
 }
-"""Okabe and Ito's palette, told apart by people with any color vision, and gray, in the order of links."""
+"""Palette of Okabe and Ito, distinct for any color vision, and gray, in the order of links."""
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 """Color of pixels that are charged to rounding and bear none of its marks."""
 
@@ -63,13 +63,13 @@ HEIGHT_SCALE: list[str] = sample_colorscale(
 """Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
 _KEPT_BITS = 0b11111100
-"""The last two bits of each channel are dropped, which nobody sees and which would fill half the file."""
+"""Mask that drops the last two bits of each channel: invisible, and half of the file."""
 _ENCODED = np.rint(LEVELS * encoding_curve(np.linspace(0, 1, 4097))).astype(np.uint8) & _KEPT_BITS
-"""sRGB levels of linear values from 0 to 1: where they rise fastest, 0.8 of a level for each entry."""
+"""sRGB levels of linear values from 0 to 1, at most 0.8 of a level apart."""
 
 
 def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
-    """Return both ends of the scale of height errors, as fractions of the longest reach (scene units).
+    """Return both ends of the scale of height errors, as fractions of the longest reach.
 
     Errors below the lower end are white. This end is the largest error that rounding alone may make
     in a 32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the
@@ -145,7 +145,7 @@ def displacement_map(length: Floats, reduction: int = 1) -> bytes:
 
 
 def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
-    """Encode which link each wrong surface is charged to as PNG, transparent where nothing is wrong.
+    """Encode the link that each wrong surface is charged to as PNG, transparent where right.
 
     `charge` (H, W) are places of links in `CAUSE_COLORS`, negative where the pixel is right; the
     place after the last stands for unexplained pixels. A block shows the last of its links.
@@ -172,7 +172,7 @@ def height_map(
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
-    """Encode the size of the radiance error (H, W, 3) as PNG; the channel that is farthest off counts.
+    """Encode the size of the radiance error (H, W, 3) as PNG, by the worst channel.
 
     The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged
     are transparent.
@@ -200,17 +200,16 @@ def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 
 def alone_pictures(
     truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1
 ) -> dict[str, bytes]:
-    """Encode the pixels that each tracer alone would have got wrong, and as `truth` the surfaces under them.
+    """Encode the pixels that each tracer alone gets wrong, and as `truth` the surfaces under them.
 
-    There is no picture of a tracer that would have got nothing wrong, and none at all where nobody
-    would.
+    A tracer without a wrong pixel has no picture; without any, there are no pictures.
     """
-    found = {
+    marks = {
         name: mask(here, ALONE_COLORS[name], reduction)
         for name, here in wrong.items()
         if here.any()
     }
-    return found and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **found}
+    return marks and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **marks}
 
 
 def _level(
@@ -230,7 +229,7 @@ def _palette_png(
     reduction: int,
     neutral: int = 0,
 ) -> bytes:
-    """Encode the indices of known pixels, i for the i-th color; the others have 0 and are transparent.
+    """Encode the indices of known pixels, i for the i-th color; others are transparent.
 
     A block shows its index that is farthest from `neutral`, and of two the larger one.
     """

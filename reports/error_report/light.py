@@ -1,4 +1,4 @@
-"""Light beside the rows of a report: effects, the bent eye vector, and light that a raster misses."""
+"""Light of a report: effects, the bent eye vector, and light that a raster misses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from xfrustum.scenes.model.scene import Scene, is_shaded
 
 @dataclass(frozen=True, kw_only=True)
 class EyeError:
-    """What the bent eye vector costs at one near plane: root mean squares over points and channels.
+    """Radiance error by the bent eye vector at one near plane: rms over points and channels.
 
     `predicted` by closed form, at the truth's surface points; `measured` at the points that the
     device drew, with its float32 arithmetic.
@@ -47,18 +47,17 @@ class MissedLight:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightReport:
-    """What a report says about light beside its rows."""
+    """Light of a report beside its rows."""
 
     scene: Scene
     names: str  #: of the effects, as `--effects` takes them
     #: For every effect: whether the scene calls for it, and why.
     decisions: tuple[Decision, ...]
-    #: Whether the rasterizer's images with all effects and with those called for are the same, bit
-    #: by bit.
+    #: True where images with all effects and with the needed effects are equal, bit by bit.
     same_bits: bool
     #: Error by near; empty where no highlight and no reflection is drawn.
     eye: tuple[EyeError, ...]
-    #: Missed light by aperture; empty where no light transport is asked for.
+    #: Missed light by aperture; empty without light transport.
     missed: tuple[MissedLight, ...]
 
     @property
@@ -85,21 +84,21 @@ def measure_light(
     effects: str = "auto",
     progress: bool = False,
 ) -> LightReport | None:
-    """Measure what a report says about light beside its rows; None where a scene says nothing of light.
+    """Measure the light of a report beside its rows; None for scenes without materials or lights.
 
     Light that is missed is measured at all apertures of the report, everything else at the first
     one.
     """
     if not is_shaded(scene):
         return None
-    first, drawn, asked = apertures[0], [], Question(settings=(settings[0],))
+    first, drawn, question = apertures[0], [], Question(settings=(settings[0],))
     for names in ("auto", "all"):
-        with Rasterizer(scene, effects=chosen(scene, names, question=asked)) as rasterizer:
+        with Rasterizer(scene, effects=chosen(scene, names, question=question)) as rasterizer:
             image = rasterizer.render(first, settings[0], normals=False)
             arrays = (image.color, image.triangle, image.position)
             drawn.append([array.tobytes() for array in arrays if array is not None])
     shows_eye = bool(needed(scene) & {Effect.SPECULAR, Effect.REFLECTION})
-    nears = sorted({one.near for one in settings}, reverse=True) if shows_eye else []
+    nears = sorted({setting.near for setting in settings}, reverse=True) if shows_eye else []
     lit = apertures if scene.transport.simulated else []
     eye, missed = [], []
     steps = len(nears) + 2 * len(lit) * scene.sampling.aperture
@@ -119,7 +118,7 @@ def measure_light(
                         measured_eye_error(shader, shown),
                     )
                     predicted, measured = (
-                        float(np.sqrt(np.mean(one**2))) if one.size else 0.0 for one in errors
+                        float(np.sqrt(np.mean(error**2))) if error.size else 0.0 for error in errors
                     )
                     eye.append(EyeError(near=near, predicted=predicted, measured=measured))
                     bar.update()

@@ -11,11 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
-from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
 from xfrustum.reports.common.templates_environment import address, html_page
@@ -29,7 +27,6 @@ from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.reports.text import CERTAINTY_LABELS, SENTENCES, sentences
 from xfrustum.scenes import Aperture, DoubleFrustum, Offset
-from xfrustum.scenes.representation import digits, percent
 
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
@@ -37,20 +34,24 @@ Rows = Sequence[tuple[int, Measurement]]
 
 PANEL_PIXELS = 170  #: height of the panel of causes of one depth buffer on the page
 
+SPARSE_FRACTION = 0.002
+"""Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""
+
+PERCENT = {"tickformat": "~%", "exponentformat": "none"}
+"""Labels of an axis of shares in percent, as in sentences: 0.0001 as `0.01%`."""
+
 _HOVER = "near %{x:.3g} of the reach<br>"
 _CLOSED_FORM = {
     "name": "closed form",
     "mode": "lines",
     "line": {"color": INK, "dash": "dash", "width": 2},
 }
-PERCENT = {"tickformat": "~%", "exponentformat": "none"}
-"""Labels of an axis of shares in percent, as sentences have them: 0.0001 as `0.01%`."""
 
 
 def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure]:
-    """Return the figures of one aperture and one camera geometry, by name; `reach` in scene units."""
+    """Return the figures of one aperture and one camera geometry; `reach` in scene units."""
     triangles = _share_lines(rows, reach, lambda row: row.comparison.triangle)
-    drawn = {
+    figures = {
         "surface": _surface_figure(rows, reach),
         "displacement_p99": _displacement_figure(
             rows, reach, "p99", "99th percentile of displacement, px"
@@ -64,10 +65,9 @@ def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure
         def error(row: Measurement, key: str = key) -> float | None:
             return getattr(row.comparison.radiance, key, None) or None
 
-        drawn["radiance" if key == "rms" else key] = grouped_figure(
-            _by_depth(rows), reach, error, title
-        )
-    return drawn
+        name = "radiance" if key == "rms" else key
+        figures[name] = grouped_figure(_by_depth(rows), reach, error, title)
+    return figures
 
 
 def grouped_figure(
@@ -77,16 +77,16 @@ def grouped_figure(
     title: str,
     axis: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """Draw a number of each row against near, one line for each named group; zeros are left out."""
+    """Draw a number of each row against near, a line for each named group; omit zeros."""
     return _log_figure(_lines(groups, reach, number, _HOVER + "%{y:.3g}"), title, axis)
 
 
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure:
-    """Draw near, in fractions of the reach, a measured number, and its closed form, dashed."""
+    """Draw a measured number and its closed form, dashed, against near as a share of the reach."""
     marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
-    shared = {"x": [near for near, _, _ in points], "hovertemplate": _HOVER + "%{y:.3g}"}
+    shared = {"x": [point[0] for point in points], "hovertemplate": _HOVER + "%{y:.3g}"}
     data: list[Figure] = [
-        {**shared, "y": [one[place] or None for one in points], **drawn}
+        {**shared, "y": [point[place] or None for point in points], **drawn}
         for place, drawn in enumerate((marked, _CLOSED_FORM), start=1)
     ]
     return _log_figure(data, title)
@@ -95,12 +95,12 @@ def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Fig
 def _share_lines(
     rows: Rows, reach: float, share: Callable[[Measurement], Share | None]
 ) -> list[Figure]:
-    """Return lines of a share of pixels; zeros, which have no logarithm, are hollow, at half a pixel."""
+    """Return lines of a share of pixels; zeros are hollow, at half a pixel on the log axis."""
 
     def known(row: Measurement) -> Share:
-        found = share(row)
-        assert found is not None, "a sweep knows the scene and all triangles"
-        return found
+        counted = share(row)
+        assert counted is not None, "a sweep has the scene and all triangles"
+        return counted
 
     groups = _by_depth(rows)
     hover = _HOVER + "%{text} pixels wrong"
@@ -115,12 +115,12 @@ def _share_lines(
 
 
 def _half_pixel(row: Measurement) -> float:
-    """Return the share that half a pixel is of the judged ones."""
+    """Return half a pixel as a share of the judged pixels."""
     return 0.5 / max(row.comparison.judged, 1)
 
 
 def _surface_figure(rows: Rows, reach: float) -> Figure:
-    """Draw the share of wrong surfaces with its closed forms, one for each depth buffer, dashed."""
+    """Draw the share of wrong surfaces, with a dashed closed form for each depth buffer."""
     lines = _share_lines(rows, reach, lambda row: row.comparison.surface)
     if any(row.predicted for _, row in rows):
         for place, (label, group) in enumerate(_by_depth(rows).items()):
@@ -134,12 +134,7 @@ def _surface_figure(rows: Rows, reach: float) -> Figure:
                     "mode": "lines",
                     "showlegend": False,
                     "line": {"color": look(place)[0], "dash": "dash", "width": 1.5},
-                    "text": [
-                        _reason(sentences(row.predicted.reasons).surface)
-                        for row, _ in predicted
-                        if row.predicted
-                    ],
-                    "hovertemplate": _HOVER + "predicted %{y:.2~p}%{text}",
+                    "hovertemplate": _HOVER + "predicted %{y:.2~p}",
                 }
             )
         # The legend has one entry for all closed forms.
@@ -148,59 +143,32 @@ def _surface_figure(rows: Rows, reach: float) -> Figure:
 
 
 def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -> Figure:
-    """Draw a statistic of displacement with its closed-form prediction, dashed."""
+    """Draw a statistic of displacement with its closed form, dashed."""
 
     def measured(row: Measurement) -> float | None:
         return getattr(row.comparison.displacement_px, statistic, None) or None
 
-    lines, notes = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px"), []
+    lines = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px")
     forms = {
-        row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted
+        row.settings.near / reach: row.predicted.displacement_px
+        for _, row in sorted(rows, key=lambda item: item[1].settings.near)
+        if row.predicted
     }
     if forms:
-        nears = sorted(near for near, spread in forms.items() if spread is not None)
-        heights = [getattr(forms[near], statistic) or None for near in nears]
-        hover = _HOVER + "predicted %{y:.3g} px%{text}"
-        reasons: dict[float, set[Reason]] = {near: set() for near in forms}
-        for _, row in rows:
-            if row.predicted and row.predicted.reasons.displacement:
-                reasons[row.settings.near / reach].add(Reason(row.predicted.reasons.displacement))
-        text = [
-            _reason("; ".join(sorted(SENTENCES[one] for one in reasons[near]))) for near in nears
-        ]
-        lines.append(
-            {"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM}
-        )
-        crossing = [near for near, found in reasons.items() if Reason.CROSSES in found]
-        if crossing:
-            # The curves rise to the right and leave this corner free; in the legend it would take
-            # their room.
-            corner = {"xref": "paper", "yref": "paper", "x": 0.02, "y": 0.98, "showarrow": False}
-            notes.append(
-                {
-                    "text": f"from {digits(min(crossing))} on {SENTENCES[Reason.CROSSES]}",
-                    "font": {"size": 11},
-                    **corner,
-                }
-            )
-    figure = _log_figure(lines, title)
-    figure["layout"]["annotations"] = notes
-    return figure
-
-
-def _reason(reason: str | None) -> str:
-    """Return what is said below a prediction that does not hold."""
-    return f"<br>{reason}" if reason else ""
+        heights = [getattr(spread, statistic, None) or None for spread in forms.values()]
+        hover = _HOVER + "predicted %{y:.3g} px"
+        lines.append({"x": list(forms), "y": heights, "hovertemplate": hover, **_CLOSED_FORM})
+    return _log_figure(lines, title)
 
 
 def _lines(groups: Mapping[str, Rows], reach: float, number: Number, hover: str) -> list[Figure]:
-    """Return a line for each named group of rows, as plotly.js takes it."""
+    """Return a line of plotly.js for each named group of rows."""
     lines = []
     for place, (label, group) in enumerate(groups.items()):
         color, symbol = look(place)
-        # Curves that coincide stay visible: each lies thinner on the one before.
+        # Curves that coincide stay visible: each lies thinner on the curve before it.
         below = len(groups) - 1 - place
-        ascending = sorted(group, key=lambda one: one[1].settings.near)
+        ascending = sorted(group, key=lambda item: item[1].settings.near)
         lines.append(
             {
                 "x": [row.settings.near / reach for _, row in ascending],
@@ -218,17 +186,18 @@ def _lines(groups: Mapping[str, Rows], reach: float, number: Number, hover: str)
 
 def _by_depth(rows: Rows) -> dict[str, list[tuple[int, Measurement]]]:
     """Return the rows of each depth buffer, in the order of the sweep, nears ascending."""
-    grouped: dict[str, list[tuple[int, Measurement]]] = {
+    groups: dict[str, list[tuple[int, Measurement]]] = {
         row.settings.depth_label: [] for _, row in rows
     }
     for index, row in sorted(rows, key=lambda item: item[1].settings.near):
-        grouped[row.settings.depth_label].append((index, row))
-    return grouped
+        groups[row.settings.depth_label].append((index, row))
+    return groups
 
 
 def _log_figure(lines: list[Figure], title: str, axis: Mapping[str, Any] | None = None) -> Figure:
     nears = [x for line in lines for x in line["x"] if x is not None and x > 0]
-    # Labels side by side take more room than above each other, and turned ones run into the legend.
+    # Labels side by side take more room than above each other, and turned labels run into the
+    # legend.
     near = {"title": "near plane / reach", "tickangle": 0, **log_axis(nears, ratio=30, labels=3)}
     layout = {"title": titled(title), "height": 400, "xaxis": near}
     return styled(lines, {**layout, "yaxis": {**log_axis(_heights(lines)), **(axis or {})}})
@@ -239,13 +208,13 @@ def _heights(lines: Sequence[Figure]) -> list[float]:
 
 
 def cause_figure(rows: Rows, reach: float) -> Figure | None:
-    """Draw the share of each cause in one aperture's wrong surfaces over near; None where none is wrong."""
-    # By row number: the wrong surfaces of each cause, which add up to all wrong ones.
+    """Draw the share of each cause in the wrong surfaces over near; None without wrong surfaces."""
+    # By row number: the wrong surfaces of each cause, which add up to all wrong surfaces.
     counts = {number: {cause.name: cause.surface for cause in row.causes} for number, row in rows}
     panels = {
-        label: shown
+        label: wrong
         for label, group in _by_depth(rows).items()
-        if (shown := [one for one in group if sum(counts[one[0]].values())])
+        if (wrong := [item for item in group if sum(counts[item[0]].values())])
     }
     if not panels:
         return None
@@ -254,7 +223,7 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
     axes = ["y", *(f"y{number}" for number in range(2, len(panels) + 1))]
     for axis, (label, group) in zip(axes, panels.items(), strict=True):
         for name, color in CAUSE_COLORS.items():
-            if not any(one.get(name) for one in counts.values()):
+            if not any(causes.get(name) for causes in counts.values()):
                 continue
             pairs = [
                 (counts[number].get(name, 0), sum(counts[number].values())) for number, _ in group
@@ -287,29 +256,14 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
     return styled(areas, {"height": 110 + PANEL_PIXELS * len(panels), **layout})
 
 
-SPARSE_FRACTION = 0.002
-"""Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""
-
-ROUNDED_SHEAR_PX = 1e-6
-"""Displacement up to which a shear is taken for rounding, of an aperture's place or of pixels. In double
-precision places on large films are known to some 1e-12 px: larger shears have six digits or more."""
-
-EQUAL_FRACTION = 1e-6
-"""Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""
-
-Shears = Mapping[tuple[Aperture, float], ShearNumbers]
-"""What the shear alone does to points at each aperture and near, ascending."""
-
-
 def render_page(sweep: Sweep, sentence: str, command: str) -> str:
-    """Return the report as one HTML document that needs nothing else, given recommendation and command."""
+    """Return the report as one HTML document that loads nothing else."""
     scene, names = sweep.scene, geometry_names(sweep.geometries)
     # The shear of each aperture and near, ascending; depth buffers, fits and cuts share it.
-    found = {
+    shear_of = {
         (row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear
     }
-    order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
-    shears = {key: found[key] for key in order}
+    order = sorted(shear_of, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     values = {
         "sweep": sweep,
         "choosing": best,
@@ -321,7 +275,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "scouted_lines": FILM_PIXELS**2,
         "settings_count": len({row.settings for row in sweep.rows}),
         "certainty": {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)},
-        "certainty_labels": {kind.name.lower(): words for kind, words in CERTAINTY_LABELS.items()},
+        "certainty_labels": {kind.name.lower(): label for kind, label in CERTAINTY_LABELS.items()},
         "alone": [
             pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks
         ],
@@ -330,22 +284,17 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "height_range": images.height_range(scene, scene.frustum.longest_reach),
         "pixels_per_degree": PIXELS_PER_DEGREE,
         "name_of": lambda settings: names[geometry_of(settings)],
-        "shear_sentences": _shear_sentences(sweep, shears),
-        "shears": shears,
-        "without_offset": any(one.offset is Offset.NONE for one in sweep.geometries),
+        "shears": {key: shear_of[key] for key in order},
+        "without_offset": any(geometry.offset is Offset.NONE for geometry in sweep.geometries),
         "dominant": _dominant(sweep),
         "unexplained": sum(row.unexplained or 0 for row in sweep.rows),
-        "page_data": _page_data(sweep, shears),
+        "page_data": _page_data(sweep),
     }
-    return html_page(
-        "report.html.j2",
-        values,
-        {"pixels": words.pixels, "address": address, "sentence": SENTENCES.get},
-    )
+    return html_page("report.html.j2", values, {"pixels": words.pixels, "sentence": SENTENCES.get})
 
 
-def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
-    """Return what the page's script reads; each picture is there once, however many settings share it."""
+def _page_data(sweep: Sweep) -> dict[str, Any]:
+    """Return the data of the script; equal pictures of several settings are stored once."""
     pictures: dict[str, str] = {}
 
     def keep(encoded: bytes) -> str:
@@ -354,15 +303,12 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
             pictures[key] = address(encoded)
         return key
 
-    names, light, reach = (
-        geometry_names(sweep.geometries),
-        sweep.light,
-        sweep.scene.frustum.longest_reach,
-    )
+    names, light = geometry_names(sweep.geometries), sweep.light
+    reach = sweep.scene.frustum.longest_reach
     keys = [(row.settings, row.aperture) for row in sweep.rows]
     eye = None
     if light and light.eye:
-        points = [(one.near / reach, one.measured, one.predicted) for one in light.eye]
+        points = [(error.near / reach, error.measured, error.predicted) for error in light.eye]
         eye = pair_figure(points, "rms change of radiance at the same surface points")
     return {
         "rows": [
@@ -383,7 +329,7 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
             for row in sweep.rows
         ],
         "cause_colors": images.CAUSE_COLORS,
-        "geometries": [names[one] for one in sweep.geometries],
+        "geometries": [names[geometry] for geometry in sweep.geometries],
         "apertures": [aperture.index for aperture in sweep.apertures],
         "truths": [keep(truth.picture) for truth in sweep.truths],
         "start": keys.index((sweep.best.settings, sweep.best.aperture)),
@@ -391,7 +337,7 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
         "reach": reach,
         "pictures": pictures,
         "curves": [
-            [_curves(sweep, aperture, one, shears) for one in sweep.geometries]
+            [_curves(sweep, aperture, geometry) for geometry in sweep.geometries]
             for aperture in sweep.apertures
         ],
         "eye": eye,
@@ -399,77 +345,45 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
     }
 
 
-def _curves(
-    sweep: Sweep, aperture: Aperture, geometry: DoubleFrustum, shears: Shears
-) -> dict[str, Figure | None]:
-    """Return the figures of an aperture and geometry by name; None for those without a point."""
+def _curves(sweep: Sweep, aperture: Aperture, geometry: DoubleFrustum) -> dict[str, Figure | None]:
+    """Return the figures of an aperture and a geometry by name; None without a point."""
     reach, rows = sweep.scene.frustum.longest_reach, sweep.numbered(aperture, geometry)
-    drawn = error_figures(rows, reach, shaded=sweep.light is not None)
+    figures = error_figures(rows, reach, shaded=sweep.light is not None)
     if len(sweep.geometries) > 1:
-        drawn |= _comparison_figures(sweep, aperture, shears)
-    curves = {name: figure if _heights(figure["data"]) else None for name, figure in drawn.items()}
+        figures |= _geometry_figures(sweep, aperture)
+    curves = {
+        name: figure if _heights(figure["data"]) else None for name, figure in figures.items()
+    }
     return curves | ({"causes": cause_figure(rows, reach)} if sweep.options.causes else {})
 
 
 def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
-    """Return which causes dominate, by aperture and geometry, those of the best setting first."""
+    """Return the dominant causes by aperture and geometry, beginning with the best setting."""
     if not sweep.options.causes:
         return []
     names, chosen = geometry_names(sweep.geometries), sweep.best
-    first, found = geometry_of(chosen.settings), []
-    for aperture in sorted(sweep.apertures, key=lambda one: one != chosen.aperture):
-        for geometry in sorted(sweep.geometries, key=lambda one: one != first):
+    first, paragraphs = geometry_of(chosen.settings), []
+    for aperture in sorted(sweep.apertures, key=lambda place: place != chosen.aperture):
+        for geometry in sorted(sweep.geometries, key=lambda cameras: cameras != first):
             name = names[geometry] if len(sweep.geometries) > 1 else ""
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]
-            found.append((heading, words.cause_sentences(rows, sweep.scene.units)))
-    return found
+            paragraphs.append((heading, words.cause_sentences(rows, sweep.scene.units)))
+    return paragraphs
 
 
-def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, Figure]:
-    """Return curves of an aperture with a line for each geometry, with the depth buffer of the best setting.
-
-    The shear's curve is blank where an aperture has no shear, and there is none where nothing is
-    sheared.
-    """
+def _geometry_figures(sweep: Sweep, aperture: Aperture) -> dict[str, Figure]:
+    """Return curves with a line for each geometry, with the depth buffer of the best setting."""
     label, reach = sweep.best.settings.depth_label, sweep.scene.frustum.longest_reach
     groups = {
         name: [
-            item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label
+            item
+            for item in sweep.numbered(aperture, geometry)
+            if item[1].settings.depth_label == label
         ]
-        for one, name in geometry_names(sweep.geometries).items()
+        for geometry, name in geometry_names(sweep.geometries).items()
     }
     shares, moved = "share of pixels with the wrong surface", "99th percentile of displacement, px"
     wrong = grouped_figure(groups, reach, lambda row: row.surface_fraction or None, shares, PERCENT)
     displaced = grouped_figure(groups, reach, lambda row: row.displacement_p99_px or None, moved)
-    drawn = {"geometry_surface": wrong, "geometry_displacement": displaced}
-    if shears:
-        own = [
-            (near / reach, one.rms_px, one.closed_form_rms_px)
-            for (place, near), one in shears.items()
-            if place == aperture and one.closed_form_rms_px > ROUNDED_SHEAR_PX
-        ]
-        drawn["geometry_shear"] = pair_figure(own, "rms displacement by the shear alone, px")
-    return drawn
-
-
-def _shear_sentences(sweep: Sweep, shears: Shears) -> list[str]:
-    """Say what the shear alone does, and how far its closed form is from what is traced."""
-    # Right before the middle of its screen an aperture has no shear.
-    sheared = {key: one for key, one in shears.items() if one.closed_form_rms_px > ROUNDED_SHEAR_PX}
-    if not sheared:
-        return []
-    units = sweep.scene.units
-    (place, near), worst = max(sheared.items(), key=lambda item: item[1].rms_px)
-    apart = max(abs(one.rms_px / one.closed_form_rms_px - 1) for one in sheared.values())
-    return [
-        "Beside what the near offset does, a shear about the cameras' own centers moves points by up to "
-        f"{digits(worst.rms_px)} px (rms, at near {digits(near)} {units} and aperture "
-        f"{place.column},{place.row}), and a shear about the aperture by nothing.",
-        "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
-        + (
-            f"at most {percent(apart)} at every near."
-            if apart > EQUAL_FRACTION
-            else "nothing but rounding."
-        ),
-    ]
+    return {"geometry_surface": wrong, "geometry_displacement": displaced}

@@ -35,12 +35,12 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import digits
 
 FILES = ("index.html", "report.json", "measurements.parquet", inspection.PAGE)
-"""Names of the files that a report writes; what is too large for its inspection page has files of its own."""
+"""Names of the files of a report."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFiles:
-    """The files of a report, and what it found."""
+    """Files of a report, and its results."""
 
     html: Path
     json: Path
@@ -53,8 +53,7 @@ class ReportFiles:
     command: str
     #: The object in report.json.
     content: dict[str, Any]
-    #: Further sentences: how much of the plate was measured, and what is left out; and the time
-    #: that it took.
+    #: Further sentences: the measured share of the plate, omitted parts; and the times.
     notes: tuple[str, ...]
     cost: str
 
@@ -65,7 +64,7 @@ class ReportFiles:
 
 
 def default_folder(scene: Scene) -> Path:
-    """Return where a report goes unless told otherwise: `report/NAME` in the current folder."""
+    """Return the default folder of a report: `report/NAME` in the current folder."""
     name = re.sub(r"[^\w.-]+", "-", scene.name).strip("-.") or "scene"
     return Path("report") / name
 
@@ -73,7 +72,7 @@ def default_folder(scene: Scene) -> Path:
 def make_report(
     scene: Scene, out: Path | str | None = None, options: ReportOptions | None = None
 ) -> ReportFiles:
-    """Measure the error of a scene over settings and write its page, numbers and inspection (`FILES`).
+    """Measure the error of a scene over settings and write page, numbers and inspection.
 
     They go into the folder `out`, by default `default_folder`, where no file appears before all are
     complete.
@@ -82,8 +81,10 @@ def make_report(
     cannot be written, or there is no OpenGL.
     """
     options = options or ReportOptions()
-    given = scene.default_apertures() if options.apertures is None else options.apertures
-    apertures = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
+    places = scene.default_apertures() if options.apertures is None else options.apertures
+    if isinstance(places, AutoApertures):
+        places = places.apertures
+    apertures = tuple(dict.fromkeys(places))
     settings = settings_of(scene.frustum, options)
     if not settings or not apertures:
         raise InputError(
@@ -93,25 +94,26 @@ def make_report(
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         measured = sweep(scene, apertures, settings, options)
         chosen, frustum = measured.best, scene.frustum
-        said = words.recommendation(
+        sentence = words.recommendation(
             measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered
         )
         if measured.decided_by != alone.CERTIFIED:
-            said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
+            note = provenance.unexamined_truth(measured.decided_by)
+            sentence = f"{sentence.removesuffix('.')} ({note})."
         command = provenance.raster_command(scene, chosen.aperture, chosen.settings)
-        staging.write(FILES[0], render_page(measured, said, command))
+        staging.write(FILES[0], render_page(measured, sentence, command))
         rows = [row for row in measured.rows if row.settings == chosen.settings]
         shares = [(*row.aperture.index, row.surface_fraction) for row in rows]
         drawn = f"near {digits(chosen.settings.near)}, {chosen.settings.depth_label}"
         inspected = Inspection(
             command="report",
             scene=scene,
-            told=f"The apertures of the report, drawn with its best setting: {drawn}.",
+            intro=f"The apertures of the report, drawn with its best setting: {drawn}.",
             hogels=measured.inspected,
             plate_map=PlateMap.from_values(scene.plate, "Share of wrong surfaces", shares),
         )
         inspection.write_inspection(staging.folder, inspected)
-        content = report_content(measured, said, command)
+        content = report_content(measured, sentence, command)
         staging.write(FILES[1], content)
         write_parquet(measured, staging.folder / FILES[2])
         with inspection.replacing_inspection(staging.out):
@@ -122,7 +124,7 @@ def make_report(
     return ReportFiles(
         **{kind: staging.out / name for kind, name in kinds},
         best=chosen,
-        sentence=said,
+        sentence=sentence,
         command=command,
         content=content,
         notes=tuple(filter(None, notes)),
@@ -145,21 +147,21 @@ def write_parquet(measured: Sweep, path: Path) -> None:
     pq.write_table(table_of(TableRow, rows), path.absolute())
 
 
-def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
-    """Return the object in report.json; the headline and the command to be copied are made already."""
+def report_content(measured: Sweep, sentence: str, command: str) -> dict[str, Any]:
+    """Return the record of report.json, given the headline and the command to copy."""
     scene, reach = measured.scene, measured.scene.frustum.longest_reach
 
-    def recommended(one: Recommendation) -> dict[str, Any]:
+    def recommended(choice: Recommendation) -> dict[str, Any]:
         names = ("surface_fraction", "displacement_p99_px", "radiance_fraction", "window")
         return {
-            **json_object(one.settings),
-            "near_per_reach": one.settings.near / reach,
-            **{name: getattr(one, name) for name in names},
-            # The one with most wrong surfaces.
-            "aperture": one.aperture.index,
+            **json_object(choice.settings),
+            "near_per_reach": choice.settings.near / reach,
+            **{name: getattr(choice, name) for name in names},
+            # The aperture with most wrong surfaces.
+            "aperture": choice.aperture.index,
         }
 
-    found = {
+    record = {
         "scene": {
             "name": scene.name,
             "source": scene.source,
@@ -172,7 +174,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
         },
         "apertures": measured.apertures,
         "best": {
-            "sentence": said,
+            "sentence": sentence,
             **recommended(measured.best),
             "command": command,
             "plan_command": provenance.scene_command("plan", scene),
@@ -209,4 +211,4 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
         "scout": scout_record(measured.auto) if measured.auto else None,
         "left_out": () if measured.options.causes else LEFT_OUT,
     }
-    return json_object(found)
+    return json_object(record)

@@ -30,17 +30,17 @@ DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D32F, DepthMapping.STANDARD),
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
-"""Depth buffers of a report, the cheapest first: where windows are equally good, the first is recommended."""
+"""Depth buffers of a report, the cheapest first: the first of equally good ones is recommended."""
 
 DEFAULT_NEARS_PER_REACH = np.geomspace(1e-1, 1e-8, 25)
 
 GEOMETRY = ("pivot", "fit", "offset", "slabs")
-"""Fields of `DoubleFrustum` that say where the cameras stand and what their films span."""
+"""Fields of `DoubleFrustum` for the places of the cameras and the extents of their films."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """What a report measures, and how; None is the usual choice.
+    """Settings, apertures and ways of measuring of a report; None is the default.
 
     Every combination of the nears, depth buffers and camera geometries is measured.
     """
@@ -61,43 +61,43 @@ class ReportOptions:
     #: Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between
     #: commas.
     effects: str = "auto"
-    #: What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
+    #: Source of the truths: `certified`, or a tracer alone, of which nothing is examined.
     decided_by: str = CERTIFIED
-    #: Whether wrong pixels are charged to causes, and errors predicted.
+    #: Predict errors, and charge wrong pixels to causes.
     causes: bool = True
-    #: By which rounding is explained; None for the known model of the device at hand.
+    #: Model that explains rounding; None for the known model of the device at hand.
     device: DeviceModel | None = None
-    #: Whether there is a progress bar on standard error.
+    #: Show a progress bar on standard error.
     progress: bool = False
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
-    """Return 25 offsets in scene units, logarithmic, from 1e-1 down to 1e-8 of the longest reach."""
+    """Return 25 offsets in scene units, logarithmic, from 1e-1 to 1e-8 of the longest reach."""
     return tuple(float(share) * frustum.longest_reach for share in DEFAULT_NEARS_PER_REACH)
 
 
 def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
-    """Return all settings of a report, each once: geometry by geometry, and all nears of a buffer in turn.
+    """Return all settings of a report, geometry by geometry, all nears of a buffer in turn.
 
     InputError where settings make no sense for the frustum.
     """
     nears = tuple(dict.fromkeys(default_nears(frustum) if options.nears is None else options.nears))
     buffers = tuple(dict.fromkeys(DEFAULT_DEPTHS if options.depths is None else options.depths))
-    found = [
+    grid = [
         replace(geometry, near=near, depth=depth, mapping=mapping, cull=options.cull)
         for geometry in geometry_grid(frustum, options)
         for depth, mapping in buffers
         for near in nears
-        # Larger nears are left out where they are none that anybody asked for.
+        # Default nears beyond the first cut are omitted.
         if options.nears is not None or admits(geometry, near, frustum)
     ]
-    for setting in found:
+    for setting in grid:
         setting.check_against(frustum)
-    return tuple(found)
+    return tuple(grid)
 
 
 def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
-    """Return every combination of pivot, fit, offset and cuts, each once: the cuts change fastest."""
+    """Return every combination of pivot, fit, offset and cuts; the cuts change fastest."""
     # A centered frustum has no shear. The own centers of cameras without an offset are the
     # aperture.
     both = frustum.recentered and options.pivots is None
@@ -116,15 +116,15 @@ def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrust
 
 
 def admits(geometry: DoubleFrustum, near: float, frustum: Frustum) -> bool:
-    """Return whether a near lies before the first cut, as it must where cameras do not step back."""
+    """Return whether a near lies before the first cut, required for cameras without an offset."""
     return geometry.offset is Offset.PLATE or near < min((*geometry.slabs, *frustum.reach))
 
 
 def geometry_of(settings: DoubleFrustum) -> DoubleFrustum:
-    """Return the camera geometry of settings: the same cameras, of near 1 and the usual depth buffer."""
+    """Return the camera geometry of settings: the same cameras with near 1 and default depth."""
     return DoubleFrustum(near=1.0, **{name: getattr(settings, name) for name in GEOMETRY})
 
 
 def geometries_of(settings: Iterable[DoubleFrustum]) -> tuple[DoubleFrustum, ...]:
-    """Return the camera geometries of some settings, each once, in the order in which they first occur."""
+    """Return the camera geometries of some settings, in the order of their first occurrence."""
     return tuple(dict.fromkeys(map(geometry_of, settings)))

@@ -30,19 +30,18 @@ from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.scene import Scene, is_shaded
 
 PAGE_PIXELS = 120_000_000
-"""Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
+"""Pixels of all settings together up to which pictures are not reduced.
+
 All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page
-stays under
-30 MB."""
+stays under 30 MB."""
 
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
-"""Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
-what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
+"""Parts that a report without causes omits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What is kept of the truth of an aperture: its picture, and what each ray tracer alone would get wrong.
+    """Picture of the truth of an aperture, and the errors of each ray tracer alone.
 
     `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels
     by the tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
@@ -92,8 +91,8 @@ class Sweep:
     @property
     def auto(self) -> AutoApertures | None:
         """The scout from which the apertures were chosen; None where they were given."""
-        given = self.options.apertures
-        return given if isinstance(given, AutoApertures) else None
+        apertures = self.options.apertures
+        return apertures if isinstance(apertures, AutoApertures) else None
 
     def numbered(
         self, aperture: Aperture, geometry: DoubleFrustum
@@ -112,7 +111,7 @@ def sweep(
     settings: Sequence[DoubleFrustum],
     options: ReportOptions | None = None,
 ) -> Sweep:
-    """Measure every setting at every aperture, at least one each; options say how.
+    """Measure every setting at every aperture, at least one each.
 
     Only numbers and encoded pictures are kept, so memory does not grow with the float images.
     Raises InputError where there is no usable OpenGL or no such tracer.
@@ -128,12 +127,12 @@ def sweep(
     reference = alone.open_reference(scene, decision, effects)
     with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
         seconds = defaultdict(float, prepare=time.perf_counter() - begun)
-        found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
-        rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
-        # The hogels where the best setting is worst are drawn anew with it, to be inspected.
+        row_of, truths = _measure(judge, apertures, settings, options, reduction, seconds)
+        rows = tuple(row_of[aperture, setting] for aperture in apertures for setting in settings)
+        # The worst hogels of the best setting are drawn again, to be inspected.
         since, taken = time.perf_counter(), best_setting(rows).settings
         worst = sorted(
-            (one for one in rows if one.settings == taken), key=lambda one: -one.surface_fraction
+            (row for row in rows if row.settings == taken), key=lambda row: -row.surface_fraction
         )
         shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
         inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
@@ -175,14 +174,14 @@ def _measure(
     scene, rows, truths = judge.scene, {}, {}
     tracers = TracersAlone(scene) if judge.reference.decided_by == alone.CERTIFIED else None
     shaded = is_shaded(scene)
-    # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
-    wanted = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
+    # Colors of scenes without materials and lights do not test the rasterizer, and take time.
+    request = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
     total = len(apertures) * (1 + len(settings))
     most = images_under_way(math.prod(scene.frustum.resolution))
     with (
         progress_bar(total, "report", "image", shown=options.progress) as bar,
         ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
-        closing(judge.frames(apertures, settings, wanted)) as frames,
+        closing(judge.frames(apertures, settings, request)) as frames,
     ):
         tasks = (pool.submit(_measured, scene, reduction, frame) for frame in frames)
         for row, truth, pictures_s in in_order(tasks, most):
@@ -196,10 +195,10 @@ def _measure(
                 picture = images.picture(truth, reduction)
                 drawn = time.perf_counter()
                 stages["pictures"] += drawn - since
-                found = tracers.find(truth) if tracers else None
-                marks = images.alone_pictures(truth, found.wrong, reduction) if found else {}
+                errors = tracers.find(truth) if tracers else None
+                marks = images.alone_pictures(truth, errors.wrong, reduction) if errors else {}
                 truths[aperture] = Truth(
-                    picture=picture, alone=found.numbers if found else None, marks=marks
+                    picture=picture, alone=errors.numbers if errors else None, marks=marks
                 )
                 stages["alone"] = time.perf_counter() - drawn
                 bar.set_postfix_str(f"{at}: truth", refresh=False)
@@ -214,7 +213,7 @@ def _measure(
 def _measured(
     scene: Scene, reduction: int, frame: JudgedFrame
 ) -> tuple[Measurement, HogelImage, float]:
-    """Return the row of a frame, its truth, and the seconds that its pictures took to encode."""
+    """Return the row of a frame, its truth, and the seconds of encoding its pictures."""
     begun, reach = time.perf_counter(), scene.frustum.longest_reach
     comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
     if budget is not None:

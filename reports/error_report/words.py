@@ -40,7 +40,7 @@ CAUSE_WORDS = {
     "rasterization": "rasterization",
     "depth": "the depth buffer",
 }
-"""What each cause is called in a sentence."""
+"""Phrases for the causes."""
 
 
 def cause_words(row: Measurement, name: str) -> str:
@@ -51,33 +51,35 @@ def cause_words(row: Measurement, name: str) -> str:
 
 
 def geometry_names(geometries: Sequence[DoubleFrustum]) -> dict[DoubleFrustum, str]:
-    """Return a name of each geometry, which tells it from the others.
+    """Return a distinct name of each geometry.
 
-    A single one is named by what is not usual about it, such as `pivot camera, no offset`, or not
-    at all.
+    A single geometry is named by its unusual parts, such as `pivot camera, no offset`, if any.
     """
-    varied = [name for name in GEOMETRY if len({getattr(one, name) for one in geometries}) > 1]
+    varied = [
+        name for name in GEOMETRY if len({getattr(geometry, name) for geometry in geometries}) > 1
+    ]
     usual = DoubleFrustum(near=1.0)
 
-    def words(one: DoubleFrustum) -> Iterator[str]:
-        heights = " and ".join(map(digits, one.slabs))
-        told = {
-            "pivot": f"pivot {one.pivot}",
-            "fit": f"fit {digits(one.fit) if isinstance(one.fit, float) else one.fit}",
-            "offset": "no offset" if one.offset is Offset.NONE else "offset to the plate",
+    def words(geometry: DoubleFrustum) -> Iterator[str]:
+        heights = " and ".join(map(digits, geometry.slabs))
+        fit = digits(geometry.fit) if isinstance(geometry.fit, float) else geometry.fit
+        phrases = {
+            "pivot": f"pivot {geometry.pivot}",
+            "fit": f"fit {fit}",
+            "offset": "no offset" if geometry.offset is Offset.NONE else "offset to the plate",
             "slabs": f"cuts at {heights}" if heights else "no cuts",
         }
         for name in GEOMETRY:
-            if name in varied or (not varied and getattr(one, name) != getattr(usual, name)):
-                yield "usual fit" if name == "fit" and one.fit is None else told[name]
+            if name in varied or (not varied and getattr(geometry, name) != getattr(usual, name)):
+                yield "usual fit" if name == "fit" and geometry.fit is None else phrases[name]
 
-    return {one: ", ".join(words(one)) for one in geometries}
+    return {geometry: ", ".join(words(geometry)) for geometry in geometries}
 
 
 def recommendation(
     rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True
 ) -> str:
-    """Say which near planes and which depth buffer are best, and how good they are.
+    """Return the recommendation: the best near planes and depth buffer, with their errors.
 
     `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
     frustum that is not recentered, hence not sheared, changes nothing and is not named.
@@ -89,7 +91,10 @@ def recommendation(
     if not any(row.comparison.judged for row in rows):
         return f"{where} nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
-        return f"{where} there is nothing to judge: neither the truth nor any raster image shows a surface."
+        return (
+            f"{where} there is nothing to judge: "
+            "neither the truth nor any raster image shows a surface."
+        )
     best = best_setting(rows)
 
     # The cameras, where there are others or they are not the usual ones.
@@ -117,14 +122,15 @@ def recommendation(
         )
     return (
         f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
-        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
+        f"({near_range(best.window, reach)} of the reach) "
+        f"with {best.settings.depth_label} depth{cameras}"
         f"{equally if nears > 1 else '. '}{_wrong(best, rows)}, {colors}"
         f"and {where_it_lies(best.displacement_p99_px)}{elsewhere}.{gap}"
     )
 
 
 def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Begin with the praise: no setting that misses the tolerances is called good, nor are others denied."""
+    """Return the rating of the best setting by the tolerances."""
     limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
     every = {row.settings for row in rows}
     kept = every - {
@@ -142,19 +148,19 @@ def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
 
 
 def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Say how many pixels show the wrong surface, at which aperture, and by what if one cause prevails."""
+    """Return the share of wrong surfaces, its aperture, and the cause if one prevails."""
     apertures = len({row.aperture for row in rows})
     place = f"{best.aperture.column},{best.aperture.row}"
     where = f" at the worst of {apertures} apertures ({place})" if apertures > 1 else ""
-    said = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    share = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
     worst = next(
         row for row in rows if row.settings == best.settings and row.aperture == best.aperture
     )
     most = max(worst.causes, key=lambda cause: cause.surface, default=None)
     wrong = sum(cause.surface for cause in worst.causes)
     if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:
-        return said
-    return f"{said}, most of them by {cause_words(worst, most.name)}"
+        return share
+    return f"{share}, most of them by {cause_words(worst, most.name)}"
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:
@@ -165,9 +171,12 @@ def near_range(window: Window, unit: float = 1.0) -> str:
 
 
 def where_it_lies(displacement_p99_px: float) -> str:
-    """Say how far from its place 99 % of the picture lies."""
+    """Return the displacement of 99 % of the picture as a clause."""
     if math.isinf(displacement_p99_px):
-        return "where the picture belongs is undefined, for much of it shows a surface in the plate itself"
+        return (
+            "where the picture belongs is undefined, "
+            "for much of it shows a surface in the plate itself"
+        )
     return f"99 % of the picture lies within {pixels(displacement_p99_px)} of where it belongs"
 
 
@@ -178,18 +187,21 @@ def pixels(value: float) -> str:
 
 
 def equally_good_sentence(rows: Sequence[Measurement]) -> str:
-    """Say how many settings of which depth buffers are equally good by error; empty where one is the best."""
+    """Return the number of equally good settings by depth buffer; empty for a single best."""
     good = equally_good(rows)
     if len(good) < 2 or not can_be_judged(rows):
         return ""
     counts = Counter(row.settings.depth_label for row in rows if row.settings in good)
     apertures = len({row.aperture for row in rows})
     named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
-    return f"{len(good)} settings are equally good by error: {named}. xfrustum cost tells their times apart."
+    return (
+        f"{len(good)} settings are equally good by error: {named}. "
+        "xfrustum cost tells their times apart."
+    )
 
 
 def cause_sentences(rows: Sequence[Measurement], units: str) -> list[str]:
-    """Say for each depth buffer of one aperture which cause makes most surfaces wrong where."""
+    """Return the dominant causes over near for each depth buffer of one aperture."""
 
     def dominant(row: Measurement) -> str:
         if row.surface_fraction <= SURFACE_TIE_FRACTION:
@@ -198,18 +210,18 @@ def cause_sentences(rows: Sequence[Measurement], units: str) -> list[str]:
             f"{cause_words(row, max(row.causes, key=lambda cause: cause.surface).name)} dominates"
         )
 
-    def told(rows: Sequence[Measurement]) -> Iterator[str]:
+    def clauses(rows: Sequence[Measurement]) -> Iterator[str]:
         for what, run in groupby(sorted(rows, key=lambda row: row.settings.near), key=dominant):
             nears = [row.settings.near for row in run]
             where = f"from n = {digits(nears[0])} to" if len(nears) > 1 else "at n ="
             yield f"{where} {digits(nears[-1])} {units} {what}"
 
     groups = grouped(rows, lambda row: row.settings.depth_label)
-    return [f"{group[0].settings.depth_label}: {'; '.join(told(group))}." for group in groups]
+    return [f"{group[0].settings.depth_label}: {'; '.join(clauses(group))}." for group in groups]
 
 
 def coverage(sweep: Sweep) -> str:
-    """Say how many hogels are not measured, and name the command for all; empty where all are."""
+    """Return the number of measured hogels and the command for all; empty where all are."""
     measured, hogels = len(sweep.apertures), math.prod(sweep.scene.plate.hogels)
     if measured >= hogels:
         return ""
@@ -243,7 +255,7 @@ def cost(sweep: Sweep) -> str:
 
 
 def missed_light(light: LightReport) -> Iterator[str]:
-    """Say how much light a rasterizer misses at each aperture."""
+    """Yield the light that a rasterizer misses at each aperture."""
     width, height = light.scene.frustum.resolution
     for part in light.missed:
         numbers = part.numbers

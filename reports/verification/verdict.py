@@ -170,7 +170,7 @@ def write_verification(verification: Verification, out: Path) -> tuple[Path, ...
             inspected = inspection.Inspection(
                 command="verify",
                 scene=verification.scene,
-                told=f"The worst hogels of {verification.source}, as they were found.",
+                intro=f"The worst hogels of {verification.source}, as they were found.",
                 hogels=verification.inspected,
                 plate_map=PlateMap.from_values(
                     verification.scene.plate, "Share of wrong pixels", shares
