@@ -8,14 +8,17 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 STAGES = ("scenes", "reference", "raster", "compare")
-WORDLESS = (
-    "compare/run.py",
-    "compare/metrics/",
-    "compare/attribution/",
-    "compare/rounding/",
-    "compare/device/",
-    "compare/selfcheck/",
-)
+#: modules of compare, reference and raster that still make texts; the list only gets shorter
+WORDED = {
+    "compare/diagnosis/defects.py",
+    "compare/extent.py",
+    "compare/judging/verdict.py",
+    "compare/renderer_model/conventions.py",
+    "compare/scout.py",
+    "raster/cameras/description.py",
+    "raster/device/context.py",
+    "reference/llvm.py",
+}
 FOLDERS = ("scenes", "reference", "raster", "compare", "reports", "research")
 SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
 TESTS = sorted((CHECKOUT / "tests").rglob("*.py"))
@@ -98,20 +101,14 @@ def test_stages_before_reports_make_no_html() -> None:
     assert [name(path) for path in sources if imports.search(path.read_text())] == []
 
 
-def test_compare_builds_no_sentences() -> None:
-    """Words are made of records in `reports`: `compare` formats numbers in messages of errors alone."""
-    formatting = {"digits", "percent", "counted", "sides", "aligned"}
-    modules = [path for path in SOURCES if name(path).startswith(tuple(WORDLESS))]
-    assert modules
-    for path in modules:
-        tree = ast.parse(path.read_text())
-        imported = {
-            alias.name
-            for node in ast.walk(tree)
-            if isinstance(node, ast.ImportFrom)
-            for alias in node.names
-        }
-        assert not imported & formatting, name(path)
-        assert [text for text in literals(tree) if re.search(r"\w+ \w+ \w+ \w+ \w+", text)] == [], (
-            name(path)
-        )
+def test_stages_before_reports_build_no_sentences() -> None:
+    """Words are made of records in `reports`; only messages of errors are made before."""
+    sentence = re.compile(r"\w+ \w+ \w+ \w+ \w+")
+    found = [
+        f"{name(path)}: {text!r}"
+        for path in SOURCES
+        if name(path).split("/")[0] in STAGES[1:] and name(path) not in WORDED
+        for text in literals(ast.parse(path.read_text()))
+        if sentence.search(text)
+    ]
+    assert found == []
