@@ -198,7 +198,7 @@ def write_survey(answer: Survey, pictured: Pictured, out: Path) -> tuple[Path, .
     inspected = inspection.Inspection(
         command="survey",
         scene=answer.scene,
-        told=f"The worst of the {answer.extent.judged:,} hogels that were judged: {drawn}.",
+        intro=f"The worst of the {answer.extent.judged:,} hogels that were judged: {drawn}.",
         hogels=[hogel.inspected for _, hogel in pictured],
         plate_map=PlateMap(words=words_of(name).capitalize(), cells=maps[name]),
     )
