@@ -5,9 +5,10 @@ from __future__ import annotations
 import io
 import math
 import zlib
+from collections import deque
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,7 @@ CAUSE_COLORS = {
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 """Color of pixels that are charged to rounding and bear none of its marks."""
 
+KEPT_FRAMES = 3  #: frames whose pictures are compared with the next frames
 _STEPS, _HEIGHT_STEPS = 40, 15
 DISPLACEMENT_SCALE: list[str] = sample_colorscale("Viridis", list(np.linspace(0, 1, _STEPS)))
 RADIANCE_SCALE: list[str] = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _STEPS)))
@@ -115,18 +117,56 @@ def setting_pictures(
     return pictures
 
 
+class LatestPictures:
+    """Encoded pictures of the latest frames, reused for equal frames.
+
+    Depth buffers of one pair of cameras often draw equal frames, which share their error maps.
+    """
+
+    def __init__(self) -> None:
+        self._latest: deque[tuple[Comparison, NDArray[np.int8] | None, dict[str, bytes]]]
+        self._latest = deque(maxlen=KEPT_FRAMES)
+
+    def encode(
+        self,
+        comparison: Comparison,
+        charge: NDArray[np.int8] | None,
+        scale: tuple[float, tuple[float, float]],
+        reduction: int,
+    ) -> dict[str, bytes]:
+        """Return the pictures of a frame; see `setting_pictures`."""
+        for earlier, its_charge, pictures in tuple(self._latest):
+            same_errors = earlier.errors.moved is comparison.errors.moved
+            if (
+                same_errors
+                and _equal(its_charge, charge)
+                and _equal(earlier.errors.raster.color, comparison.errors.raster.color)
+            ):
+                return pictures
+        pictures = setting_pictures(comparison, charge, scale, reduction)
+        self._latest.append((comparison, charge, pictures))
+        return pictures
+
+
+def _equal(mine: NDArray[Any] | None, its: NDArray[Any] | None) -> bool:
+    return mine is its or (mine is not None and its is not None and np.array_equal(mine, its))
+
+
 def picture(image: HogelImage, reduction: int = 1) -> bytes:
     """Encode the color image as WebP in sRGB, transparent where there is no surface."""
     share = image.covered.astype(np.float32)
-    linear = np.full((*share.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
-    if image.color is not None:
-        linear = np.fmin(np.fmax(image.color, 0.0), 1.0)  # NaN is black
+    if image.color is None:
+        linear = np.full((*share.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
+    else:
+        linear = np.fmax(image.color, 0.0)  # NaN is black
+        np.minimum(linear, 1.0, out=linear)
     if reduction > 1:
         block = (reduction, reduction)
         linear = block_reduce(linear * share[..., None], (*block, 1), np.mean)
         share = block_reduce(share, block, np.mean)
         linear /= np.where(share > 0, share, 1.0)[..., None]
-    levels = _ENCODED.take(np.rint(linear * (len(_ENCODED) - 1)).astype(np.uint16))
+    entries = linear * np.float32(len(_ENCODED) - 1) + np.float32(0.5)
+    levels = _ENCODED.take(entries.astype(np.uint16))
     alpha = np.rint(LEVELS * share).astype(np.uint8)
     pixels = np.concatenate((levels, alpha[..., None]), axis=-1)
     buffer = io.BytesIO()

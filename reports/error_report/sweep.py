@@ -177,13 +177,13 @@ def _measure(
     # Colors of scenes without materials and lights do not test the rasterizer, and take time.
     request = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
     total = len(apertures) * (1 + len(settings))
-    most = images_under_way(math.prod(scene.frustum.resolution))
+    most, latest = images_under_way(math.prod(scene.frustum.resolution)), images.LatestPictures()
     with (
         progress_bar(total, "report", "image", shown=options.progress) as bar,
         ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
         closing(judge.frames(apertures, settings, request)) as frames,
     ):
-        tasks = (pool.submit(_measured, scene, reduction, frame) for frame in frames)
+        tasks = (pool.submit(_measured, scene, reduction, latest, frame) for frame in frames)
         for row, truth, pictures_s in in_order(tasks, most):
             aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
             rows[aperture, row.settings] = row
@@ -211,7 +211,7 @@ def _measure(
 
 
 def _measured(
-    scene: Scene, reduction: int, frame: JudgedFrame
+    scene: Scene, reduction: int, latest: images.LatestPictures, frame: JudgedFrame
 ) -> tuple[Measurement, HogelImage, float]:
     """Return the row of a frame, its truth, and the seconds of encoding its pictures."""
     begun, reach = time.perf_counter(), scene.frustum.longest_reach
@@ -243,6 +243,6 @@ def _measured(
         times_s=frame.times,
         gpu_s=frame.gpu_s,
         wrong=wrong,
-        pictures=images.setting_pictures(comparison, charge, scale, reduction),
+        pictures=latest.encode(comparison, charge, scale, reduction),
     )
     return row, frame.truth, time.perf_counter() - begun
