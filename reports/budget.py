@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.colors import unlabel_rgb
 
 from xfrustum.compare.attribution import radiance_budget
 from xfrustum.compare.attribution.budget import (
@@ -367,7 +366,7 @@ def causes(
     their own.
     """
     pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)
-    colors = np.array([(*unlabel_rgb(color), LEVELS) for color in link_colors])
+    colors = np.array([(*images.rgb(color), LEVELS) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]
-    pixels[unexplained] = (*unlabel_rgb(UNEXPLAINED_COLOR), LEVELS)
+    pixels[unexplained] = (*images.rgb(UNEXPLAINED_COLOR), LEVELS)
     return png(pixels)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason, Reasons
-from xfrustum.compare.run import JudgedDrawing
-from xfrustum.compare.selfcheck.selfcheck import COUNTS, SelfCheck, ViewCheck
 from xfrustum.scenes import Scene
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.representation import counted, digits, percent, sides
+
+if TYPE_CHECKING:
+    # Only for their types: these modules load tracers and rasterizer.
+    from xfrustum.compare.run import JudgedDrawing
+    from xfrustum.compare.selfcheck.selfcheck import SelfCheck, ViewCheck
 
 SENTENCES = {
     Reason.CROSSES: "not predicted: surfaces cross the plate",
@@ -134,12 +138,17 @@ def comparison_table(numbers: ComparisonNumbers) -> str:
     return aligned(list(lines.items()), str.ljust)
 
 
+COUNTS = {name: name for name in ("pixels", "covered", "proven", "exact", "ties", "wrong")}
+COUNTS["tracer_wrong"] = "float32 wrong"
+"""Titles of the counts of a self-check."""
+
+
 def selfcheck_table(check: SelfCheck) -> str:
     """Return a self-check: a row per scene, the sphere, every disagreement, the result."""
     of_scene: dict[str, list[ViewCheck]] = {}
     for view in check.views:
         of_scene.setdefault(view.scene, []).append(view)
-    rows = [("scene", "apertures", *(name.replace("tracer_", "float32 ") for name in COUNTS))]
+    rows = [("scene", "apertures", *COUNTS.values())]
     for name, group in (*of_scene.items(), ("all", list(check.views))):
         sums = (sum(getattr(view, count) for view in group) for count in COUNTS)
         rows.append((name, str(len(group)), *(f"{n:,}" for n in sums)))

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
 from xfrustum.compare.prediction.chain import CULLING
@@ -56,12 +55,29 @@ UNEXPLAINED_COLOR = "rgb(255,0,255)"
 
 KEPT_FRAMES = 3  #: frames whose pictures are compared with the next frames
 _STEPS, _HEIGHT_STEPS = 40, 15
-DISPLACEMENT_SCALE: list[str] = sample_colorscale("Viridis", list(np.linspace(0, 1, _STEPS)))
-RADIANCE_SCALE: list[str] = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _STEPS)))
+VIRIDIS = "440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725"
+INFERNO = "000004 1b0c41 4a0c6b 781c6d a52c60 cf4446 ed6925 fb9b06 f7d13d fcffa4"
+BLUE_RED = "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f"
+"""Colors of plotly's scales at equal distances, without the second that plotly takes to load."""
+
+
+def scale_colors(anchors: str, places: Floats) -> list[str]:
+    """Return the colors of a scale at places from 0 to 1, as CSS."""
+    colors = np.array([list(bytes.fromhex(color)) for color in anchors.split()])
+    ends = np.linspace(0, 1, len(colors))
+    levels = np.stack([np.interp(places, ends, channel) for channel in colors.T], axis=1)
+    return [f"rgb({red}, {green}, {blue})" for red, green, blue in np.rint(levels).astype(int)]
+
+
+def rgb(color: str) -> tuple[int, ...]:
+    """Return the levels of a color in CSS, such as `rgb(224, 49, 49)`."""
+    return tuple(map(int, color.removeprefix("rgb(").removesuffix(")").split(",")))
+
+
+DISPLACEMENT_SCALE = scale_colors(VIRIDIS, np.linspace(0, 1, _STEPS))
+RADIANCE_SCALE = scale_colors(INFERNO, np.linspace(0.15, 1, _STEPS))
 """Colors of the scales of displacement and radiance errors, smallest first."""
-HEIGHT_SCALE: list[str] = sample_colorscale(
-    "RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1))
-)
+HEIGHT_SCALE = scale_colors(BLUE_RED, np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1))
 """Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
 _KEPT_BITS = 0b11111100
@@ -294,6 +310,4 @@ def _palette_png(
 
 @cache  # to read the colors takes as long as to draw with them
 def _palette(colors: tuple[str, ...]) -> bytes:
-    return (
-        np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)]).astype(np.uint8).tobytes()
-    )
+    return np.rint([(0, 0, 0), *(rgb(color) for color in colors)]).astype(np.uint8).tobytes()

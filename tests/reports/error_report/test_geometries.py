@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from plotly.colors import unlabel_rgb
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import main
+from xfrustum.reports.error_report.images import rgb
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.error_report.request import ReportOptions, geometry_grid
 from xfrustum.scenes import (
@@ -116,7 +116,7 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_picture_of_causes_has_the_color_of_each_charged_pixel(files: ReportFiles) -> None:
     data = page_data(files.html)
-    colors = {name: tuple(unlabel_rgb(color)) for name, color in data["cause_colors"].items()}
+    colors = {name: tuple(rgb(color)) for name, color in data["cause_colors"].items()}
     for row in data["rows"]:
         encoded = base64.b64decode(data["pictures"][row["pictures"]["causes"]].split(",")[1])
         pixels = np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA")).reshape(-1, 4)
