@@ -155,9 +155,9 @@ def test_a_report_replaces_its_files_and_keeps_others_and_a_failure_touches_noth
     assert (tmp_path / "report.json").read_text() == "old"
     make_report(view("empty", (8, 8)), tmp_path, QUICK)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*FILES, "notes.txt"])
-    for empty in ({"nears": []}, {"apertures": []}):
+    for nothing in (ReportOptions(nears=[]), ReportOptions(apertures=[])):
         with pytest.raises(InputError, match="nothing to measure"):
-            make_report(view("empty", (8, 8)), tmp_path / "out", ReportOptions(**empty))
+            make_report(view("empty", (8, 8)), tmp_path / "out", nothing)
     assert not (tmp_path / "out").exists()
 
 
