@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 import scipy
@@ -40,6 +41,27 @@ def aperture_at(plate: Plate, place: int) -> Aperture:
     columns = plate.hogels[0]
     row, along = divmod(int(place), columns)
     return plate.aperture(columns - 1 - along if row % 2 else along, row)
+
+
+@dataclass(frozen=True, eq=False)
+class PathApertures(Sequence[Aperture]):
+    """Apertures at places of the path of `aperture_at`, made as they are read."""
+
+    plate: Plate
+    places: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @overload
+    def __getitem__(self, index: int) -> Aperture: ...
+    @overload
+    def __getitem__(self, index: slice) -> PathApertures: ...
+    def __getitem__(self, index: int | slice) -> Aperture | PathApertures:
+        """Return an aperture by its number, or some of them."""
+        if isinstance(index, slice):
+            return PathApertures(self.plate, self.places[index])
+        return aperture_at(self.plate, self.places[index])
 
 
 def places_of(chosen: Mask) -> Indices:

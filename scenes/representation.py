@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
@@ -18,6 +19,15 @@ def digits(value: float) -> str:
 def percent(fraction: float) -> str:
     """Write a fraction as percent with two digits, such as `0.012 %`; `100 %` has three."""
     return plain(f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %")
+
+
+def percent_up(share: float) -> str:
+    """Write an upper bound in percent, rounded up to two digits."""
+    if share <= 0 or share >= 1:
+        return f"{100 * share:.0f} %"
+    step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
+    # The margin keeps a share of two digits as it is in spite of its rounding.
+    return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"
 
 
 def sides(lengths: Iterable[float]) -> str:

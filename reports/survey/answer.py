@@ -1,6 +1,5 @@
 """Answer of a survey: counts and bounds of each setting, the sentence, the JSON object, the page."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +21,7 @@ from xfrustum.reports.notebook import Figure, NotebookRepr, map_of, png
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.representation import digits, percent
+from xfrustum.scenes.representation import digits, percent, percent_up
 from xfrustum.tolerances import MAX_WRONG
 
 
@@ -171,15 +170,6 @@ class Survey(NotebookRepr):
         caption = f"99th percentile of displacement over the plate, up to {largest} px; "
         caption += "black: not judged, or shows nothing"
         return (Figure(caption=caption, content=png(map_of(cells))),)
-
-
-def percent_up(share: float) -> str:
-    """Return an upper bound in percent, rounded up to two digits."""
-    if share <= 0 or share >= 1:
-        return f"{100 * share:.0f} %"
-    step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
-    # The margin keeps a share of two digits as it is in spite of its rounding.
-    return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"
 
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE

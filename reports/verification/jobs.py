@@ -15,16 +15,20 @@ import hashlib
 import heapq
 import json
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 from pydantic import TypeAdapter
 
-from xfrustum.compare.judging.verdict import Hogel, Limits
+from xfrustum.compare.judging.verdict import Hogel, Limits, Outcome
+from xfrustum.compare.sampling import PathApertures, PlateSample
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.outputs import json_ready
@@ -66,21 +70,27 @@ class VerifyJob(Job):
     renderer: sources.ForeignRenderer
     limits: Limits
     state: str
-    judged: Sequence[Aperture]
+    judged: Sequence[Aperture]  #: hogels of all looks of a sample, in their order
+    ends: tuple[int, ...]  #: number of hogels after each look
     hogels_per_block: int
     parts: ParquetParts
     name = "verify"
     draws = False
 
-    @property
-    def blocks(self) -> range:
-        """Numbers of all blocks."""
-        return range(math.ceil(len(self.judged) / self.hogels_per_block))
+    @cached_property
+    def begins(self) -> list[int]:
+        """First hogel of each block; no block has hogels of two looks."""
+        looks = pairwise((0, *self.ends))
+        return [begin for look in looks for begin in range(*look, self.hogels_per_block)]
+
+    def blocks(self, look: int) -> list[int]:
+        """Return the numbers of the blocks of a look."""
+        first, last = (bisect_left(self.begins, end) for end in (0, *self.ends)[look : look + 2])
+        return list(range(first, last))
 
     def apertures(self, block: int) -> Sequence[Aperture]:
         """Return the apertures of a block."""
-        begin = block * self.hogels_per_block
-        return self.judged[begin : begin + self.hogels_per_block]
+        return self.judged[self.begins[block] : [*self.begins, len(self.judged)][block + 1]]
 
     def finished(self, block: int) -> bool:
         """Return whether the part of a block is there."""
@@ -92,7 +102,7 @@ class VerifyJob(Job):
 
     def words(self, block: int) -> str:
         """Return a block in words."""
-        i, j = self.judged[block * self.hogels_per_block].index
+        i, j = self.judged[self.begins[block]].index
         return f"the hogels from {i},{j}"
 
     @contextmanager
@@ -105,7 +115,7 @@ class VerifyJob(Job):
                 renderer=self.renderer,
                 reference=reference,
                 source=source,
-                apertures=self.judged,
+                apertures=self.judged[: self.ends[0]],
                 limits=self.limits,
             )
             yield VerifySession(job=self, run=run)
@@ -187,7 +197,8 @@ def verify_on(
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
     renderer, limits = options.renderer(source), options.limits
     renderer.nominal(scene)
-    stated = options.judged(scene)
+    sample = options.plate_sample(scene)
+    judged, ends = _looks(scene, options, sample, engine)
     with renderer.opened(Reference(scene)) as images:
         if isinstance(images, sources.LaidOut):
             raise InputError(
@@ -195,7 +206,7 @@ def verify_on(
                 "--command: name "
                 "the files with {i} and {j}, or leave these options out"
             )
-        images.check(stated)
+        images.check(judged)
         name = images.name
     most = MAX_BLOCK_PIXELS // math.prod(scene.frustum.resolution)
     renderer = renderer.placed(scene)
@@ -209,9 +220,10 @@ def verify_on(
             scene=scene,
             renderer=renderer,
             limits=limits,
-            state=renderer.state(stated),
-            judged=stated,
-            hogels_per_block=max(1, min(most, math.ceil(len(stated) / MIN_BLOCKS))),
+            state=renderer.state(judged),
+            judged=judged,
+            ends=ends,
+            hogels_per_block=max(1, min(most, math.ceil(ends[0] / MIN_BLOCKS))),
             parts=ParquetParts(out=folder, name=PARTS),
         )
         described = {
@@ -221,23 +233,16 @@ def verify_on(
             "limits": limits,
             "hogels": {
                 "hogels": ()
-                if isinstance(stated, ApertureBlocks)
-                else tuple(entry.index for entry in stated),
+                if isinstance(judged, ApertureBlocks | PathApertures)
+                else tuple(one.index for one in judged),
                 "size": job.hogels_per_block,
             },
+            "sample": None if sample is None else sample.description,
         }
         job.parts.open(json_ready(described))
-        blocks = list(engine.part.of(job.blocks))
+        blocks = list(engine.part.of(job.blocks(0)))
         if renderer.command is not None:
-            # It may answer otherwise by now.
-            if blocks and all(map(job.finished, job.blocks)):
-                note(f"what is in {job.parts.folder} was finished; the command is judged anew")
-                for block in job.blocks:
-                    job.parts.remove(block)
-                job.parts.remove(QUESTION)
-            for block in filter(job.finished, blocks):
-                if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
-                    job.parts.remove(block)
+            _forget_answers(job, blocks, note)
         job.parts.tell_damaged(blocks, note)
         done = sum(map(job.finished, blocks))
         if done:
@@ -248,22 +253,62 @@ def verify_on(
             if done < len(blocks):
                 # One process diagnoses before all others judge.
                 workers.ask(job, VerifySession.question)
-            workers.run(job, blocks, sum(map(job.size, blocks)), progress=options.progress)
-            if not all(map(job.finished, job.blocks)):
-                return None
-            verification = _put_together(job, workers, name, note, channels=out is not None)
-    return with_tested_diagnosis(verification)
+            for look in range(len(ends)):
+                own = blocks if look == 0 else job.blocks(look)
+                workers.run(job, own, sum(map(job.size, own)), progress=options.progress)
+                every = list(range(job.blocks(look)[-1] + 1))
+                if not all(map(job.finished, every)):
+                    return None
+                rows = [row for block in every for row in job.parts.read(block).to_pylist()]
+                extent = None if sample is None else sample.extent(len(rows), look)
+                failed = sum(row["verdict"] != Outcome.PASS for row in rows)
+                if extent is None or extent.decides(failed):
+                    break
+            found = _put_together(job, workers, every, note, channels=out is not None)
+            found = replace(found, source=name, extent=extent)
+    return with_tested_diagnosis(found)
+
+
+def _looks(
+    scene: Scene, options: VerifyOptions, sample: PlateSample | None, engine: Engine
+) -> tuple[Sequence[Aperture], tuple[int, ...]]:
+    """Return the hogels of all looks of a sample, and their number after each look."""
+    first = options.judged(scene)
+    if sample is None or sample.looks == 1:
+        return first, (len(first),)
+    if not engine.part.everything:
+        raise InputError("--part needs the number of hogels beforehand: use --sample, not --until")
+    places = [np.asarray(sample.new_places(look)) for look in range(sample.looks)]
+    ends = tuple(np.cumsum([len(look) for look in places]).tolist())
+    return PathApertures(scene.plate, np.concatenate(places).tolist()), ends
+
+
+def _forget_answers(job: VerifyJob, blocks: Sequence[int], note: Callable[[str], object]) -> None:
+    """Remove the answers of a command that is judged anew: it may answer otherwise by now."""
+    if blocks and all(map(job.finished, job.blocks(0))):
+        note(f"what is in {job.parts.folder} was finished; the command is judged anew")
+        for block in range(len(job.begins)):
+            job.parts.remove(block)
+        job.parts.remove(QUESTION)
+    for block in filter(job.finished, blocks):
+        if Outcome.MISSING in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
+            job.parts.remove(block)
 
 
 def _put_together(
-    job: VerifyJob, workers: Workers, name: str, note: Callable[[str], object], *, channels: bool
+    job: VerifyJob,
+    workers: Workers,
+    blocks: Sequence[int],
+    note: Callable[[str], object],
+    *,
+    channels: bool,
 ) -> Verification:
     """Assemble finished blocks; judge the worst hogels once more for their pictures."""
     digest, question = workers.ask(job, VerifySession.question)
     hogels: list[Hogel] = []
     badness: list[tuple[tuple[float, float], Aperture]] = []
     # One part after the other: a plate of millions has more text than hogels have numbers.
-    for block in job.blocks:
+    for block in blocks:
         for row in job.parts.read(block).to_pylist():
             if row["question"] != digest:
                 raise InputError(
@@ -287,7 +332,7 @@ def _put_together(
             kept.append(pictured)
     return Verification(
         scene=job.scene,
-        source=name,
+        source="",
         limits=job.limits,
         diagnosis=question.findings.diagnosis,
         hogels=tuple(hogels),

@@ -417,20 +417,6 @@ class ForeignRenderer:
         named_from = None if Path(self.source).is_absolute() else here
         return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
 
-    def with_layout(self, scene: Scene, note: Callable[[str], object]) -> Self:
-        """Return the placed renderer with the layout of its files; `note` gets a detected one.
-
-        Raises InputError where there is no file of any hogel, or the files do not fit the layout.
-        """
-        found_files = self.placed(scene)
-        with found_files.opened(Reference(scene)) as source:
-            source.check(scene.plate.apertures())
-            if not isinstance(source, LaidOut):
-                return found_files
-            if self.layout is None:
-                note(f"{self.source} looks like {described(source.files)}")
-            return replace(found_files, layout=source.files.layout.name)
-
     @property
     def description(self) -> dict[str, Any]:
         """Description of a placed renderer, independent of the folder of its names."""

@@ -16,6 +16,7 @@ from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.verdict import Hogel, Outcome, Verdict
 from xfrustum.compare.judging.where import Places, where_wrong, wrong_counts
+from xfrustum.compare.sampling import SampleExtent
 from xfrustum.reports import inspection
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
@@ -23,12 +24,15 @@ from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import Filters, html_page, plain_text
 from xfrustum.reports.inspection import InspectedHogel, PlateMap
 from xfrustum.reports.notebook import Figure, NotebookRepr
+from xfrustum.reports.parts import parquet_bytes
 from xfrustum.reports.verification import words
+from xfrustum.reports.verification.rows import rows_of
 from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.representation import plain
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
+ROWS = "hogels.parquet"  #: name of the file with a row for each hogel of a sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -39,6 +43,23 @@ class Verification(Verdict, NotebookRepr):
     source: str
     diagnosis: Diagnosis
     worst: WorstHogels = field(repr=False)
+    extent: SampleExtent | None = None  #: of a sample of the plate; None for chosen hogels
+
+    @property
+    def failed(self) -> int:
+        """Number of hogels that are missing, exceed a limit or could not be judged."""
+        return sum(not hogel.passed for hogel in self.hogels)
+
+    @property
+    def share_at_most(self) -> float | None:
+        """Upper bound on the share of the plate's hogels that fail; None without a sample."""
+        return None if self.extent is None else self.extent.at_most(self.failed)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the verdict is good: every hogel passes, or the bound keeps the limit `until`."""
+        limit, share = self.extent and self.extent.sample.until, self.share_at_most
+        return self.passed if limit is None else share is not None and share <= limit
 
     @property
     def inspected(self) -> list[InspectedHogel]:
@@ -137,7 +158,20 @@ class Verification(Verdict, NotebookRepr):
             "found_by": words.basis_words(self.diagnosis),
             "as_found": json_ready(self.as_found),
             "corrected": json_ready(self.corrected),
+            **self._sample_summary(),
             "hogels": [_hogel(hogel) for hogel in self.hogels],
+        }
+
+    def _sample_summary(self) -> dict[str, Any]:
+        """Return the claim about the plate, in JSON's types; nothing without a sample."""
+        if self.extent is None:
+            return {}
+        sample = self.extent.sample
+        counts = {"hogels": sample.hogels, "judged": len(self.hogels), "beyond": self.failed}
+        return {
+            "share_beyond_at_most": self.share_at_most,
+            "confidence": self.extent.confidence,
+            "sample": {**counts, "limit": sample.until, "seed": sample.description["seed"]},
         }
 
 
@@ -160,6 +194,8 @@ def write_verification(verification: Verification, out: Path) -> tuple[Path, ...
     with Staging(out, FILES) as staging:
         staging.write(PAGE, render_page(verification))
         staging.write(DATA, verification.summary())
+        if verification.extent is not None:
+            staging.write(ROWS, parquet_bytes(rows_of(verification.hogels)))
         if verification.inspected:
             known = [
                 (hogel.aperture.index, hogel.as_found)
@@ -244,6 +280,7 @@ def _told(verification: Verification) -> dict[str, Any]:
         "guesses": verification.best_guesses(),
         "found_by": words.basis_words(verification.diagnosis),
         "sentence": words.sentence(verification),
+        "claim": words.claim(verification),
         "explained": words.explained_words(verification),
         "unexplained": words.unexplained_words(verification),
         "nothing": words.nothing_words(verification),

@@ -30,6 +30,7 @@ from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
 from xfrustum.compare.run import images_under_way, in_order
+from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.outputs import progress_bar
@@ -74,6 +75,9 @@ class VerifyOptions:
     #: property of plain pictures: `color`, or `geometry`: shown pixels and outlines
     compare: Compared | str = Compared.COLOR
     device: DeviceModel | None = None  #: model of the machine that drew; None: any
+    sample: int | None = None  #: hogels drawn at random, >= 1; None: `apertures`
+    until: float | None = None  #: share of the plate, 0 to 1, at which growing samples stop
+    seed: int = 0  #: start of the random numbers of a sample
     channels: bool = False  #: whether to keep all channels of the worst hogels
     progress: bool = False  #: whether to draw a bar on standard error
 
@@ -95,9 +99,24 @@ class VerifyOptions:
         accept = (self.accept,) if isinstance(self.accept, str) else tuple(self.accept)
         return sources.ForeignRenderer(source=source, accept=accept, **stated)
 
+    def plate_sample(self, scene: Scene) -> PlateSample | None:
+        """Return the sample of `sample` or `until`; None without them.
+
+        Images of another renderer may show something in any hogel of the plate.
+        """
+        if self.sample is None and self.until is None:
+            return None
+        if self.apertures:
+            raise InputError("--sample and --until draw from the whole plate: omit --apertures")
+        request = SampleRequest(sample=self.sample, until=self.until, seed=self.seed)
+        return PlateSample.from_request(math.prod(scene.plate.hogels), request)
+
     def judged(self, scene: Scene) -> Sequence[Aperture]:
         """Return the judged apertures, each once; InputError where none sees any object."""
         apertures: Sequence[Aperture] = scene.plate.apertures()
+        if (sample := self.plate_sample(scene)) is not None:
+            require_seen(scene, apertures)
+            return PathApertures(scene.plate, sample.new_places(0))
         if self.apertures:
             pairs = [wholes(index, 2) for index in self.apertures]
             for index, pair in zip(self.apertures, pairs, strict=True):
@@ -133,7 +152,11 @@ def verify(
     with renderer.opened(reference) as images:
         images.check(apertures)
 
-        def verified(images: sources.Source) -> Verification:
+        def verified(
+            images: sources.Source,
+            apertures: Sequence[Aperture],
+            sample: PlateSample | None = None,
+        ) -> Verification:
             run = Run(
                 renderer=renderer,
                 reference=reference,
@@ -141,9 +164,12 @@ def verify(
                 apertures=apertures,
                 limits=limits,
             )
-            return run.verified(channels=options.channels, progress=options.progress)
+            return run.verified(sample, channels=options.channels, progress=options.progress)
 
-        verification = with_layout_named(verified(images), images, verified)
+        verification = verified(images, apertures, options.plate_sample(opened))
+        # In another layout the same hogels are judged, whatever the bound would be.
+        same = [hogel.aperture for hogel in verification.hogels]
+        verification = with_layout_named(verification, images, lambda other: verified(other, same))
     return with_tested_diagnosis(verification)
 
 
@@ -174,18 +200,28 @@ class Run:
     limits: Limits
     kept: dict[Aperture, HogelImage | sources.Problem] = field(default_factory=dict)
 
-    def verified(self, *, channels: bool, progress: bool) -> Verification:
-        """Diagnose a sample, judge every hogel, and return the verification."""
-        scene = self.reference.scene
+    def verified(
+        self, sample: PlateSample | None, *, channels: bool, progress: bool
+    ) -> Verification:
+        """Diagnose some hogels, judge all, or a sample look by look, and return the verification."""
+        scene, extent = self.reference.scene, None
         total = len(self.apertures) + len(sampled(self.apertures, scene))
-        worst, hogels = WorstHogels(scene=scene if channels else None), []
+        worst, hogels = WorstHogels(scene=scene if channels else None), list[Hogel]()
         with progress_bar(total, "verify", "hogel", shown=progress) as bar:
-            question = self.question(bar.update)
-            for hogel, figures in self.hogels(question, self.apertures):
-                if figures is not None:
-                    worst.add(hogel.aperture, *figures)
-                hogels.append(hogel)
-                bar.update()
+            question, apertures = self.question(bar.update), self.apertures
+            for look in range(1 if sample is None else sample.looks):
+                if sample is not None and look:
+                    apertures = PathApertures(scene.plate, sample.new_places(look))
+                    bar.total += len(apertures)
+                for hogel, figures in self.hogels(question, apertures):
+                    if figures is not None:
+                        worst.add(hogel.aperture, *figures)
+                    hogels.append(hogel)
+                    bar.update()
+                if sample is not None:
+                    extent = sample.extent(len(hogels), look)
+                    if extent.decides(sum(not hogel.passed for hogel in hogels)):
+                        break
         return Verification(
             scene=scene,
             source=self.source.name,
@@ -193,6 +229,7 @@ class Run:
             diagnosis=question.findings.diagnosis,
             hogels=tuple(hogels),
             worst=worst,
+            extent=extent,
         )
 
     def question(self, done: Callable[[], object] = lambda: None) -> Question:

@@ -21,7 +21,7 @@ from xfrustum.compare.judging.judged import (
 )
 from xfrustum.compare.judging.verdict import COLORS, DISPLACEMENT, Check, Outcome, PlateNumbers
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.representation import counted
+from xfrustum.scenes.representation import counted, percent_up
 
 if TYPE_CHECKING:
     from xfrustum.reports.verification.verdict import Verification
@@ -413,6 +413,23 @@ def sentence(verification: Verification) -> str:
     if missing:
         parts.append(f"{missing} of {count} could not be had (--apertures names which to judge)")
     return f"Not right: {'; and '.join(parts)}."
+
+
+def claim(verification: Verification) -> str:
+    """Return the bound on the share of the plate's hogels that fail; empty without a sample."""
+    extent, share = verification.extent, verification.share_at_most
+    if extent is None or share is None:
+        return ""
+    plate, counts = (
+        f"{extent.sample.hogels:,} hogels",
+        f"{verification.failed:,} of {extent.judged:,}",
+    )
+    if extent.everything:
+        return f"of the plate's {plate}, all judged, {verification.failed:,} do not pass"
+    return (
+        f"at most {percent_up(share)} of the plate's {plate} do not pass "
+        f"({percent(extent.confidence)}; {counts} sampled)"
+    )
 
 
 def unexplained_words(verification: Verification) -> str:

@@ -105,6 +105,11 @@ class _Verify(options.Measured):
         apertures=option(
             options.BLOCKS, "Columns,rows, such as 20,20;0-80,3.  [default: the whole plate]"
         ),
+        sample=option(options.COUNT_FROM_1, "Hogels drawn at random from the plate."),
+        until=option(
+            options.SHARE, "Draw hogels until at most this share, such as 1%, fails (95 %)."
+        ),
+        seed=options.seed_option,
         near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
         accept=option(
             options.ACCEPTED,
@@ -160,6 +165,8 @@ class _Verify(options.Measured):
 
         how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
         apertures = options.indices_of(scene, self.judged["apertures"])
+        if self.judged["sample"] is not None and self.judged["until"] is not None:
+            raise click.UsageError("--sample and --until exclude each other: give one of them")
         judged = VerifyOptions(**{**self.judged, **how, "apertures": apertures})
         if self.engine is None:
             return verify(scene, self.source, judged)
@@ -176,8 +183,9 @@ def verify(asked: _Verify) -> int:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
-    folder or a picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is
-    missing or exceeds a limit; with --baseline, once measures are accepted, if any got worse or a
+    folder or a picture in one of the layouts (docs/layouts.md). --sample and --until bound the share
+    of the plate's hogels that fail, and write hogels.parquet. Exit status 1 if any hogel is missing
+    or exceeds a limit, or the bound exceeds --until; with --baseline, once measures are accepted, if any got worse or a
     stated limit is exceeded.
     """
     opened = options.open_scene(asked.scene)
@@ -208,7 +216,7 @@ def verify(asked: _Verify) -> int:
         write_junit(found, asked.junit)
     if asked.baseline is None:
         asked.tell(found.summary, lambda: table(found))
-        return 0 if found.passed else options.LIMIT_EXCEEDED
+        return 0 if found.kept else options.LIMIT_EXCEEDED
     said = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and asked.judged["command"] is None:
         said["encoding"] = None  # what is stated although it is the default judges the same
