@@ -1,20 +1,18 @@
-"""`verify --baseline`: the difference of a verification from accepted ones.
+"""`verify --baseline`: the difference of a verification from the accepted one.
 
-    DIR/accepted/RUN.json    the verification of one accepted run; never rewritten
+    DIR/accepted/KEY.json    verification.json of the accepted run, with its origin
 
-A run that is approved begins a new accepted state; approved as repeated, it joins the newest one,
-and the spread of the runs of one state is the renderer's noise. Branches that accept different runs
-merge without conflict: the state that was begun last counts.
+There is one file for each scene, renderer, device and way of judging; approval replaces it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
-import secrets
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -147,10 +145,8 @@ class MeasureChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """An accepted run; runs of one scene, renderer, device and judging are comparable."""
+    """A verification with its origin; runs of one scene, renderer, device and judging are comparable."""
 
-    run: str
-    began: str  #: name of the accepted state, which is the name of its first run
     time: str
     scene_hash: str
     renderer: str
@@ -160,12 +156,10 @@ class Run:
     xfrustum: str
     verification: dict[str, Any]  #: content of verification.json
 
-    def like(self, runs: Iterable[Self]) -> list[Self]:
-        """Return the runs that this one can be compared with."""
-        shared = ("scene_hash", "renderer", "device", "judged")
-        return [
-            run for run in runs if all(getattr(run, name) == getattr(self, name) for name in shared)
-        ]
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Properties that comparable runs share."""
+        return self.scene_hash, self.renderer, self.device, self.judged
 
     @property
     def hogels(self) -> dict[Place, Mapping[str, Any]]:
@@ -178,16 +172,15 @@ _RUN = TypeAdapter(Run)
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineOptions:
-    """Options of the comparison with accepted runs."""
+    """Options of the comparison with the accepted run."""
 
     renderer: str | None = None  #: name of the renderer; None: the source
     device: str | None = None  #: name of its device; None: this machine's processor
     near: float | None = None  #: as of `verify`, like the next two: other options, other measures
     accept: Sequence[str] = ()
     encoding: str | None = None
-    tolerance: Stated | None = None  #: in place of the spread of repeated runs
+    tolerance: Stated | None = None  #: None: measures are compared exactly
     approve: bool = False
-    repeated: bool = False  #: the present measures differ from the accepted ones by noise alone
     repository: Path | None = None  #: folder whose commit is noted; None: the current one
 
 
@@ -198,7 +191,6 @@ class Baseline:
     run: Run
     approved: bool
     changes: tuple[MeasureChange, ...]
-    accepted_runs: int  #: largest number of runs that a hogel is compared with
     tolerance: str  #: origin of the limits
     new_hogels: int
     new_beyond_limits: int  #: hogels that were not accepted before and exceed the limits
@@ -208,9 +200,9 @@ class Baseline:
     @property
     def change(self) -> Change:
         """The worst of all changes."""
-        there = {change.change for change in self.changes}
+        there = {measured.change for measured in self.changes}
         order = (Change.WORSE, Change.BETTER, Change.SAME)
-        return next((entry for entry in order if entry in there), Change.NEW)
+        return next((change for change in order if change in there), Change.NEW)
 
     @property
     def compared(self) -> bool:
@@ -225,19 +217,20 @@ class Baseline:
     def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
         """Return the changes of one kind by measure, the largest first."""
 
-        def rank(entry: MeasureChange) -> tuple[int, float]:
-            increase = math.inf if entry.now is None else abs(entry.now - (entry.accepted or 0.0))
-            return list(MEASURES).index(entry.measure), -increase
+        def rank(measured: MeasureChange) -> tuple[int, float]:
+            now, before = measured.now, measured.accepted or 0.0
+            increase = math.inf if now is None else abs(now - before)
+            return list(MEASURES).index(measured.measure), -increase
 
-        return tuple(sorted((entry for entry in self.changes if entry.change is change), key=rank))
+        return tuple(sorted((part for part in self.changes if part.change is change), key=rank))
 
     def summary(self) -> dict[str, Any]:
         """Return the JSON object; `changes` lists worse measures, then better ones."""
-        origin = ("run", "commit", "renderer", "device", "judged")
         kinds = (Change.WORSE, Change.BETTER)
         changes = [json_object(change) for kind in kinds for change in self.of_kind(kind)]
         left_out = ("run", "changes", "notes")
         rest = {name: value for name, value in vars(self).items() if name not in left_out}
+        origin = ("commit", "renderer", "device", "judged")
         named = {name: getattr(self.run, name) for name in origin}
         return {"change": str(self.change), **rest, **named, "changes": changes}
 
@@ -245,7 +238,7 @@ class Baseline:
 def baseline(
     verification: Verification, folder: Path | str, options: BaselineOptions | None = None
 ) -> Baseline:
-    """Compare a verification with the accepted runs of a folder; keep it if approved.
+    """Compare a verification with the accepted run of a folder; keep it there if approved.
 
     InputError where the folder cannot be written, or holds a file that is no accepted run; then
     nothing is approved.
@@ -253,41 +246,30 @@ def baseline(
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
     everything, run = accepted_runs(folder), _present(verification, options)
-    alike = run.like(everything)
-    # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
-    newest = {place: candidate.began for candidate in alike for place in candidate.hogels}
-    accepted: dict[Place, list[Mapping[str, Any]]] = {}
-    for run_of_state in alike:
-        for place, hogel in run_of_state.hogels.items():
-            if newest[place] == run_of_state.began:
-                accepted.setdefault(place, []).append(hogel)
-    runs = max((len(accepted[place]) for place in run.hogels.keys() & accepted.keys()), default=0)
-    tolerance = f"beyond the spread of {runs} accepted runs"
-    if runs == 1:
-        tolerance = "compared exactly, with one accepted run"
-    new = [hogel for hogel in verification.hogels if hogel.aperture.index not in accepted]
-    if options.approve and options.repeated and alike:
-        # Only the user can state that a difference is noise: at the same commit, a compiler may
-        # have
-        # got worse.
-        run = replace(run, began=alike[-1].began)
+    accepted = everything.get(run.key)
+    before = {} if accepted is None else accepted.hogels
+    new = [hogel for hogel in verification.hogels if hogel.aperture.index not in before]
+    stated = options.tolerance
     held = Baseline(
         run=run,
         approved=options.approve,
-        changes=tuple(_changes(run.hogels, accepted, options.tolerance)),
-        accepted_runs=runs,
-        tolerance=tolerance if options.tolerance is None else "tolerance as stated",
+        changes=tuple(_changes(run.hogels, before, stated)),
+        tolerance="compared exactly" if stated is None else "tolerance as stated",
         new_hogels=len(new),
-        new_beyond_limits=sum(not entry.passed for entry in new),
-        not_judged_hogels=len(accepted.keys() - run.hogels.keys()),
+        new_beyond_limits=sum(not hogel.passed for hogel in new),
+        not_judged_hogels=len(before.keys() - run.hogels.keys()),
         notes=(),
     )
-    held = replace(held, notes=tuple(_notes(held, everything, options)))
+    held = replace(held, notes=tuple(_notes(held, everything)))
     if options.approve:
-        content = json.dumps(asdict(run), allow_nan=False, indent=1) + "\n"
+        # Hogels that are not judged now stay accepted.
+        hogels = [*run.hogels.values(), *(before[place] for place in before.keys() - run.hogels)]
+        kept = replace(run, verification=run.verification | {"hogels": hogels})
+        name = hashlib.sha256("\0".join(run.key).encode()).hexdigest()[:16]
+        content = json.dumps(asdict(kept), allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
             (folder / ACCEPTED).mkdir(parents=True, exist_ok=True)
-        write_output(folder / ACCEPTED / f"{run.run}.json", content.encode(), OPTION)
+        write_output(folder / ACCEPTED / f"{name}.json", content.encode(), OPTION)
     return held
 
 
@@ -300,9 +282,9 @@ def check_folder(folder: Path) -> None:
         raise InputError(str(error).replace("--out", OPTION, 1)) from error
 
 
-def accepted_runs(folder: Path) -> list[Run]:
-    """Return all accepted runs of a folder, by the time at which their state, then they, began."""
-    runs = []
+def accepted_runs(folder: Path) -> dict[tuple[str, str, str, str], Run]:
+    """Return the accepted runs of a folder by their keys."""
+    runs = {}
     # Hidden names are files that other processes are writing.
     for path in sorted((folder / ACCEPTED).glob("[!.]*")):
         try:
@@ -313,8 +295,8 @@ def accepted_runs(folder: Path) -> list[Run]:
             raise InputError(
                 f"{OPTION} {path}: is no accepted run of this version; remove it, and approve anew"
             ) from error
-        runs.append(run)
-    return sorted(runs, key=lambda run: (run.began, run.run))
+        runs[run.key] = run
+    return runs
 
 
 def measures(hogel: Mapping[str, Any]) -> Measures:
@@ -344,17 +326,14 @@ def measures(hogel: Mapping[str, Any]) -> Measures:
 
 
 def _present(verification: Verification, options: BaselineOptions) -> Run:
-    """Return the present run, which begins a state of its own."""
-    judging, now = verification.limits.judging, datetime.now(UTC)
+    """Return the present run."""
+    judging = verification.limits.judging
     judged = [f"compare {judging.compared}", f"max-color {judging.color_tolerance:.6g}"]
     judged += [f"near {options.near:.9g}"] if options.near else []
     judged += [f"encoding {options.encoding}"] if options.encoding else []
     judged += [f"accept {','.join(sorted(options.accept))}"] if options.accept else []
-    name = f"{now:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"  # names sort by time
     return Run(
-        run=name,
-        began=name,
-        time=now.isoformat(timespec="seconds"),
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
         scene_hash=verification.scene.content_hash,
         renderer=options.renderer or verification.source,
         device=options.device or machine()["processor"],
@@ -367,44 +346,36 @@ def _present(verification: Verification, options: BaselineOptions) -> Run:
 
 def _changes(
     hogels: Mapping[Place, Mapping[str, Any]],
-    accepted: Mapping[Place, Sequence[Mapping[str, Any]]],
+    accepted: Mapping[Place, Mapping[str, Any]],
     stated: Stated | None,
 ) -> Iterator[MeasureChange]:
-    """Compare hogels with their accepted runs: worse exceeds all by more than their spread."""
-    values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
+    """Yield the changes of all measures of hogels."""
     for place, hogel in hogels.items():
-        runs, present = accepted.get(place, ()), measures(hogel)
-        before_of = [measures(run) for run in runs]
-        # Counts of another kind of wrong pixels are another measure.
-        kinds = {(run["as_found"] or {}).get("by") for run in (hogel, *runs)} - {None}
+        there, present = accepted.get(place), measures(hogel)
+        before = {} if there is None else measures(there)
+        kinds = {(of or {}).get("by") for of in (hogel["as_found"], (there or {}).get("as_found"))}
         for name, now in present.items():
-            before = [value for run in before_of if (value := run[name]) is not None]
-            before = before if len(kinds) <= 1 or name != "wrong_pixels" else []
+            was = before.get(name)
+            if name == "wrong_pixels" and len(kinds - {None}) > 1:
+                was = None  # counts of another kind of wrong pixels are another measure
             # A missing hogel counts once, and not once more for each of its other measures.
-            if now is not None or (before and not present["missing"]):
-                values[name, place] = before, now
-    # The spread of few runs is uncertain: it is no less than the root mean square over all hogels.
-    spreads = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
-    floors = {}
-    for name in {name for name, _ in spreads}:
-        squares = [size * size for (other, _), size in spreads.items() if other == name]
-        floors[name] = math.sqrt(math.fsum(squares) / len(squares))
-    for (name, place), (before, now) in values.items():
-        mean, high, change = None, None, Change.NEW
-        if before:
-            mean, spread = math.fsum(before) / len(before), max(spreads[name, place], floors[name])
-            low, high = min(before) - spread, max(before) + spread
-            if stated is not None and (amount := stated.amount(name, mean)) is not None:
-                low, high = mean - amount, mean + amount
-            slack = ROUNDING_PX if name.endswith("_px") else 0.0
-            change = Change.WORSE if now is None or now > high + slack else Change.SAME
-            change = Change.BETTER if now is not None and now < low - slack else change
-        yield MeasureChange(
-            measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change
-        )
+            if now is None and (was is None or present["missing"]):
+                continue
+            limit, change = None, Change.NEW
+            if was is not None:
+                amount = (stated.amount(name, was) if stated is not None else None) or 0.0
+                slack = amount + (ROUNDING_PX if name.endswith("_px") else 0.0)
+                limit, change = was + amount, Change.SAME
+                if now is None or now > was + slack:
+                    change = Change.WORSE
+                elif now < was - slack:
+                    change = Change.BETTER
+            yield MeasureChange(
+                measure=name, aperture=place, accepted=was, limit=limit, now=now, change=change
+            )
 
 
-def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
+def _notes(held: Baseline, everything: Mapping[Any, Run]) -> Iterator[str]:
     """Yield the notes of a comparison."""
     run, parts = held.run, []
     if held.new_hogels and (held.compared or held.not_judged_hogels):
@@ -415,15 +386,8 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
         parts.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
     if parts:
         yield f"Not compared: {'; '.join(parts)}."
-    alike = run.like(everything)
-    same = any(candidate.commit == run.commit for candidate in alike) and run.commit
-    if held.change in (Change.WORSE, Change.BETTER) and same and not options.repeated:
-        yield (
-            "a run of this commit is accepted: if no file differs, give --approve --repeated for "
-            "the noise"
-        )
-    others = [entry for entry in everything if entry.scene_hash == run.scene_hash]
-    if others and not alike:
+    others = [other for other in everything.values() if other.scene_hash == run.scene_hash]
+    if others and run.key not in everything:
         kept = sorted({f"{other.renderer} on {other.device} ({other.judged})" for other in others})
         yield f"of this scene, measures are accepted for {'; '.join(kept)}"
         yield f"what is judged now is {run.renderer} on {run.device} ({run.judged})"

@@ -303,7 +303,6 @@ BAD = [
         "verify boxes.toml {i}-{j}.png --baseline-device x",
         "--baseline-device is about --baseline DIR",
     ),
-    ("verify boxes.toml {i}-{j}.png --baseline kept --repeated", "give --approve too"),
     (
         "verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3",
         "'wrong' is not one of",

@@ -74,10 +74,6 @@ def _tolerance(text: str) -> Any:
 def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
     """Return what options ask of a baseline, its folder among it; None where there is none."""
     if baseline is not None:
-        if asked.get("repeated") and not asked["approve"]:
-            raise click.UsageError(
-                "--repeated says of what is accepted that it is noise: give --approve too"
-            )
         return {"folder": baseline, **asked}
     for name in filter(options.is_given, asked):
         raise click.UsageError(f"{options.flag_of(name)} is about --baseline DIR: give it too")
@@ -142,10 +138,9 @@ class _Verify(options.Measured):
         _baseline,
         baseline=option(options.FOLDER, "Folder of accepted measures: fail on what got worse."),
         approve=flag("Accept the present measures in --baseline."),
-        repeated=flag("With --approve: differences are the renderer's noise."),
         tolerance=option(
             _TOLERANCE,
-            "What counts as noise.  [default: the spread of accepted runs]",
+            "Noise of measures.  [default: none]",
             "--baseline-tolerance",
         ),
         renderer=option(
