@@ -21,11 +21,11 @@ from xfrustum.scenes.arrays import Floats, Singles
 
 RESOLUTION = (48, 36)
 SETTINGS = reversed_d32f(1e-3)
+#: Number of coverage samples, which the software rasterizer and every graphics card have
 FOUR = 4
-"""Number of coverage samples, which the software rasterizer and every graphics card have."""
 
+#: Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean
 SINGLE = 2.0**-23
-"""Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean."""
 
 Ask = Callable[..., HogelImage]
 Answer = Callable[[Scene], AbstractContextManager[Ask]]
@@ -64,8 +64,8 @@ def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(
         boxes = (
             fine(place).color.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64)
         )
-        found = ask(place, Sampling(supersample=n)).color
-    np.testing.assert_allclose(found, boxes, rtol=SINGLE, atol=SINGLE)
+        result = ask(place, Sampling(supersample=n)).color
+    np.testing.assert_allclose(result, boxes, rtol=SINGLE, atol=SINGLE)
 
 
 @BOTH
@@ -77,26 +77,26 @@ def test_an_aperture_is_the_mean_of_its_points(answer: Answer, boxes: int) -> No
     with answer(scene) as ask:
         points = sub_apertures(scene.plate, aperture, 5)
         expected = mean([ask(point, Sampling(supersample=boxes)).color for point in points])
-        found = ask(aperture, Sampling(supersample=boxes, aperture=5)).color
-        assert np.abs(found - ask(aperture).color).max() > 0.05
-    np.testing.assert_allclose(found, expected, rtol=2 * SINGLE, atol=2 * SINGLE)
+        result = ask(aperture, Sampling(supersample=boxes, aperture=5)).color
+        assert np.abs(result - ask(aperture).color).max() > 0.05
+    np.testing.assert_allclose(result, expected, rtol=2 * SINGLE, atol=2 * SINGLE)
 
 
 @pytest.mark.parametrize(
-    ("answer", "asked"),
+    ("answer", "options"),
     [
         *(
-            (answer, asked)
+            (answer, options)
             for answer in (traced, drawn)
-            for asked in ({"supersample": 2}, {"aperture": 3})
+            for options in ({"supersample": 2}, {"aperture": 3})
         ),
         (drawn, {"multisample": FOUR}),
     ],
 )
 def test_only_color_is_averaged_as_the_scene_has_it_where_nobody_asks(
-    answer: Answer, asked: dict[str, int]
+    answer: Answer, options: dict[str, int]
 ) -> None:
-    scene, sampling = dressed_scene("asymmetric", RESOLUTION), Sampling(**asked)
+    scene, sampling = dressed_scene("asymmetric", RESOLUTION), Sampling(**options)
     middle = scene.plate.middle
     with answer(scene) as ask, answer(replace(scene, sampling=sampling)) as by_scene:
         plain, fine = ask(middle), ask(middle, sampling)
@@ -107,7 +107,7 @@ def test_only_color_is_averaged_as_the_scene_has_it_where_nobody_asks(
 
 
 def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats]:
-    """Return a scene white below a line across the film, and how much of each pixel lies below it."""
+    """Return a scene white below a line across the film, and the share of each pixel below it."""
     width, height = resolution
     # In pixels, to the right and up from the film's middle; the corners lie outside the film.
     far = 3.0 * width
@@ -143,7 +143,7 @@ def error_at_the_edge(answer: Answer, **sampling: int) -> Floats:
 
 @BOTH
 def test_supersampling_converges_to_the_covered_area(answer: Answer) -> None:
-    """Each row of n points measures its length to 1/(2n), and n rows the area to less than another."""
+    """A row of n points measures its length to 1/(2n), n rows the area to less than another."""
     errors = {n: error_at_the_edge(answer, supersample=n) for n in (1, 2, 4, 8, 16)}
     snapped = 2.0**-8 * (1 + SLOPE)  # corners lie on a grid of 1/256 pixel
     for n, error in errors.items():
@@ -154,11 +154,11 @@ def test_supersampling_converges_to_the_covered_area(answer: Answer) -> None:
 
 
 def test_multisampling_agrees_with_supersampling_to_its_own_steps() -> None:
-    """Four points, one in each row and column of sixteen: area to a quarter, and better in the mean."""
-    one, four = error_at_the_edge(drawn), error_at_the_edge(drawn, multisample=FOUR)
+    """Four points in different rows and columns of sixteen: area to a quarter, less in the mean."""
+    item, four = error_at_the_edge(drawn), error_at_the_edge(drawn, multisample=FOUR)
     assert four.max() <= 1 / FOUR + 1 / 16
     assert (four[~CROSSED] == 0).all()
-    assert math.sqrt((four**2).sum()) < math.sqrt((one**2).sum()) / 2
+    assert math.sqrt((four**2).sum()) < math.sqrt((item**2).sum()) / 2
     with drawn(EDGE) as ask:
         shares = np.unique(ask(EDGE.plate.middle, Sampling(multisample=FOUR)).color)
     np.testing.assert_allclose(shares * FOUR, np.arange(FOUR + 1), atol=SINGLE)
@@ -184,7 +184,7 @@ def grating(height: float, period: float, *, recentered: bool) -> Scene:
 
 
 def discrepancy(count: int) -> float:
-    """Return the largest share by which `sub_apertures` misjudge an interval from an end of the pitch."""
+    """Return the largest error of `sub_apertures` for an interval from an end of the pitch."""
     plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
     x = np.sort([place.x + 0.5 for place in sub_apertures(plate, plate.middle, count)])
     steps = np.arange(count + 1) / count
@@ -199,7 +199,7 @@ def discrepancy(count: int) -> float:
 def test_a_grating_as_fine_as_the_aperture_is_gray(
     answer: Answer, height: float, recentered: bool
 ) -> None:
-    """Every line sweeps one whole period, half of it bright: the pitch, or less toward the screen's plane."""
+    """Every line sweeps one period, half of it bright: the pitch, or less toward the screen."""
     count = 89
     period = PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
     scene = grating(height, period, recentered=recentered)
@@ -212,7 +212,7 @@ def test_a_grating_as_fine_as_the_aperture_is_gray(
     assert 2 * discrepancy(count) < 0.1
 
 
-# What the rasterizer alone has: tiles, coverage samples, colors without the rest.
+# Features of the rasterizer alone: coverage samples, colors without other channels.
 
 
 def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> Singles:

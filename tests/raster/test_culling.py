@@ -1,4 +1,4 @@
-"""Culling as the paper has it: C leaves out back faces, C* front faces, so that the viewer sees the same."""
+"""Culling of the paper: C leaves out back faces, C* front faces, the same for the viewer."""
 
 import json
 from dataclasses import replace
@@ -19,8 +19,8 @@ from xfrustum.scenes.files.exr import CAMERA_JSON, read_image
 
 REACH = 40.0
 FRUSTUM = Frustum(resolution=(64, 48), reach=(REACH, REACH), fov=(radians(60), radians(50)))
+#: Near offset that displaces nothing on this film by more than 1e-4 px
 NEAR = 1e-7 * REACH
-"""Near offset that displaces nothing on this film by more than 1e-4 px."""
 
 
 def culled(near: float) -> DoubleFrustum:
@@ -44,7 +44,7 @@ def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(
 
 
 def sheet(z: float, size: float, *, to_viewer: bool, shift: float = 0.0) -> Floats:
-    """Return two triangles of a square about the axis, whose front is turned to the viewer or away."""
+    """Return two triangles of a square about the axis, turned to the viewer or away."""
     corners = np.array(
         [(-size + shift, -size), (size + shift, -size), (size + shift, size), (-size + shift, size)]
     )
@@ -54,7 +54,7 @@ def sheet(z: float, size: float, *, to_viewer: bool, shift: float = 0.0) -> Floa
 
 
 def sheets(side: float) -> Scene:
-    """Return a sheet seen from behind, and one seen from the front: farther away, and half beside it."""
+    """Return a sheet seen from behind, and a farther one seen from the front, half beside it."""
     near_viewer, farther = (
         (0.75 * REACH, 0.4 * REACH) if side > 0 else (-0.4 * REACH, -0.75 * REACH)
     )
@@ -106,7 +106,7 @@ def test_culling_is_a_setting_of_images_and_those_written_before_cull_nothing(
     assert main(["raster", "sheets", "--near", "1", "--cull", "back", "--out", str(out)]) == 0
     camera = read_image(out).camera
     assert camera.settings is not None and camera.settings.cull is Cull.BACK
-    told = json.loads(CAMERA_JSON.dump_json(camera))
-    assert told["settings"].pop("cull") == "back"
-    settings = CAMERA_JSON.validate_json(json.dumps(told)).settings
+    record = json.loads(CAMERA_JSON.dump_json(camera))
+    assert record["settings"].pop("cull") == "back"
+    settings = CAMERA_JSON.validate_json(json.dumps(record)).settings
     assert settings == replace(camera.settings, cull=Cull.NONE)

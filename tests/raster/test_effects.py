@@ -1,4 +1,4 @@
-"""Effects that a scene does not call for, or only out of sight, are left out, with the same bits."""
+"""Effects that a scene does not need, or only out of sight, are left out, bit for bit."""
 
 from dataclasses import replace
 from math import radians
@@ -19,10 +19,10 @@ from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment,
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
+#: Effects that the ball has, and nothing else in the scene
 MIRRORED = frozenset(
     {Effect.REFLECTION, Effect.SMOOTH_NORMALS, Effect.VERTEX_COLORS, Effect.SPECULAR}
 )
-"""Effects that the ball has, and nothing else in the scene."""
 
 CENTERED = Frustum(resolution=(24, 18), reach=(100.0, 150.0), fov=(radians(40), radians(40)))
 RECENTERED = Frustum(
@@ -52,21 +52,21 @@ def scene(*parts: SceneObject, frustum: Frustum = CENTERED) -> Scene:
     return replace(whole, plate=Plate(size=(40.0, 30.0), hogels=(5, 3)))
 
 
-def assert_same_bits(asked: Scene, how: DoubleFrustum) -> None:
-    """Assert that everything drawn and traced is the same with all effects and with those called for."""
-    apertures = (asked.plate.middle, asked.plate.corners[0])
+def assert_same_bits(request: Scene, how: DoubleFrustum) -> None:
+    """Assert equal drawings and traces with all effects and with the needed ones."""
+    apertures = (request.plate.middle, request.plate.corners[0])
     content = PlateContent(color=ColorType.FLOAT32, ids=True)
     with (
-        Rasterizer(asked) as auto,
-        Rasterizer(asked, ALL_EFFECTS) as everything,
-        PlateRenderer(asked, how, content) as plate,
+        Rasterizer(request) as auto,
+        Rasterizer(request, ALL_EFFECTS) as everything,
+        PlateRenderer(request, how, content) as plate,
     ):
         for aperture, hogel in zip(apertures, plate.hogels(apertures), strict=True):
-            one, other = auto.render(aperture, how), everything.render(aperture, how)
-            assert_same(one, other, "color", "triangle", "position")
-            assert_same(hogel, one, "color")
+            item, other = auto.render(aperture, how), everything.render(aperture, how)
+            assert_same(item, other, "color", "triangle", "position")
+            assert_same(hogel, item, "color")
     true, every = (
-        Reference(asked, effects=e).trace(asked.plate.middle) for e in (None, ALL_EFFECTS)
+        Reference(request, effects=e).trace(request.plate.middle) for e in (None, ALL_EFFECTS)
     )
     assert_same(true, every, "color")
 
@@ -107,10 +107,10 @@ def test_what_a_scene_does_not_call_for_changes_no_bit(
             part, uv=part.vertices[:, :2] / 7, textures=(picture,), texture_of_triangle=which
         )
     gray = card((5.0, 3.0, 40.0), (6.0, 8.0))
-    asked = lit(
+    request = lit(
         part, gray, frustum=CENTERED, lights=lights, environment=environment, paint=material
     )
-    assert_same_bits(asked, DoubleFrustum(near=0.1))
+    assert_same_bits(request, DoubleFrustum(near=0.1))
 
 
 @pytest.mark.parametrize("frustum", [CENTERED, RECENTERED], ids=["centered", "recentered"])
@@ -118,15 +118,15 @@ def test_what_a_scene_does_not_call_for_changes_no_bit(
 def test_a_mirror_ball_beside_the_frusta_calls_for_nothing(
     frustum: Frustum, center: tuple[float, float, float]
 ) -> None:
-    asked = scene(mirror_ball(center, 30.0), frustum=frustum)
-    assert not needed(asked) & (MIRRORED | {Effect.C_STAR})
-    assert_same_bits(asked, DoubleFrustum(near=20.0, pivot=Pivot.CAMERA))
+    request = scene(mirror_ball(center, 30.0), frustum=frustum)
+    assert not needed(request) & (MIRRORED | {Effect.C_STAR})
+    assert_same_bits(request, DoubleFrustum(near=20.0, pivot=Pivot.CAMERA))
 
 
 def test_one_aperture_calls_for_less_than_the_plate() -> None:
     """From the right edge of the plate the ball lies beside the frustum, stepped back or not."""
-    asked = scene(mirror_ball((-165.0, 0.0, -60.0), 60.0))
-    left, right = (asked.plate.aperture(column, 1) for column in (0, 4))
-    assert needed(asked) >= MIRRORED
-    assert needed(asked, question=Question(apertures=(left,))) >= MIRRORED
-    assert not needed(asked, question=Question(apertures=(right,))) & MIRRORED
+    request = scene(mirror_ball((-165.0, 0.0, -60.0), 60.0))
+    left, right = (request.plate.aperture(column, 1) for column in (0, 4))
+    assert needed(request) >= MIRRORED
+    assert needed(request, question=Question(apertures=(left,))) >= MIRRORED
+    assert not needed(request, question=Question(apertures=(right,))) & MIRRORED

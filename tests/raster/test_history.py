@@ -1,4 +1,4 @@
-"""A picture depends on what is asked for, and not on what was drawn before it."""
+"""Pictures depend on their request alone, not on pictures drawn before."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def left_behind() -> dict[str, Callable[[], object]]:
 
 
 def test_no_state_that_was_left_behind_changes_a_bit() -> None:
-    """The scene has triangles across the near planes and beyond the film on both sides of the plate."""
+    """The scene has triangles across the near planes and beyond the film on both sides."""
     scene = view("crossing", SIZE)
     settings = DoubleFrustum(near=0.1 * scene.frustum.longest_reach, depth=DepthFormat.D24)
     for leave in left_behind().values():

@@ -1,4 +1,4 @@
-"""Light as the rasterizer draws it: against its definition, with every flip, term by term, pass by pass."""
+"""Light of the rasterizer against its definition, with every flip, term and pass."""
 
 import math
 from dataclasses import replace
@@ -37,12 +37,13 @@ from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
 RESOLUTION = (160, 120)
 
+#: Largest error of any pixel: a step of a display with 8 bits
 ONE_CODE = 1 / 255
-"""Largest error of any pixel: a step of a display with 8 bits."""
 
+#: Largest error of nearly all pixels: attributes are float32 plane equations over up to 160 pixels,
+#: evaluated with an error of about 160 2^-23 of their range; textures and highlights change up to
+#: eight times as fast
 INTERPOLATED = 8 * 160 * 2.0**-23
-"""Largest error of nearly all pixels: attributes are float32 plane equations over up to 160 pixels, evaluated
-with an error of about 160 2^-23 of their range; textures and highlights change up to eight times as fast."""
 
 DRESSED = ("asymmetric", "asymmetric-recentered", "car", "crossing", "large-triangles")
 
@@ -55,7 +56,7 @@ def drawn(
 
 
 def beyond_snapping(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Floats:
-    """Return by how much (H, W, 3) radiance is off beyond what the device's snapping of vertices explains."""
+    """Return the error of radiance (H, W, 3) beyond the device's snapping of vertices."""
     off = np.abs(image.color - radiance_by_definition(scene, image, reflections=reflections))
     moved = moved_by_snapping(scene, image, device_at_hand(), reflections=reflections)
     return np.maximum(off - moved, 0.0)
@@ -75,7 +76,7 @@ def beyond_snapping(scene: Scene, image: HogelImage, *, reflections: bool = True
 def test_radiance_is_that_of_the_definition_on_both_sides(
     name: str, settings: DoubleFrustum
 ) -> None:
-    """A scene smooth and flat, colored and not, textured and not, with three lights and an environment."""
+    """The scene has smooth, flat, colored, textured parts, three lights and an environment."""
     scene = dressed_scene(name, RESOLUTION)
     image = drawn(scene, settings)
     error = beyond_snapping(scene, image).max(axis=-1)
@@ -95,13 +96,13 @@ def test_traced_radiance_is_that_of_the_definition_too(name: str) -> None:
     np.testing.assert_allclose(truth.color, expected, rtol=2.0**-22, atol=1e-9)
 
 
+#: Each flip of C* as the shaders have it, and as they would without it
 FLIPS = {
     "N*": ("return gl_FrontFacing ? normal", "return gl_FrontFacing == (conjugate > 0.0) ? normal"),
     "C*": ("return -unit(away)", "return -conjugate * unit(away)"),
     "L*": ("conjugate * lights[i].toward", "lights[i].toward"),
     "R*": ("vec3 R = conjugate *", "vec3 R ="),
 }
-"""Each flip of C* as the shaders have it, and as they would without it."""
 
 
 class TestFlips:
@@ -112,19 +113,19 @@ class TestFlips:
 
     def drawn_without(self, monkeypatch: pytest.MonkeyPatch, *flips: str) -> Singles:
         original = programs.shader
-        found: set[str] = set()
+        result: set[str] = set()
 
         def undone(name: str) -> str:
             text = original(name)
             for flip in flips:
                 right, wrong = FLIPS[flip]
-                found.update({flip} if right in text or wrong in text else ())
+                result.update({flip} if right in text or wrong in text else ())
                 text = text.replace(right, wrong)
             return text
 
         monkeypatch.setattr(programs, "shader", undone)
         image = drawn(self.scene, self.settings)
-        assert found == set(flips)
+        assert result == set(flips)
         return image.color
 
     @pytest.mark.parametrize("flip", FLIPS)
@@ -150,7 +151,7 @@ class TestFlips:
 
 
 def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scene:
-    """Return a textured square parallel to the plate that fills the film of `side` pixels exactly."""
+    """Return a textured square parallel to the plate that fills the film of `side` pixels."""
     corners = (
         np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * abs(height) * math.tan(math.radians(25))
     )
@@ -173,7 +174,7 @@ def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scen
 @pytest.mark.parametrize("height", [-40.0, 25.0])
 @pytest.mark.parametrize(("repeats", "points"), [(1, 1), (3, 1), (1, 2), (2, 5)])
 def test_a_textured_square_shows_its_texels(height: float, repeats: int, points: int) -> None:
-    """Texel centers show the texel; between them lies the weighted mean; C* sees it turned around."""
+    """Texel centers show the texel, points between them the weighted mean; C* turns both."""
     texture = np.random.default_rng(3).integers(0, 256, (6, 6, 4)).astype(np.uint8)
     side = 6 * repeats * points
     scene = square_scene(height, texture, repeats, side)
@@ -267,8 +268,8 @@ def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
     geometry = effect in (Effect.C, Effect.C_STAR)
     assert np.array_equal(whole.triangle, without.triangle) is not geometry
     if not geometry:
-        one, other = (
+        item, other = (
             Reference(scene, effects=e).trace(scene.plate.middle)
             for e in (None, ALL_EFFECTS - {effect})
         )
-        assert not np.array_equal(one.color, other.color)
+        assert not np.array_equal(item.color, other.color)

@@ -49,7 +49,8 @@ def test_every_run_makes_the_same_bits(name: str) -> None:
 @pytest.mark.parametrize(
     ("depth", "mapping", "name"),
     thinned(
-        ((*one, name) for one in DEPTHS for name in ("asymmetric-recentered", "car", "crossing")), 4
+        ((*item, name) for item in DEPTHS for name in ("asymmetric-recentered", "car", "crossing")),
+        4,
     ),
 )
 def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapping) -> None:
@@ -175,10 +176,10 @@ def test_points_depend_neither_on_the_number_of_parts_nor_on_pictures_before() -
         np.testing.assert_array_equal(
             rasterizer.render(camera.aperture, camera.settings).position, whole[1].position
         )
-    for expected, found in zip(
+    for expected, result in zip(
         whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True
     ):
-        np.testing.assert_array_equal(found.position, expected.position)
+        np.testing.assert_array_equal(result.position, expected.position)
 
 
 def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:

@@ -1,4 +1,4 @@
-"""Images too large for the device or the memory are refused before any work, and large ones are foretold."""
+"""Images too large for the device or memory are refused before any work."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ def write_scene(folder: Path, resolution: int) -> Path:
 def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The longest sides that the device has, in both directions at once: it is the device or the memory."""
+    """The longest side of the device in both directions exceeds the device or the memory."""
     longest = longest_side()
     with pytest.raises(
         InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"
@@ -49,10 +49,10 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
         Rasterizer(on_film(longest + 1, 8))
     scene, out = write_scene(tmp_path, longest), tmp_path / "raster.exr"
     assert main(["raster", str(scene), "--near", "1", "--out", str(out)]) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("xfrustum: error: ")
-    assert said.count("\n") == 1
-    assert "choose a smaller frustum.resolution" in said
+    message = capfd.readouterr().err
+    assert message.startswith("xfrustum: error: ")
+    assert message.count("\n") == 1
+    assert "choose a smaller frustum.resolution" in message
     assert not out.exists()
 
 

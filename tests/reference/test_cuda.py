@@ -1,10 +1,10 @@
-"""The kernels of the truth on CUDA, without a card: no product of doubles can be fused with a sum.
+"""Kernels of the truth on CUDA without a card: no product of doubles fuses with a sum.
 
 Dr.Jit traces them as for a card and hands them to a stand-in for the driver (libcuda.c), which
 keeps their PTX and runs none. So this tests which instructions a driver's compiler gets, and, where
 `ptxas` is at hand (on the path or in the wheel nvidia-cuda-nvcc-cu12), that NVIDIA's own compiler
-finds nothing to fuse. It does not test that a card computes what the instructions say, atomic
-operations, numbers that come back, speed, or anything with OpenGL.
+finds nothing to fuse. It tests neither the results of a card nor atomic
+operations, read-back, speed, or anything with OpenGL.
 `test_a_card_decides_the_same_bits` needs a card and is skipped without one.
 """
 
@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+#: A program that traces the kernels of truth, gaps, points and occlusion; kernels of colors are not
+#: exact
 KERNELS = """
 import sys
 from dataclasses import replace
@@ -56,14 +58,14 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
     camera = reference.camera(scene.plate.middle)
     reference._pictures.image(camera, rows, [(pencil, seen)], colored=False)
     points = occlusion.SurfacePoints(
-        position=np.full((64, 3), -1.0), triangle=np.zeros(64, np.int32), tolerance=np.full(64, 1e-6)
+        position=np.full((64, 3), -1.0), triangle=np.zeros(64, np.int32),
+        tolerance=np.full(64, 1e-6)
     )
     with backend.recording():
         lines = occlusion._sorted_lines(pencil, points)
         for some in occlusion._rows_of_cells(reference._triangles, pencil):
             reference._occlusion._classify_pairs(pencil, some, lines, dr.zeros(backend.Bool, 64))
 """
-"""A program that traces the kernels of truth, gaps, points and occlusion; those of colors are not exact."""
 
 STATEMENT = re.compile(r"^\s*(mul|add|sub|neg|mov)\.(?:f64|b64) (%\w+), (.*);", re.MULTILINE)
 
@@ -71,16 +73,16 @@ STATEMENT = re.compile(r"^\s*(mul|add|sub|neg|mov)\.(?:f64|b64) (%\w+), (.*);", 
 def fused(kernel: str) -> list[str]:
     """Return the sums of doubles in a kernel's PTX that a compiler may fuse with a product."""
     products: set[str] = set()
-    found = []
+    result = []
     for statement in STATEMENT.finditer(kernel):
         operation, target, operands = statement.groups()
         takes = not products.isdisjoint(operands.split(", "))
         if operation in {"add", "sub"} and takes:
-            found.append(statement[0].strip())
+            result.append(statement[0].strip())
         # A sign or a copy hides no product.
         if operation == "mul" or (operation in {"neg", "mov"} and takes):
             products.add(target)
-    return found
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
-    """Return the PTX of the kernels with doubles in them, by the names of their files in a folder."""
+    """Return the PTX of kernels with doubles, by the names of their files in a folder."""
     environment = {
         **os.environ,
         "XFRUSTUM_DEVICE": "auto",  # takes the card
@@ -112,16 +114,16 @@ def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def kernels(driver: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return the PTX of the truth's kernels as they are."""
+    """Return the PTX of the kernels of the truth."""
     return traced(driver, tmp_path_factory.mktemp("kernels"))
 
 
 def test_no_product_of_doubles_can_be_fused_with_a_sum(kernels: dict[str, str]) -> None:
     assert len(kernels) >= 12
     assert sum(text.count("fma.rn.f64") for text in kernels.values()) > 300
-    assert {name: found for name, text in kernels.items() if (found := fused(text))} == {}
+    assert {name: result for name, text in kernels.items() if (result := fused(text))} == {}
     everything = "".join(kernels.values())
-    # Quotients and roots are those of IEEE arithmetic, and the minimum of doubles is atomic.
+    # Quotients and roots follow IEEE arithmetic, and the minimum of doubles is atomic.
     assert "div.rn.f64" in everything and "sqrt.rn.f64" in everything and "approx" not in everything
 
 
@@ -135,6 +137,7 @@ def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path:
     ]
 
 
+#: A program that saves the truths of all built-in scenes and hard cases, three apertures each
 SAVED = """
 import sys
 import numpy as np
@@ -154,29 +157,28 @@ for name in (*builtin.names(), *hard_cases.CASES):
             found[f"{name}|{index}|{channel}"] = getattr(image, channel)
 np.savez(sys.argv[1], **found)
 """
-"""A program that saves the truths of all built-in scenes and hard cases, three apertures each."""
 
 
 def test_a_card_decides_the_same_bits(tmp_path: Path) -> None:
-    """Decisions, points and normals have the same bits on a card; colors agree to float32's rounding."""
-    found = []
+    """Decisions, points and normals have the same bits on a card; colors agree to rounding."""
+    result = []
     for device in ("auto", "llvm"):
         file = tmp_path / f"{device}.npz"
         environment = {**os.environ, "XFRUSTUM_DEVICE": device}
         if device == "auto":
-            asked = "from xfrustum.reference.llvm import array_device; print(array_device())"
-            said = subprocess.run(
-                [sys.executable, "-c", asked],
+            request = "from xfrustum.reference.llvm import array_device; print(array_device())"
+            message = subprocess.run(
+                [sys.executable, "-c", request],
                 env=environment,
                 capture_output=True,
                 text=True,
                 check=True,
             )
-            if said.stdout.strip() != "cuda":
+            if message.stdout.strip() != "cuda":
                 pytest.skip("no NVIDIA card that Dr.Jit finds")
         subprocess.run([sys.executable, "-c", SAVED, str(file)], env=environment, check=True)
-        found.append(dict(np.load(file)))
-    card, processors = found
+        result.append(dict(np.load(file)))
+    card, processors = result
     assert card.pop("arrays") == "cuda" and processors.pop("arrays") == "llvm"
     for name, values in processors.items():
         if name.endswith("|color"):

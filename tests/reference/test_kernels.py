@@ -1,4 +1,4 @@
-"""Kernels of Dr.Jit: the same bits on any number of threads and in any bands, and nothing without LLVM."""
+"""Kernels of Dr.Jit: the same bits on any threads and in any bands; errors without LLVM."""
 
 import os
 import subprocess
@@ -18,16 +18,16 @@ from xfrustum.scenes import HogelImage
 from xfrustum.scenes.appearance.appearance import Environment
 
 
-def assert_same_truth(one: HogelImage, other: HogelImage) -> None:
-    assert_same(one, other, "triangle", "object", "certainty", "position", "normal", "color")
-    assert set(map(tuple, one.tied_triangles.tolist())) == set(
+def assert_same_truth(item: HogelImage, other: HogelImage) -> None:
+    assert_same(item, other, "triangle", "object", "certainty", "position", "normal", "color")
+    assert set(map(tuple, item.tied_triangles.tolist())) == set(
         map(tuple, other.tied_triangles.tolist())
     )
 
 
 @pytest.mark.parametrize("name", ["crossing"])
 def test_several_threads_make_the_bits_of_one(name: str) -> None:
-    """Kernels write by atomic operations in any order; what is decided does not depend on it."""
+    """Kernels write by atomic operations in any order; decisions do not depend on it."""
     scene = view(name, (128, 96))
     aperture = scene.plate.aperture(38, 31)
     with threads(1):
@@ -56,13 +56,13 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
     expected = np.power(base, exponent, out=np.zeros(len(base)), where=where)
     with recording():
         (raised,) = constants([exponent])
-        found = light._power(on_device(base), raised, on_device(where), digits).numpy()
-    # What is smaller than a float32 can hold is nothing in an image.
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=2.0**-900)
+        result = light._power(on_device(base), raised, on_device(where), digits).numpy()
+    # Values below the range of float32 are zero in an image.
+    np.testing.assert_allclose(result, expected, rtol=1e-10, atol=2.0**-900)
 
 
 def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
-    """Places that are not numbers, as behind pixels that show nothing, must not be read from memory."""
+    """NaN places, as behind empty pixels, must not be read from memory."""
     random = np.random.default_rng(2)
     pictures = tuple(
         random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))
@@ -74,10 +74,10 @@ def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
         textures = Textures(pictures, numbers)
         channels = textures.color(on_device(triangle), [on_device(u), on_device(u[::-1])])
         dr.eval(*channels)
-        found = np.stack([channel.numpy() for channel in channels])
-    assert (found[:, triangle == 1] == 1).all()
+        result = np.stack([channel.numpy() for channel in channels])
+    assert (result[:, triangle == 1] == 1).all()
     known = np.isfinite(u) & np.isfinite(u[::-1])
-    assert known.sum() >= 2 and ((found[:, known] >= 0) & (found[:, known] <= 1)).all()
+    assert known.sum() >= 2 and ((result[:, known] >= 0) & (result[:, known] <= 1)).all()
     sky = Environment(radiance=random.uniform(0, 2, (7, 12, 3)).astype(np.float32))
     assert radiance_toward(sky, np.tile([[np.nan], [np.inf], [0.0]], 3)).shape == (3, 3)
     with recording():
@@ -85,7 +85,7 @@ def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
 
 
 @pytest.mark.parametrize(
-    ("environment", "words", "said"),
+    ("environment", "words", "message"),
     [
         ({"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"}, (), "(none: DRJIT_LIBLLVM_PATH names none"),
         ({"CUDA_VISIBLE_DEVICES": ""}, ("--arrays", "cuda"), "no NVIDIA card"),
@@ -98,7 +98,7 @@ def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
     ],
 )
 def test_without_a_compiler_or_a_card_a_command_prints_one_line(
-    environment: dict[str, str], words: tuple[str, ...], said: str
+    environment: dict[str, str], words: tuple[str, ...], message: str
 ) -> None:
     command = [sys.executable, "-m", "xfrustum", *words, "trace", "asymmetric", "--out", "x.exr"]
     done = subprocess.run(
@@ -106,7 +106,7 @@ def test_without_a_compiler_or_a_card_a_command_prints_one_line(
     )
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
-    assert said in line and len(line) < 500
+    assert message in line and len(line) < 500
 
 
 def test_the_environment_bounds_the_threads() -> None:

@@ -1,4 +1,4 @@
-"""The reference's means: the same in any bands, and how they converge (test_averages has what they are)."""
+"""Means of the reference: the same in any bands, and their convergence."""
 
 from dataclasses import replace
 
@@ -40,10 +40,10 @@ def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class TestSmoothPicture:
-    """A highlight on a card that fills a recentered film: a smooth function of the aperture's point."""
+    """Highlight on a card that fills a recentered film: smooth over the aperture."""
 
+    #: Apertures so wide that their lines differ by some 0.3 in slope
     COARSE = replace(PLATE, size=(60.0, 60.0), hogels=(3, 3))
-    """Apertures so wide that their lines differ by some 0.3 in slope."""
 
     PAINT = Material(
         ambient=(0.0,) * 3, diffuse=(0.0,) * 3, specular=(1.0, 1.0, 1.0), exponent=40.0
@@ -78,7 +78,7 @@ class TestSmoothPicture:
         return np.asarray(total[..., None] * SUN.color)
 
     def test_the_error_of_sub_apertures_falls_as_one_over_their_number(self) -> None:
-        """An additive recurrence has slope -1 but for a logarithm; independent random points have -1/2."""
+        """An additive recurrence has slope -1 but for a logarithm, random points -1/2."""
         exact, reference = self.integral(), Reference(self.scene())
         counts = [8, 32, 128, 512]
         errors = []
@@ -93,12 +93,12 @@ class TestSmoothPicture:
     def test_convergence_reaches_what_it_says(self) -> None:
         """The error of scrambled points falls as N^-1.5 for a picture as smooth as this."""
         exact, reference = self.integral(), Reference(self.scene())
-        found = [reference.converged(self.COARSE.middle, tolerance) for tolerance in (1e-3, 3e-5)]
-        errors = [float(np.sqrt(np.mean((one.color - exact) ** 2))) for one in found]
-        for one, error, tolerance in zip(found, errors, (1e-3, 3e-5), strict=True):
-            assert one.error <= tolerance
+        result = [reference.converged(self.COARSE.middle, tolerance) for tolerance in (1e-3, 3e-5)]
+        errors = [float(np.sqrt(np.mean((item.color - exact) ** 2))) for item in result]
+        for item, error, tolerance in zip(result, errors, (1e-3, 3e-5), strict=True):
+            assert item.error <= tolerance
             # The error comes from 8 estimates that pixels share in part: Student's t, 7 degrees, at
             # 1e-4.
-            assert error <= 7.1 * one.error
-        order = np.log(errors[1] / errors[0]) / np.log(found[1].points / found[0].points)
+            assert error <= 7.1 * item.error
+        order = np.log(errors[1] / errors[0]) / np.log(result[1].points / result[0].points)
         assert order < -1.1

@@ -31,7 +31,7 @@ def recentered(screen: Screen, resolution: tuple[int, int] = (64, 48)) -> Frustu
 
 
 def film_corner(bundle: RayBundle, u: int, v: int, s: float) -> Floats:
-    """Return the point at s on the line of the film's corner (u, v), found half a pixel beyond the last."""
+    """Return the point at s on the line of the film's corner (u, v), half a pixel outward."""
     dx, dy = bundle.dx, bundle.dy
     x = dx[-1] + (dx[-1] - dx[-2]) / 2 if u > 0 else dx[0] - (dx[1] - dx[0]) / 2
     y = dy[0] + (dy[0] - dy[1]) / 2 if v > 0 else dy[-1] - (dy[-2] - dy[-1]) / 2
@@ -87,7 +87,7 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
 def test_both_answers_put_a_point_into_the_same_pixel(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> None:
-    """The exact lines of C and C* against the matrices for OpenGL: two derivations of one geometry."""
+    """Exact lines of C and C* against the matrices for OpenGL: two derivations."""
     bundles = [camera.bundle for camera in model_cameras(frustum, aperture, settings)]
     c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
     ends = 0.0, 1.0

@@ -1,4 +1,4 @@
-"""The reference against brute force in rational numbers: the same first surface along every line."""
+"""First surface along every line, against brute force in rational numbers."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from tests.support.views import lines_by_definition, view
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty
 
+#: Largest error of a point as a part of the reach: a dozen roundings of doubles
 POSITION = 1e-12
-"""Largest error of a point as a part of the reach: a dozen roundings of doubles."""
 
 PIXELS = 60  #: pixels of each image that are held to rational numbers, chosen at random
 
@@ -48,11 +48,11 @@ def test_every_line_shows_what_brute_force_shows(
     some = some[:PIXELS]
     expected = exact_pixels(scene, where, some)
     assert [number[pixel] for pixel in some] == [
-        min(one.winners, default=NOTHING) for one in expected
+        min(item.winners, default=NOTHING) for item in expected
     ]
     tied = image.certainty.ravel()[some] == Certainty.TIE
-    np.testing.assert_array_equal(tied, [len(one.winners) > 1 for one in expected])
-    s = np.array([one.s for one in expected])[:, None]
+    np.testing.assert_array_equal(tied, [len(item.winners) > 1 for item in expected])
+    s = np.array([item.s for item in expected])[:, None]
     points = (
         np.array([where.x, where.y, 0.0])
         + s * lines_by_definition(scene, where).reshape(-1, 3)[some]

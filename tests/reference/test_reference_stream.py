@@ -1,4 +1,4 @@
-"""Streams of apertures, and second opinions that are asked for late."""
+"""Streams of apertures, and second opinions on demand."""
 
 import pickle
 from dataclasses import replace
@@ -29,19 +29,19 @@ def test_a_stream_has_the_images_of_each_aperture_alone() -> None:
 def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It is the opinion about the decision, whatever becomes of the image, and goes with a pickled image."""
+    """The opinion belongs to the decision, also after changes of the image and in a pickle."""
     scene = view("car", (40, 30))
     reference, expected = Reference(scene), Reference(scene).trace(scene.plate.middle).overruled
-    asked: list[str] = []
+    request: list[str] = []
 
     def built(_: Reference) -> EmbreeTracer:
-        asked.append("built")
+        request.append("built")
         return EmbreeTracer(scene)
 
     monkeypatch.setattr(Reference, "tracer", property(built))
     (image,) = reference.stream([scene.plate.middle])
     changed = replace(image, triangle=image.triangle + 1)
-    assert not asked
+    assert not request
     np.testing.assert_array_equal(changed.overruled, expected)
-    assert asked == ["built"]
+    assert request == ["built"]
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(image)).overruled, expected)

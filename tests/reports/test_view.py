@@ -1,4 +1,4 @@
-"""`view` from the command line: what it prints, what it writes, and where hogels may come from."""
+"""Output, files and sources of hogels of the command `view`."""
 
 import json
 import math
@@ -34,7 +34,7 @@ SCENE = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene, its plate, its hogels as OpenEXR and as pictures of triangle numbers, and a view of it."""
+    """Return a folder with a scene, its plate, hogels as OpenEXR and pictures, and a view."""
     here = tmp_path_factory.mktemp("scene")
     (here / "two.toml").write_text(SCENE)
     scene = open_scene(str(here / "two.toml"))
@@ -55,12 +55,12 @@ def run(command: str, folder: Path, *arguments: str) -> None:
     assert main([command, str(folder / "two.toml"), *arguments, "--quiet"]) == 0
 
 
-def told(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> dict[str, Any]:
+def printed(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> dict[str, Any]:
     """Run `view --json` and return the object that it prints."""
     capfd.readouterr()
     run("view", folder, *arguments, "--json")
-    found: dict[str, Any] = json.loads(capfd.readouterr().out)
-    return found
+    result: dict[str, Any] = json.loads(capfd.readouterr().out)
+    return result
 
 
 def drawn_anew(folder: Path) -> list[dict[str, Any]]:
@@ -93,7 +93,7 @@ def test_view_keeps_the_contract_and_writes_all_its_files(folder: Path) -> None:
 def test_only_the_display_is_judged_without_hogels(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (eye,) = told(capfd, folder, EYE, RESOLUTION)["eyes"]
+    (eye,) = printed(capfd, folder, EYE, RESOLUTION)["eyes"]
     assert eye["renderer"] is None and eye["display"]["flip"] > 0
     run("view", folder, "--eye=0,0,10;0,0,300", RESOLUTION)
     assert "1 of 2 eyes lie within the scene" in capfd.readouterr().out
@@ -103,10 +103,10 @@ def test_a_stored_plate_has_the_pixels_of_hogels_drawn_on_demand(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     source, out = f"--plate={folder / 'plate.zarr'}", tmp_path / "out"
-    stored = told(capfd, folder, EYES, RESOLUTION, source, f"--out={out}")
+    stored = printed(capfd, folder, EYES, RESOLUTION, source, f"--out={out}")
     pixels = [
-        [path.read_bytes() for path in sorted(one.glob("drawn_*.exr"))]
-        for one in (folder / "fly", out)
+        [path.read_bytes() for path in sorted(item.glob("drawn_*.exr"))]
+        for item in (folder / "fly", out)
     ]
     assert len(pixels[0]) == 2 and pixels[0] == pixels[1]
     assert stored["eyes"] == drawn_anew(folder)
@@ -118,17 +118,19 @@ def test_image_files_are_judged_by_the_channels_that_they_have(
     encoding: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     pattern = folder / ("{i}x{j}.exr" if encoding == "rgb" else "{i}x{j}.png")
-    files = told(capfd, folder, EYES, RESOLUTION, f"--images={pattern}", f"--encoding={encoding}")
-    for one, other in zip(files["eyes"], drawn_anew(folder), strict=True):
-        found, expected = one["renderer"], other["renderer"]
+    files = printed(
+        capfd, folder, EYES, RESOLUTION, f"--images={pattern}", f"--encoding={encoding}"
+    )
+    for item, other in zip(files["eyes"], drawn_anew(folder), strict=True):
+        result, expected = item["renderer"], other["renderer"]
         if encoding == "rgb":
-            assert found["wrong"] == expected["wrong"]
+            assert result["wrong"] == expected["wrong"]
             # Positions in files are single precision.
             p99 = expected["displacement_arcmin"]["p99"]
-            assert found["displacement_arcmin"]["p99"] == pytest.approx(p99, rel=1e-3)
+            assert result["displacement_arcmin"]["p99"] == pytest.approx(p99, rel=1e-3)
         else:
             # Triangle numbers do not locate a point on its triangle.
-            assert found["wrong"] <= expected["wrong"] and found["displacement_arcmin"] is None
+            assert result["wrong"] <= expected["wrong"] and result["displacement_arcmin"] is None
 
 
 @pytest.mark.parametrize("encoding", ["srgb", "object-id"])
@@ -138,7 +140,7 @@ def test_colors_name_no_surfaces_and_black_object_pictures_name_wrong_ones(
     for column, row in np.ndindex(8, 6):
         Image.new("RGB", (32, 24)).save(tmp_path / f"{column}x{row}.png")
     source = f"--images={tmp_path / '{i}x{j}.png'}"
-    (eye,) = told(capfd, folder, EYE, RESOLUTION, source, f"--encoding={encoding}")["eyes"]
+    (eye,) = printed(capfd, folder, EYE, RESOLUTION, source, f"--encoding={encoding}")["eyes"]
     if encoding == "srgb":
         assert eye["renderer"]["wrong"] is None and eye["renderer"]["flip"] > 0.01
     else:
@@ -149,10 +151,10 @@ def test_a_quilt_has_the_views_from_left_to_right_and_from_the_bottom_up(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out, single = tmp_path / "quilt", tmp_path / "single"
-    found = told(
+    result = printed(
         capfd, folder, "--eye=1,0,300", "--resolution=12,9", NEAR, "--quilt=3x2", f"--out={out}"
     )
-    places = [eye["eye"] for eye in found["eyes"]]
+    places = [eye["eye"] for eye in result["eyes"]]
     angles = [math.degrees(math.atan2(x - 1.0, 300)) for x, _, _ in places]
     assert angles == pytest.approx([-20, -12, -4, 4, 12, 20])
     names = [f"{name}_qs3x2a1.333.png" for name in ("drawn", "replayed", "true")]
@@ -171,6 +173,6 @@ def test_a_plate_of_another_scene_or_with_holes_is_refused(
     stored, other = tmp_path / "row.zarr", tmp_path / "other.toml"
     run("plate", folder, NEAR, "--apertures=*,2", "--out", str(stored))
     other.write_text(SCENE.replace("scale = 6.0", "scale = 7.0"))
-    for scene, said in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
+    for scene, message in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
         assert main(["view", str(scene), EYE, "--plate", str(stored), "--quiet"]) == 2
-        assert said in capfd.readouterr().err
+        assert message in capfd.readouterr().err

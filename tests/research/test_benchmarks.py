@@ -1,4 +1,4 @@
-"""Benchmarks state what they measured, on contestants that answer alike; no test measures speed."""
+"""Benchmarks describe their measures of agreeing contestants; no test measures speed."""
 
 import json
 from collections.abc import Callable
@@ -43,19 +43,19 @@ def test_a_benchmark_prints_a_rate_of_each_contestant(
     words: list[str], key: str, meanings: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["bench", *words, "--repeat=1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["arrays"] == array_device() == found["machine"]["arrays"] and found["renderer"]
-    assert "moderngl" in found["versions"] and found["meanings"] == meanings
-    scenes = found.get("scenes", [found])
+    result = json.loads(capsys.readouterr().out)
+    assert result["arrays"] == array_device() == result["machine"]["arrays"] and result["renderer"]
+    assert "moderngl" in result["versions"] and result["meanings"] == meanings
+    scenes = result.get("scenes", [result])
     for race in (race for scene in scenes for race in scene.get("races", [scene])):
         rates = race[key]
         assert set(rates) == set(meanings)
         for name, rate in rates.items():
             assert rate["median"] > 0 if rate else name == "mitsuba" and mitsuba_backend().scalar
         for pair, ratio in race["ratios"].items():
-            one, other = pair.split("/")
+            item, other = pair.split("/")
             assert ratio is None or ratio == pytest.approx(
-                rates[one]["median"] / rates[other]["median"]
+                rates[item]["median"] / rates[other]["median"]
             )
 
 
@@ -69,23 +69,23 @@ def test_a_benchmark_is_printed_as_a_table(capsys: pytest.CaptureFixture[str]) -
 def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
     scene = view("asymmetric-recentered", (40, 30))
     aperture = scene.plate.middle
-    found: dict[str, Callable[[], Any]] = dict(benchmarks.truth_contestants(scene, aperture))
-    image = found["truth"]()
+    result: dict[str, Callable[[], Any]] = dict(benchmarks.truth_contestants(scene, aperture))
+    image = result["truth"]()
     assert isinstance(image, HogelImage) and image.overruled is not None
     # The bare tracers have no far end: a hit beyond it is theirs alone.
     same = ~image.overruled & image.covered
     assert same.mean() > 0.05
     bands = list(Reference(scene).decide(aperture))
     np.testing.assert_array_equal(np.concatenate([band.triangle for band in bands]), image.triangle)
-    first = np.asarray(found["embree"]()).reshape(30, 40)
+    first = np.asarray(result["embree"]()).reshape(30, 40)
     np.testing.assert_array_equal(first[same], image.triangle[same])
-    _, ray, hit = found["trimesh"]()
+    _, ray, hit = result["trimesh"]()
     seen = np.full(same.size, NOTHING)
     seen[ray] = hit
     # Not in robust mode, it may miss a line near an edge.
     assert (seen.reshape(30, 40) == image.triangle)[same].mean() > 0.99
-    if "mitsuba" in found:
-        met = found["mitsuba"]().prim_index.numpy()
+    if "mitsuba" in result:
+        met = result["mitsuba"]().prim_index.numpy()
         np.testing.assert_array_equal(met.reshape(30, 40)[same], image.triangle[same])
 
 
@@ -117,9 +117,9 @@ def test_a_car_of_fewer_triangles_is_refused() -> None:
 
 @pytest.mark.slow
 def test_table_1_is_measured_in_the_terms_of_the_paper() -> None:
-    found = table1.benchmark_table1(8, 1, 1)
-    assert "RealityEngine2 (1996), antialiasing on" in table1.table1_table(found)
-    (row,) = json_ready(found)["rows"]
+    result = table1.benchmark_table1(8, 1, 1)
+    assert "RealityEngine2 (1996), antialiasing on" in table1.table1_table(result)
+    (row,) = json_ready(result)["rows"]
     assert (row["polygons"], round(row["reflective_share"], 3)) == (42382, 0.312)
     rate, on = row["frames_per_second"], row["antialiased"]
     assert row["polygons_per_second"] == pytest.approx(row["polygons"] * rate)

@@ -13,7 +13,7 @@ SIZE = (32, 32)
 
 @pytest.mark.slow
 def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
-    """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
+    """Up to rounding at edges, all show the picture of the shallowest cars."""
     seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]
     seen.append(depth_family.recentered_cars(10.0, SIZE))
     for ratio in (CAR_RATIO, 30.0):
@@ -22,7 +22,7 @@ def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_pict
         assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
         assert heights.max() / heights.min() == pytest.approx(ratio, rel=1e-12)
         seen.append(SeenScene(scene=scene, aperture=scene.plate.middle))
-    first, *others = [Reference(one.scene).trace(one.aperture) for one in seen]
+    first, *others = [Reference(item.scene).trace(item.aperture) for item in seen]
     assert (first.triangle >= 0).mean() > 0.3
     for other in others:
         assert (other.triangle != first.triangle).mean() < 1e-2
@@ -39,7 +39,7 @@ def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -
         depth_family.car_through_plate(distance, SIZE, recentered=sheared)
         for sheared in (False, True)
     ]
-    centered, recentered = (Reference(one.scene).trace(one.aperture) for one in seen)
+    centered, recentered = (Reference(item.scene).trace(item.aperture) for item in seen)
     assert seen[1].scene.frustum.screen is not None and centered.covered.any()
     assert np.mean(recentered.triangle != centered.triangle) < 1e-2
     same = recentered.triangle == centered.triangle

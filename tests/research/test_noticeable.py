@@ -1,4 +1,4 @@
-"""The study of viewers: what its data say, and no replay is made twice."""
+"""Study of viewers: its data and its page agree, and no replay is made twice."""
 
 import json
 import math
@@ -72,8 +72,8 @@ def test_a_study_that_was_stopped_replays_nothing_again(
 ) -> None:
     arguments = ["study", "noticeable", "--quick", "--json", "--quiet", "--out", str(tmp_path)]
     assert main(arguments) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["cells"] == len(list(QUICK.cells())) and 0 < told["replays"] <= told["cells"]
+    record = json.loads(capfd.readouterr().out)
+    assert record["cells"] == len(list(QUICK.cells())) and 0 < record["replays"] <= record["cells"]
     before = {path.name: path.read_bytes() for path in tmp_path.rglob("*.*")}
     assert {"noticeable.md", "noticeable.parquet"} <= set(before)
 

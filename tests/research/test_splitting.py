@@ -1,4 +1,4 @@
-"""Where one pair of frusta is enough: measured, resumed, and said from the data alone."""
+"""Study of splitting: measured, resumed, and written from the data alone."""
 
 import json
 import math
@@ -72,9 +72,9 @@ def published() -> tuple[Row, ...]:
 
 
 def studied(out: Path) -> StudyFiles:
-    found = make_study(out, TINY)
-    assert found is not None
-    return found
+    result = make_study(out, TINY)
+    assert result is not None
+    return result
 
 
 def single(rows: tuple[Row, ...]) -> list[Row]:
@@ -83,21 +83,21 @@ def single(rows: tuple[Row, ...]) -> list[Row]:
 
 @pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """The film's corner is off by W n / (sqrt(2) |z|): that much at most, and not a tenth of it at p99."""
+    """The film's corner is off by W n / (sqrt(2) |z|): p99 lies between a tenth and all of it."""
     for row in single(tiny.rows):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
             assert suitability(row) in {Suitability.ENOUGH, Suitability.STARVED}
         if in_corner > 10 * TOLERANCE_PX:
             assert suitability(row) in {Suitability.BENT, Suitability.BOTH}
-        # No depth buffer moves the picture, wherever it leaves the surfaces as they are.
+        # No depth buffer moves pixels whose surfaces it keeps.
         if row.depth_wrong == 0:
             assert row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.2)
 
 
 @pytest.mark.slow
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """Twice the smallest separation is ordered, half of it is not; between them anything may happen."""
+    """Twice the smallest separation is ordered, half of it is not."""
     decided = [
         r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2
     ]
@@ -109,7 +109,7 @@ def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) 
 
 
 def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
-    """Cameras in the aperture draw every point where it belongs: within 32-bit surface positions."""
+    """Cameras in the aperture draw points in place, within 32-bit surface positions."""
     cut = [row for row in tiny.rows if row.slabs]
     assert cut
     for row in cut:
@@ -122,7 +122,8 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
 def row_of(**changed: Any) -> Row:
     plain = Row(
         **vars(CELL), judged=10_000, covered=4_000, nearest=0.1, farthest=1.0,
-        surface_wrong=0, outside=0, depth_wrong=0, lost=0, displacement_rms=0.1, displacement_p99=0.1,
+        surface_wrong=0, outside=0, depth_wrong=0, lost=0, displacement_rms=0.1,
+        displacement_p99=0.1,
         displacement_max=0.1, displaced=0, predicted_rms=0.1, predicted_p99=0.1, misordered=0.0,
         ordered_separation=1e-6, predicted_separation=1e-6,
     )  # fmt: skip
@@ -185,11 +186,11 @@ def test_the_command_prints_one_object_that_names_every_case(
     monkeypatch.setattr(splitting, "QUICK", TINY)
     out = str(tiny.data.parent)
     assert main(["study", "splitting", "--quick", "--quiet", "--json", "--out", out]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["cells"] == len(tiny.rows) and said["sentence"] == sentence(tiny.rows)
-    assert len(said["cases"]) == len(outcomes(tiny.rows))
-    assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
-    assert {Path(file).stem for file in said["files"]["figures"]} == figures(tiny.rows).keys()
+    message = json.loads(capsys.readouterr().out)
+    assert message["cells"] == len(tiny.rows) and message["sentence"] == sentence(tiny.rows)
+    assert len(message["cases"]) == len(outcomes(tiny.rows))
+    assert all(case["one_pair"] == bool(case["nears"]) for case in message["cases"])
+    assert {Path(file).stem for file in message["files"]["figures"]} == figures(tiny.rows).keys()
 
 
 def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
@@ -198,12 +199,12 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
     def cells(study: Any) -> list[Cell]:
         nears, grids = study
         return [
-            part_of(one, Cell) for grid in grids for block in grid.blocks(nears) for one in block
+            part_of(item, Cell) for grid in grids for block in grid.blocks(nears) for item in block
         ]
 
     def rounded(some: Iterable[Cell]) -> set[Cell]:
         """The last digit of a power of ten is another one on other processors."""
-        return {replace(one, near=float(f"{one.near:.12g}")) for one in some}
+        return {replace(item, near=float(f"{item.near:.12g}")) for item in some}
 
     made = rounded(part_of(row, Cell) for row in single(published))
     assert made == rounded(cells(FULL)) >= rounded(cells(QUICK))
@@ -219,8 +220,11 @@ def test_the_published_page_has_the_tables_that_follow_from_its_data(
     assert len(lines) == 13
     for line in lines:
         assert line in page
-    for one in helps(published):
-        assert f"| {one['one_pair']} of {one['cases']} | {one['cases'] - one['one_pair']} |" in page
+    for item in helps(published):
+        assert (
+            f"| {item['one_pair']} of {item['cases']} | {item['cases'] - item['one_pair']} |"
+            in page
+        )
     enough, cases = (
         int(word)
         for word in sentence(published).split("enough in ")[1].split(" cases")[0].split(" of ")

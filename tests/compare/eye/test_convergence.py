@@ -43,5 +43,5 @@ def test_the_replayed_truth_tends_to_the_true_view_with_order_one(
         assert loss.displacement_arcmin is not None and loss.fraction is not None
         moved.append(loss.displacement_arcmin.p50)
         wrong.append(loss.fraction)
-    for found, (low, high) in ((moved, moved_order), (wrong, wrong_order)):
-        assert low < math.log2(found[0] / found[-1]) / halvings < high
+    for result, (low, high) in ((moved, moved_order), (wrong, wrong_order)):
+        assert low < math.log2(result[0] / result[-1]) / halvings < high

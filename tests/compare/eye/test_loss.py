@@ -1,4 +1,4 @@
-"""What an eye loses to the display and to the renderer, on small plates."""
+"""Losses of an eye by the display and by the renderer, on small plates."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -66,13 +66,14 @@ def views_of(
     ]
 
 
+#: Distance by which a rasterizer may move an edge, in pixels: vertices snap to a grid of 256 to a
+#: pixel, by up to 0.71 of a step. Before that they are rounded to single precision, by less on
+#: films as small as these.
 EDGE_PX = 2 / 256
-"""Distance by which a rasterizer may move an edge, in pixels: vertices snap to a grid of 256 to a pixel, by
-up to 0.71 of a step. Before that they are rounded to single precision, by less on films as small as these."""
 
 
 def surfaces_beside(scene: Scene, pixels: HogelPixels, row: int, column: int) -> list[int]:
-    """Return the triangles that lines see which pass a hogel's pixel at the distance of `EDGE_PX`."""
+    """Return the triangles along lines at the distance of `EDGE_PX` from a hogel's pixel."""
     aperture = scene.plate.aperture(int(pixels.hogel_column[column]), int(pixels.hogel_row[row]))
     bundle = crossed_frustum(scene.frustum, aperture)
     line = np.array([bundle.dx[pixels.film_column[column]], bundle.dy[pixels.film_row[row]], -1.0])
@@ -81,8 +82,8 @@ def surfaces_beside(scene: Scene, pixels: HogelPixels, row: int, column: int) ->
     lines = line + np.stack(
         (step[0] * np.cos(around), step[1] * np.sin(around), 0 * around), axis=-1
     )
-    found = first_surfaces_along(scene.triangles, bundle.center, lines, bundle.s_range)
-    return [int(number) for number in found.triangle]
+    result = first_surfaces_along(scene.triangles, bundle.center, lines, bundle.s_range)
+    return [int(number) for number in result.triangle]
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +103,10 @@ def test_what_the_renderer_shows_is_the_replayed_truth_of_the_moved_scene_but_fo
     assert (views.drawn.triangle != views.replayed.triangle).mean() > 0.05
     assert views.taken.shown.columns.size == LEFT.resolution[0]
     wrong = np.argwhere(views.drawn.triangle != seen)
-    # What is left lies at edges, which a rasterizer moves by a part of a pixel.
+    # The others lie at edges, which a rasterizer moves by a part of a pixel.
     for row, column in wrong.tolist():
-        beside = surfaces_beside(moved.scene, views.taken.shown, row, column)
-        assert views.drawn.triangle[row, column] in np.append(moved.number, -1)[beside]
+        neighbors = surfaces_beside(moved.scene, views.taken.shown, row, column)
+        assert views.drawn.triangle[row, column] in np.append(moved.number, -1)[neighbors]
     assert len(wrong) < 0.005 * views.drawn.triangle.size
 
 
@@ -193,7 +194,7 @@ def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
 def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(
     name: str, published: tuple[float, ...]
 ) -> None:
-    """The percentages of docs/method.md: C against B, also of the moved scene, and B against A of both."""
+    """Percentages of docs/method.md: C against B, also of the moved scene; B against A of both."""
     reference = EyeReference(view(name, (256, 256)))
     eye = replace(LEFT, position=(40.0, 20.0, 600.0), resolution=(320, 240))
     (views,) = views_of(reference, reversed_d32f(NEAR), [eye])
@@ -206,7 +207,7 @@ def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(
     others = (views.replayed.triangle, np.append(moved.number, -1)[as_moved.replayed.triangle])
     shares = [(views.drawn.triangle != other).mean() for other in others]
     shares += [
-        display_loss(*one).numbers().fraction or 0.0
-        for one in ((reference, views), (seen, as_moved))
+        display_loss(*item).numbers().fraction or 0.0
+        for item in ((reference, views), (seen, as_moved))
     ]
     np.testing.assert_allclose(100 * np.array(shares), published, atol=0.06)

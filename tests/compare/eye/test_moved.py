@@ -1,4 +1,4 @@
-"""The theorem of docs/method.md: what a viewer sees of the near offset is a gap opened at the plate."""
+"""Theorem of docs/method.md: for a viewer, the near offset opens a gap at the plate."""
 
 import math
 from dataclasses import replace
@@ -21,9 +21,9 @@ from xfrustum.scenes.arrays import Floats
 REACH = 12.0
 WIDTH = 64
 
+#: Largest difference of two film places that rounding may make, relative to the place: some twenty
+#: roundings of 1e-16, which differences of nearly equal lengths make at most 1e4 times as large
 ROUNDING_PX = 1e-9
-"""Largest difference of two film places that rounding may make, relative to the place: some twenty roundings
-of 1e-16, which differences of nearly equal lengths make at most 1e4 times as large."""
 
 CENTERED = Frustum(
     resolution=(WIDTH, WIDTH), reach=(REACH, REACH), fov=(math.radians(50), math.radians(40))
@@ -38,8 +38,8 @@ IN_FRONT = replace(RECENTERED, screen=Screen(height=7.0, center=(0.0, 0.5), size
 LATERAL = st.floats(-6, 6)
 APERTURES = st.builds(at, LATERAL, LATERAL)
 DISTANCES = st.floats(0.01, REACH)
+#: 1 for points behind the plate, which C draws; -1 for those before it, which C* draws
 SIDES = st.sampled_from([1, -1])
-"""1 for points behind the plate, which C draws; -1 for those before it, which C* draws."""
 
 SETTINGS = st.builds(
     DoubleFrustum,
@@ -53,7 +53,7 @@ SETTINGS = st.builds(
 def drawn_places(
     points: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum
 ) -> list[Floats]:
-    """Return where the cameras draw one point: by the reference's lines, and by the raster's matrices."""
+    """Return the film place of a point by the reference's lines and by the raster's matrices."""
     height = float(points[0, 2])
     lines = [
         camera.bundle
@@ -61,14 +61,14 @@ def drawn_places(
         if camera.heights[0] <= height <= camera.heights[1]
     ]
     # At a cut two slabs keep the point: the inner one is meant.
-    bundle = max(lines, key=lambda one: abs(one.center[2]))
+    bundle = max(lines, key=lambda item: abs(item.center[2]))
     inner = min(
         (
             camera
             for camera in slab_cameras(frustum, how, orthoscopic=height < 0)
             if camera.heights[0] <= abs(height) <= camera.heights[1]
         ),
-        key=lambda one: one.heights[0],
+        key=lambda item: item.heights[0],
     )
     matrix = clip_from_scene(frustum, aperture, inner, how.pivot, MAPPINGS[how.mapping].ends)
     clip = matrix @ np.append(points[0], 1.0)
@@ -151,12 +151,13 @@ def test_only_the_first_slab_is_moved_and_no_seam_opens_where_the_fit_is_the_fir
     assert math.isclose(inside, first, rel_tol=1e-14)
     assert outside == first + beyond
     # With the angle kept instead, the first slab ends n beyond the cut: a seam.
-    seam = replayed_distance(np.array(first), CENTERED, replace(fitted, fit="angle"))  # type: ignore[arg-type]
+    angle = replace(fitted, fit="angle")  # type: ignore[arg-type]  # names are taken
+    seam = replayed_distance(np.array(first), CENTERED, angle)
     assert seam == first + near
 
 
+#: Near offset, a twenty-fifth of the scenes' reach of 150: pictures are plainly bent
 NEAR = 6.0
-"""Near offset, a twenty-fifth of the scenes' reach of 150: pictures are plainly bent."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What eyes notice, in closed form: against points that are replayed, one aperture after the other."""
+"""Closed forms of noticeable effects against points replayed aperture by aperture."""
 
 import json
 import math
@@ -44,7 +44,7 @@ FULL_REACH = Content(before=(0.0, 150.0), behind=(0.0, 150.0), through=True)
 def slope_seen(
     scene: Scene, settings: DoubleFrustum, point: Floats, eye: tuple[float, float]
 ) -> float:
-    """Return the slope along x under which an eye (x, height) is shown a point, aperture by aperture."""
+    """Return the slope along x from an eye (x, height) to a replayed point, by apertures."""
     side = 1 if point[2] <= 0 else -1
     x = 0.0
     for _ in range(200):
@@ -72,8 +72,8 @@ def test_disparity_changes_as_two_eyes_see_replayed_points(
     half = EYES_APART_MM / 2
     left, right = (slope_seen(scene, settings, point, (x, distance)) for x in (-half, half))
     change = left - right - EYES_APART_MM / (distance - height)
-    found = disparity_changes(np.array([height]), viewer, Display.from_scene(scene), settings)
-    assert found[0] == pytest.approx(change * ARCSEC_PER_RADIAN, abs=1e-6, rel=1e-6)
+    result = disparity_changes(np.array([height]), viewer, Display.from_scene(scene), settings)
+    assert result[0] == pytest.approx(change * ARCSEC_PER_RADIAN, abs=1e-6, rel=1e-6)
 
 
 @pytest.mark.parametrize("distance", [150.0, 600.0, 5000.0])
@@ -91,7 +91,7 @@ def test_the_near_offset_that_is_not_seen_changes_disparity_by_the_stereo_acuity
     disparity = EYES_APART_MM / (distance - limit) - EYES_APART_MM / (distance + limit)
     # Two quotients near 65 / 100 are subtracted: twenty roundings of them.
     assert disparity == pytest.approx(STEREO_ACUITY_ARCSEC / ARCSEC_PER_RADIAN, abs=1e-14)
-    # What is nearer to the eyes changes more.
+    # Surfaces nearer to the eyes change more.
     assert (
         stereo_change_arcsec(
             FULL_REACH, viewer, Display.from_scene(scene), DoubleFrustum(near=limit)
@@ -116,8 +116,8 @@ def test_a_crack_is_what_rays_through_corners_see_between_the_halves(
             # Beside the ray from the eye through the corner, at the height of the moved end.
             ends.append(moved[:2] - corner * (distance - moved[2]) / distance)
         widths.append(float(np.linalg.norm(ends[0] - ends[1])) / distance * ARCMIN_PER_RADIAN)
-    found = crack_arcmin(Viewer(distance=distance), Display.from_scene(scene), settings)
-    assert found == pytest.approx(max(widths), rel=1e-9)
+    result = crack_arcmin(Viewer(distance=distance), Display.from_scene(scene), settings)
+    assert result == pytest.approx(max(widths), rel=1e-9)
 
 
 def test_a_screen_as_far_as_the_eye_leaves_no_crack() -> None:
@@ -136,11 +136,11 @@ def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction()
         Viewer(distance=600.0),
     )
     fine = replace(display, pitch=0.05, diffraction=0.0)
-    found = [
-        resolved_crack(viewer, one, settings) for one in (display, fine, replace(fine, pixel=0.5))
+    result = [
+        resolved_crack(viewer, item, settings) for item in (display, fine, replace(fine, pixel=0.5))
     ]
-    assert [name for name, _, _ in found] == ["pitch", "acuity", "pixel"]
-    assert [angle for _, angle, _ in found[:2]] == [
+    assert [name for name, _, _ in result] == ["pitch", "acuity", "pixel"]
+    assert [angle for _, angle, _ in result[:2]] == [
         display_limits(SCENES["car"], viewer).pitch_arcmin,
         1.0,
     ]
@@ -181,42 +181,42 @@ def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
     )
 
 
-# What a display shows at a distance, and check of it.
+# Limits of a display at a distance, also by `check`.
 
 
 @given(st.floats(160, 5000))
 def test_at_the_ends_of_the_depth_of_field_pixels_look_as_large_as_what_can_be_told_apart(
     distance: float,
 ) -> None:
-    found = display_limits(SCENES["car"], Viewer(distance=distance))
-    finest = max(found.pitch_arcmin, 1.0)
-    before = found.pixel_arcmin * found.before / (distance - found.before)
+    result = display_limits(SCENES["car"], Viewer(distance=distance))
+    finest = max(result.pitch_arcmin, 1.0)
+    before = result.pixel_arcmin * result.before / (distance - result.before)
     assert before == pytest.approx(finest, rel=1e-12)
-    if math.isfinite(found.behind):
-        behind = found.pixel_arcmin * found.behind / (distance + found.behind)
+    if math.isfinite(result.behind):
+        behind = result.pixel_arcmin * result.behind / (distance + result.behind)
         assert behind == pytest.approx(finest, rel=1e-9)
     else:
-        assert found.pixel_arcmin <= finest
+        assert result.pixel_arcmin <= finest
 
 
 def test_a_gap_as_wide_as_the_limit_is_a_crack_of_one_hogel_at_the_plates_corners() -> None:
-    found = display_limits(SCENES["car"], Viewer(distance=600.0))
+    result = display_limits(SCENES["car"], Viewer(distance=600.0))
     slope = math.hypot(40.0, 30.0) / 600.0
-    assert 2 * found.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
+    assert 2 * result.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
 
 
 def test_check_lists_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
-    asked = ["check", "asymmetric", "--viewer=600", "--near"]
-    assert main([*asked, "0.2", "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)["viewer"]
-    assert told["limits"]["viewer"]["distance"] == 600
-    # What stands before the plate is seen to change more than what lies at it.
-    assert told["largest_unseen_near"] == 0.232
-    assert told["largest_unseen_near"] < min(
-        told["limits"]["near_stereo"], told["limits"]["near_crack"]
+    request = ["check", "asymmetric", "--viewer=600", "--near"]
+    assert main([*request, "0.2", "--json"]) == 0
+    record = json.loads(capfd.readouterr().out)["viewer"]
+    assert record["limits"]["viewer"]["distance"] == 600
+    # Surfaces before the plate change more than surfaces at it.
+    assert record["largest_unseen_near"] == 0.232
+    assert record["largest_unseen_near"] < min(
+        record["limits"]["near_stereo"], record["limits"]["near_crack"]
     )
-    assert not told["seen"]
-    assert main([*asked, "0.3"]) == 0
+    assert not record["seen"]
+    assert main([*request, "0.3"]) == 0
     assert "n = 0.3 mm is seen" in capfd.readouterr().out
 
 
@@ -242,23 +242,27 @@ def test_all_surfaces_stand_for_what_a_scout_sees() -> None:
     assert seen.before is not None and everything.before is not None
     assert seen.behind is not None and everything.behind is not None
     assert everything.before[0] <= seen.before[0] and seen.before[1] <= everything.before[1]
-    # The ends of what is seen are those of the scene but for the lattice of the scout's lines.
+    # Visible ends are the ends of the scene but for the lattice of the scan's lines.
     assert everything.before[1] == pytest.approx(seen.before[1], rel=0.01)
 
 
 def test_a_crack_is_seen_sooner_with_shear() -> None:
     viewer, sheared = Viewer(distance=1200.0), SCENES["car-recentered"]
-    found = display_limits(sheared, viewer)
-    width = crack_arcmin(viewer, Display.from_scene(sheared), DoubleFrustum(near=found.near_crack))
-    assert width == pytest.approx(max(found.pitch_arcmin, 1.0), rel=1e-9)
-    assert found.near_crack < display_limits(SCENES["car"], viewer).near_crack
+    result = display_limits(sheared, viewer)
+    width = crack_arcmin(viewer, Display.from_scene(sheared), DoubleFrustum(near=result.near_crack))
+    assert width == pytest.approx(max(result.pitch_arcmin, 1.0), rel=1e-9)
+    assert result.near_crack < display_limits(SCENES["car"], viewer).near_crack
 
 
 def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
-    found = display_limits(replace(SCENES["car"], units="units"), Viewer(distance=600.0))
-    assert (found.near_stereo, found.diffraction_arcmin, found.rays_per_pupil) == (None, None, None)
+    result = display_limits(replace(SCENES["car"], units="units"), Viewer(distance=600.0))
+    assert (result.near_stereo, result.diffraction_arcmin, result.rays_per_pupil) == (
+        None,
+        None,
+        None,
+    )
     record = viewer_record(replace(SCENES["car"], units="units"), 600.0, DoubleFrustum(near=1.0))
     assert record["stereo_change_arcsec"] is None
-    assert [one.name for one in record["near_limits"]] == [CRACK]
+    assert [item.name for item in record["near_limits"]] == [CRACK]
     with pytest.raises(InputError, match="distance"):
         Viewer(distance=-1.0)

@@ -65,7 +65,7 @@ def checked_one_by_one(
     apertures: Sequence[Aperture],
     effects: frozenset[Effect] | None = None,
 ) -> float:
-    """Assert that every image is the rasterizer's own, and return the share of pixels with surfaces."""
+    """Assert that every image is the rasterizer's own; return the share of covered pixels."""
     covered = []
     content = replace(EVERYTHING, effects=effects)
     with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
@@ -94,11 +94,15 @@ def checked_one_by_one(
                 for depth, mapping in itertools.product(DepthFormat, DepthMapping)
             ),
             *(
-                (name, (48, 36), one)
+                (name, (48, 36), item)
                 for name in ("asymmetric", "asymmetric-recentered")
-                for one in OPTIONS
+                for item in OPTIONS
             ),
-            *((name, (48, 36), one) for name in ("crossing", "large-triangles") for one in CULLED),
+            *(
+                (name, (48, 36), item)
+                for name in ("crossing", "large-triangles")
+                for item in CULLED
+            ),
             *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-recentered", "sheets")),
             *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-studio", "truck")),
             *(
@@ -122,7 +126,7 @@ def test_every_scene_and_setting_is_drawn_as_a_single_hogel_is(
 )
 @pytest.mark.parametrize("name", thinned(["crossing", "asymmetric"], 2))
 def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
-    """The scene is smooth and flat, colored and not, textured and not, with three lights and mirrors."""
+    """The scene has smooth, flat, colored and textured parts, three lights and mirrors."""
     scene = dressed_scene(name, (64, 48))
     assert checked_one_by_one(scene, chosen, some_apertures(scene), ALL_EFFECTS) > 0.05
 
@@ -157,19 +161,19 @@ def test_heights_and_normals_are_the_rasterizers(
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
-    for asked, near, told in (
+    for request, near, record in (
         (view("asymmetric"), 1000.0, "near"),
         (view("asymmetric", (1 << 20, 4)), 0.1, r"smaller frustum\.resolution"),
     ):
-        with pytest.raises(InputError, match=told):
-            PlateRenderer(asked, DoubleFrustum(near=near))
+        with pytest.raises(InputError, match=record):
+            PlateRenderer(request, DoubleFrustum(near=near))
     scene = replace(view("asymmetric", (8, 6)), sampling=Sampling(supersample=2, aperture=4))
     with pytest.raises(InputError, match="--supersample 1"):
         PlateRenderer(scene, DoubleFrustum(near=0.1))
 
 
-def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
-    for a, b in zip(one, other, strict=True):
+def assert_same(item: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
+    for a, b in zip(item, other, strict=True):
         assert a.aperture == b.aperture
         np.testing.assert_array_equal(a.triangle, b.triangle)
         np.testing.assert_array_equal(a.color, b.color)
@@ -206,17 +210,17 @@ def test_other_renderers_may_draw_while_a_stream_is_open() -> None:
 
 def test_compact_colors_are_the_full_ones_rounded() -> None:
     scene = view("asymmetric", (48, 36))
-    found = {}
+    result = {}
     for color in ColorType:
         with PlateRenderer(scene, DoubleFrustum(near=0.1), PlateContent(color=color)) as plate:
             (hogel,) = plate.hogels([scene.plate.middle])
             assert hogel.triangle is None and hogel.color.dtype == color.dtype
-            found[color] = hogel.color
-    full = found[ColorType.FLOAT32]
+            result[color] = hogel.color
+    full = result[ColorType.FLOAT32]
     assert full.shape == (36, 48, 3) and 0 < full.max() <= 1
     # A device may round either way: one unit in the last place of the type.
-    assert np.abs(found[ColorType.FLOAT16].astype(np.float64) - full).max() <= 2.0**-11
-    assert np.abs(found[ColorType.UINT8] - 255 * full.astype(np.float64)).max() <= 1.0
+    assert np.abs(result[ColorType.FLOAT16].astype(np.float64) - full).max() <= 2.0**-11
+    assert np.abs(result[ColorType.UINT8] - 255 * full.astype(np.float64)).max() <= 1.0
 
 
 CENTERED = Frustum(resolution=(24, 18), reach=(30.0, 20.0), fov=(radians(70), radians(50)))
@@ -244,12 +248,12 @@ def scattered(seed: int, count: int, size: float) -> Floats:
 def test_culling_loses_no_pixel_of_triangles_of_any_size(
     seed: int, size: float, frustum: Frustum, near: float
 ) -> None:
-    """Triangles far larger than everything, across the plate and behind the camera, are kept as well."""
+    """Huge triangles, across the plate and behind the camera, are kept as well."""
     scene = soup(scattered(seed, 60, size), frustum)
     apertures = [
         scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))
     ]
-    # Small triangles may cover no pixel of an image; that both are alike is what is asserted.
+    # Small triangles may cover no pixel of an image: both must be alike nevertheless.
     assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
 
@@ -274,13 +278,13 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
     with PlateRenderer(scene, DoubleFrustum(near=1.0), content) as renderer:
         some, whole = list(renderer.hogels(apertures, parts)), list(renderer.hogels(apertures))
     shown = 0
-    for one, other in zip(some, whole, strict=True):
+    for item, other in zip(some, whole, strict=True):
         (left, right), (top, bottom) = (
-            parts[one.aperture.index].columns,
-            parts[one.aperture.index].rows,
+            parts[item.aperture.index].columns,
+            parts[item.aperture.index].rows,
         )
         here = slice(top, bottom + 1), slice(left, right + 1)
-        np.testing.assert_array_equal(one.triangle[here], other.triangle[here])
-        np.testing.assert_array_equal(one.color[here], other.color[here])
-        shown += int((one.triangle[here] >= 0).sum())
+        np.testing.assert_array_equal(item.triangle[here], other.triangle[here])
+        np.testing.assert_array_equal(item.color[here], other.color[here])
+        shown += int((item.triangle[here] >= 0).sum())
     assert shown > 100

@@ -53,15 +53,15 @@ def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
         (int(row), int(column)) for row, column in np.argwhere(image.certainty == Certainty.TIE)
     }
     assert set(shared) == ties
-    found: Winners = []
+    result: Winners = []
     for row in range(height):
-        found.append([])
+        result.append([])
         for column in range(width):
             triangle = int(image.triangle[row, column])
             group = shared.get((row, column), set() if triangle == NOTHING else {triangle})
             assert not group or triangle == min(group), "the smallest number is shown"
-            found[-1].append(frozenset(int(number[t]) if parent is not None else t for t in group))
-    return found
+            result[-1].append(frozenset(int(number[t]) if parent is not None else t for t in group))
+    return result
 
 
 def s_of(image: HogelImage) -> Floats:
@@ -87,14 +87,14 @@ def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 
 
 class TestAgainstRationalNumbers:
-    """Corners lie exactly on lines and in the aperture; edges are shared, triangles coincide or are flat."""
+    """Scenes with corners on lines and in the aperture, shared edges, coincident triangles."""
 
     @examples(30)
     @given(exact_scenes())
     def test_every_pixel_shows_the_first_surface_and_names_every_tie(
-        self, asked: tuple[Scene, Aperture]
+        self, request: tuple[Scene, Aperture]
     ) -> None:
-        scene, aperture = asked
+        scene, aperture = request
         image = Reference(scene).trace(aperture)
         s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
         self.assert_first_surfaces(
@@ -104,9 +104,9 @@ class TestAgainstRationalNumbers:
     @examples(30)
     @given(rounded_scenes())
     def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
-        self, asked: tuple[Scene, Aperture]
+        self, request: tuple[Scene, Aperture]
     ) -> None:
-        scene, aperture = asked
+        scene, aperture = request
         bundle = crossed_frustum(scene.frustum, aperture)
         d, center = bundle.directions(), np.array(bundle.center)
         image = Reference(scene).trace(aperture)
@@ -118,9 +118,9 @@ class TestAgainstRationalNumbers:
     @examples(20)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
     def test_so_do_the_two_offset_cameras_overlaid(
-        self, asked: tuple[Scene, Aperture], near: float
+        self, request: tuple[Scene, Aperture], near: float
     ) -> None:
-        scene, aperture = asked
+        scene, aperture = request
         viewer, back = scene.frustum.reach
         screen = scene.frustum.screen
         # k = (m - a) / ss with ss = -zs; C stands at a - n k + n z, C* at a + n k - n z.
@@ -167,7 +167,7 @@ def test_most_pixels_of_real_scenes_are_proven_and_none_unexamined() -> None:
 
 
 def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
-    """Each triangle of the asymmetric scene is there twice: every pixel with a surface is a tie of two."""
+    """With each triangle twice, every pixel with a surface is a tie of two."""
     scene = view("asymmetric", (64, 64))
     doubled = replace(scene, objects=scene.objects * 2)
     once, twice = (Reference(s).trace(scene.plate.middle) for s in (scene, doubled))
@@ -216,11 +216,11 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
     axes = [1, 0, 2] if swap else [0, 1, 2]
     moved = corners[..., axes] * [*signs, 1]
     x, y = np.array([aperture.x, aperture.y])[axes[:2]] * signs
-    one = Reference(soup(corners, frustum)).trace(aperture)
+    item = Reference(soup(corners, frustum)).trace(aperture)
     other = Reference(soup(moved, turned_frustum(frustum, swap, signs))).trace(
         at(float(x), float(y))
     )
-    np.testing.assert_array_equal(other.triangle, picture(one.triangle))
-    ties, moved_ties = one.certainty == Certainty.TIE, other.certainty == Certainty.TIE
+    np.testing.assert_array_equal(other.triangle, picture(item.triangle))
+    ties, moved_ties = item.certainty == Certainty.TIE, other.certainty == Certainty.TIE
     np.testing.assert_array_equal(moved_ties, picture(ties))
-    np.testing.assert_allclose(s_of(other), picture(s_of(one)), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(s_of(other), picture(s_of(item)), rtol=1e-9, atol=1e-12)

@@ -1,4 +1,4 @@
-"""What hides a surface point is decided as rational arithmetic decides it."""
+"""Occlusion of surface points is decided as by rational arithmetic."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -27,7 +27,7 @@ def hidden(scene: Scene, bundle: RayBundle, points: SurfacePoints) -> Mask:
 def hidden_by_definition(scene: Scene, bundle: RayBundle, points: SurfacePoints) -> list[bool]:
     """Test every triangle against every point's own line, in rational numbers."""
     center = np.array(bundle.center)
-    found = []
+    result = []
     for position, own, tolerance in zip(
         points.position, points.triangle, points.tolerance, strict=True
     ):
@@ -45,8 +45,8 @@ def hidden_by_definition(scene: Scene, bundle: RayBundle, points: SurfacePoints)
             ):
                 continue
             hides |= is_off_plane(position, corners, tolerance)
-        found.append(hides)
-    return found
+        result.append(hides)
+    return result
 
 
 def is_off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
@@ -90,13 +90,13 @@ def points_drawn_on(corners: Floats, count: int) -> SurfacePoints:
 def points_of(
     draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]
 ) -> SurfacePoints:
-    """Return points off the plate: on triangles, which they know, and anywhere."""
+    """Return points off the plate: on named triangles, and anywhere."""
     number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
     shares = [
         draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)]))
         for _ in number
     ]
-    on = [np.array(share) @ corners[one] for share, one in zip(shares, number, strict=True)]
+    on = [np.array(share) @ corners[item] for share, item in zip(shares, number, strict=True)]
     anywhere = draw(
         st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=6)
     )
@@ -188,5 +188,5 @@ def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch)
         triangle=np.full(x.size, NOTHING, dtype=np.int32),
         tolerance=np.full(x.size, 1e-6),
     )
-    found = hidden(soup(corners, frustum), crossed_frustum(frustum, at(0.0, 0.0)), points)
-    np.testing.assert_array_equal(found, z < -1)
+    result = hidden(soup(corners, frustum), crossed_frustum(frustum, at(0.0, 0.0)), points)
+    np.testing.assert_array_equal(result, z < -1)

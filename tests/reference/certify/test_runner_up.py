@@ -11,11 +11,12 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
 
+#: Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap
 ALIKE = 1e-9
-"""Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap."""
 
+#: Rounding of two surfaces' heights relative to |z|: a dozen of 2^-53 in sums several times as
+#: large
 ROUNDED = 1e-13
-"""Rounding of two surfaces' heights relative to |z|: a dozen of 2^-53 in sums several times as large."""
 
 
 def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
@@ -26,7 +27,7 @@ def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
 
 
 def on_film(random: np.random.Generator, count: int) -> Floats:
-    """Return triangles that the film shows behind the plate, on the left, and before it, on the right."""
+    """Return triangles behind the plate, on the left of the film, and before it, on the right."""
     slopes = random.uniform(-0.7, 0.7, (count, 3, 2))
     side = np.where(np.arange(count) % 2, 1.0, -1.0)[:, None]
     slopes[..., 0] = -side * np.abs(slopes[..., 0])
@@ -73,15 +74,15 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     expected = by_brute_force(scene, np.ones_like(truth.covered)).reshape(gaps.shape)
     assert truth.certainty is not None and not (truth.certainty == Certainty.TIE).any()
     np.testing.assert_array_equal(np.isfinite(gaps), np.isfinite(expected))
-    found = np.isfinite(gaps)
-    assert (truth.height[found] < 0).any() and (truth.height[found] > 0).any()
+    result = np.isfinite(gaps)
+    assert (truth.height[result] < 0).any() and (truth.height[result] > 0).any()
     np.testing.assert_allclose(
-        gaps[found], expected[found], rtol=0, atol=ALIKE * max(frustum.reach)
+        gaps[result], expected[result], rtol=0, atol=ALIKE * max(frustum.reach)
     )
 
 
 def test_each_camera_sees_what_is_on_its_own_side() -> None:
-    """C: nearest and second nearest; C*: farthest and the next toward the plate; never one of each."""
+    """C: nearest and second nearest; C*: farthest and next toward the plate; never mixed."""
     frustum = FRUSTA[0]
     for heights, gap in [
         ([-5.0, -3.0, -8.0], 2.0),

@@ -1,4 +1,4 @@
-"""Numbers as small and as large as scenes may have keep the truth true; smaller ones are refused."""
+"""The truth holds for the smallest and largest numbers of scenes; smaller are refused."""
 
 import math
 from dataclasses import replace
@@ -34,25 +34,25 @@ def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
 @st.composite
 def extreme_triangles(draw: st.DrawFn) -> Floats:
     """Return triangles with coordinates of one or of many sizes, some one step beside others."""
-    found: list[Floats] = []
+    result: list[Floats] = []
     for _ in range(draw(st.integers(1, 4))):
         kind = draw(st.sampled_from(["any", "one size", "beside"]))
-        if kind == "beside" and found:
-            moved = found[-1].copy()
+        if kind == "beside" and result:
+            moved = result[-1].copy()
             corner = (draw(st.integers(0, 2)), draw(st.integers(0, 2)))
             moved[corner] = np.nextafter(moved[corner], np.inf) if moved[corner] else 0.0
-            found.append(moved)
+            result.append(moved)
         elif kind == "one size":
             unit = draw(
                 st.sampled_from([SMALLEST_COORDINATE, SMALLEST_COORDINATE, 2.0**-200, 1.0, 1e29])
             )
             coordinate = st.one_of(st.integers(-9, 9), st.floats(1, 9), st.floats(-9, -1))
             numbers = draw(st.lists(coordinate, min_size=9, max_size=9))
-            found.append(unit * np.array(numbers, dtype=np.float64).reshape(3, 3))
+            result.append(unit * np.array(numbers, dtype=np.float64).reshape(3, 3))
         else:
             any_size = magnitudes(SMALLEST_COORDINATE, draw(st.sampled_from([1e-70, LONGEST])))
-            found.append(np.array(draw(st.lists(any_size, min_size=9, max_size=9))).reshape(3, 3))
-    triangles = np.array(found)
+            result.append(np.array(draw(st.lists(any_size, min_size=9, max_size=9))).reshape(3, 3))
+    triangles = np.array(result)
     # One step may lead beyond the range.
     triangles[np.abs(triangles) > LONGEST] = LONGEST
     triangles[np.abs(triangles) < SMALLEST_COORDINATE] = 0.0
@@ -103,14 +103,14 @@ def test_the_truth_is_that_of_fractions_whatever_the_sizes(
 
 @pytest.mark.parametrize("size", [1e-76, 1e-106, 5e-324])
 def test_what_is_smaller_is_refused_beside_what_is_not_too(size: float) -> None:
-    """Products of three underflow at 1e-106: 522 pixels of 16,384 were wrong there, and 1,752 ties false."""
+    """Products of three underflow at 1e-106: 522 of 16,384 pixels and 1,752 ties were wrong."""
     near = np.array([[(-1.0, -1.0, -1.0), (2.0, -1.0, -1.0), (0.0, 2.0, -1.0)]])
     for triangles in (size * near, np.concatenate([size * near, near])):
         with pytest.raises(
             InputError, match=r"soup has a coordinate of .*, which is not zero but below 1e-75"
         ):
             soup(triangles, FRUSTUM)
-    one = near.copy()
-    one[0, 1, 1] = -size
+    item = near.copy()
+    item[0, 1, 1] = -size
     with pytest.raises(InputError, match="below 1e-75"):
-        soup(one, FRUSTUM)
+        soup(item, FRUSTUM)

@@ -1,4 +1,4 @@
-"""What an eye sees, truly and replayed: the pixels of whole hogels, and an answer of its own in rationals."""
+"""True and replayed views against whole hogels and rational brute force."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ EYE = Eye(position=(7.0, -4.0, 500.0), resolution=(60, 45))
 
 
 def coarse(scene: Scene) -> Scene:
-    """Return a scene with a plate of 12 x 9 hogels, of each of which an eye is shown many pixels."""
+    """Return a scene with a plate of 12 x 9 hogels, with many pixels of each in a view."""
     return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
 
 
@@ -74,7 +74,7 @@ def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(
 def exact_ray(
     scene: Scene, eye: Eye, column: int, row: int
 ) -> tuple[list[Fraction], list[Fraction]]:
-    """Return eye and point of the plate of a ray by the definition: centers of equal cells of the plate."""
+    """Return eye and plate point of a ray by definition: centers of equal cells of the plate."""
     (width, height), (across, down) = map(Fraction, scene.plate.size), eye.resolution
     target = [Fraction(2 * column + 1, 2 * across) * width - width / 2]
     target += [height / 2 - Fraction(2 * row + 1, 2 * down) * height, Fraction(0)]
@@ -117,10 +117,10 @@ def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) ->
     pixels = EyeReference(scene).replay(eye).shown
     for row in range(0, 29, 4):
         for column in range(0, 37, 4):
-            found = (pixels.hogel_column[column], pixels.hogel_row[row])
+            result = (pixels.hogel_column[column], pixels.hogel_row[row])
             film = (pixels.film_column[column], pixels.film_row[row])
             expected = expected_pixel(scene, eye, column, row)
-            assert ((*found, *film) if min(*found, *film) >= 0 else None) == expected
+            assert ((*result, *film) if min(*result, *film) >= 0 else None) == expected
 
 
 def brute_force(
@@ -192,7 +192,7 @@ def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> N
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"position": (0.0, 0.0, -5.0)}, "before the plate"),
         ({"position": (0.0, 0.0)}, "before the plate"),
@@ -202,6 +202,6 @@ def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> N
         ({"beam": "disc"}, "beam"),
     ],
 )
-def test_an_eye_that_cannot_be_is_refused(wrong: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        Eye(**{"position": (0.0, 0.0, 500.0), **wrong})  # type: ignore[arg-type]  # wrong on purpose
+def test_an_eye_that_cannot_be_is_refused(wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Eye(**{"position": (0.0, 0.0, 500.0), **wrong})  # type: ignore[arg-type]  # wrong

@@ -1,4 +1,4 @@
-"""Colors of surfaces in the reference: what turns and what stays; and changes that must not change a bit.
+"""Colors of surfaces in the reference under changes of lights, faces and normals.
 
 tests/raster/test_light_raster.py holds both answers against the definition.
 """

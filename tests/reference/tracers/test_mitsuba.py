@@ -1,4 +1,4 @@
-"""Mitsuba answers like Embree and the certified truth, and never on an LLVM that kills the process."""
+"""Mitsuba agrees with Embree and the certified truth, and uses no aborting LLVM."""
 
 import dataclasses
 from pathlib import Path
@@ -139,10 +139,10 @@ class TestSensor:
             np.array([blocks(kind, seed) for seed in range(16)]) for kind in ("path", "ptracer")
         )
         lit = path.mean(0) > 0.1 * path.mean(0).max()
-        found = stats.ttest_ind(path[:, lit], light[:, lit], equal_var=False)
+        result = stats.ttest_ind(path[:, lit], light[:, lit], equal_var=False)
         assert np.count_nonzero(lit) >= 3
         # One false alarm in ten thousand machines, whatever the number of blocks.
-        assert np.all(found.pvalue > 1e-4 / np.count_nonzero(lit))
+        assert np.all(result.pvalue > 1e-4 / np.count_nonzero(lit))
 
 
 def versions_of(*known: tuple[str, Version]) -> dict[Path, Version]:
@@ -151,10 +151,10 @@ def versions_of(*known: tuple[str, Version]) -> dict[Path, Version]:
 
 class TestLlvm:
     def test_what_a_name_rejects_is_not_even_loaded(self) -> None:
-        asked: list[Path] = []
+        request: list[Path] = []
         names = [*(f"libLLVM-{n}.so.1" for n in (11, 13, 14, 15, 16)), "libLLVM.so.16.0"]
-        assert accepted_llvm(map(Path, names), asked.append) is None
-        assert asked == []
+        assert accepted_llvm(map(Path, names), request.append) is None
+        assert request == []
 
     def test_nineteen_first_then_the_nearest(self) -> None:
         known = versions_of(*((f"libLLVM-{n}.so", (n, 1, 0)) for n in (22, 17, 14, 20, 19, 15, 18)))

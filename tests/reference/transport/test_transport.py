@@ -38,18 +38,18 @@ PAINT = Material(
     reflectivity=(0.3, 0.2, 0.4),
 )
 
+#: Chance that the test of a right picture fails. Seeds are fixed.
 FALSE_ALARM = 1e-4
-"""Chance that the test of a right picture fails. Seeds are fixed."""
 
+#: Smallest number of paths that find a lamp: with fewer, mean and variance are far from normal
 SEEN_OFTEN = 100
-"""Smallest number of paths that find a lamp: with fewer, mean and variance are far from normal."""
 
+#: Relative rounding of the reference's color to float32; the rest is double precision
 COLOR_ROUNDING = 3 * 2.0**-24
-"""Relative rounding of the reference's color to float32; the rest is double precision."""
 
 
 def everything() -> tuple[SceneObject, ...]:
-    """Return smooth, flat, textured and colored surfaces on both sides of the plate, some behind others."""
+    """Return smooth, flat, textured and colored surfaces on both sides, some hidden."""
     uv = np.array([(0.0, 0.1), (3.3, 0.0), (3.0, 2.2), (0.0, 2.0)])
     picture = np.random.default_rng(8).integers(0, 256, (5, 7, 4), dtype=np.uint8)
     floor = replace(
@@ -66,7 +66,7 @@ def everything() -> tuple[SceneObject, ...]:
 
 
 def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
-    """p-value of the pixel and channel that lies farthest out, corrected for their number (Bonferroni).
+    """Return the p-value of the worst pixel and channel, corrected for their number (Bonferroni).
 
     Student's t by the samples' own spread; where samples do not vary, and everywhere in addition,
     the two may differ by the rounding of colors.
@@ -147,7 +147,7 @@ def shadow_scene(lights: tuple[DirectionalLight, ...]) -> tuple[Scene, SceneObje
 
 class TestShadows:
     def test_a_card_throws_its_outline_across_the_plate(self) -> None:
-        """A point of the floor is dark where the line toward the light meets the card: a moved rectangle."""
+        """Points of the floor are dark where the line to the light meets the card."""
         scene, screen = shadow_scene((HIGH,))
         image = Reference(scene).trace(PLATE.middle)
         direct = PathTracer(scene).render(PLATE.middle, Transport(samples=2)).mean
@@ -174,7 +174,7 @@ class TestShadows:
     def test_what_is_convex_throws_none_on_itself(
         self, center: tuple[float, float, float], smooth: bool
     ) -> None:
-        """A surface that faces the light is lit all over, however its rays start and its facets look."""
+        """A convex surface that faces the light is lit all over, whatever its facets."""
         part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
@@ -191,7 +191,7 @@ LAMP_COLOR = (3.0, 2.0, 1.0)
 
 class TestInterreflection:
     def test_a_furnace_glows_as_the_sum_of_all_its_bounces(self) -> None:
-        """A closed box with walls that glow with e and scatter the share d shows e / (1 - d) everywhere."""
+        """Walls of a closed box that emit e and scatter the share d show e / (1 - d)."""
         wall = Material(ambient=(0.2, 0.3, 0.1), diffuse=(0.5, 0.2, 0.8))
         corners = np.array(
             [(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float
@@ -210,8 +210,8 @@ class TestInterreflection:
         assert np.all(np.abs((estimate.mean - expected).mean(axis=(0, 1))) < 4 * error)
         assert np.all(error < 0.01 * expected[0, 0])
 
+    #: A glowing triangle beyond the reach: not imaged, but it lights and is mirrored
     TRIANGLE = np.array([(-24.0, -18.0, 30.0), (50.0, -8.0, 38.0), (6.0, 40.0, 34.0)])
-    """A glowing triangle beyond the reach: not imaged, but it lights and is mirrored."""
 
     def under_the_triangle(self, floor: Material) -> Scene:
         lamp = SceneObject(
@@ -225,10 +225,10 @@ class TestInterreflection:
         )
 
     def share(self, points: NDArray[np.floating]) -> Floats:
-        """Share of the hemisphere above each point, by cosine, that the triangle fills (Lambert, 1760).
+        """Return the share of the hemisphere filled by the triangle, by cosine (Lambert, 1760).
 
         A sum over its edges: 1 / 2 pi times the angle under which each is seen, times the cosine
-        between the normal and that of the plane through the edge and the point.
+        between the normal and the normal of the plane through the edge and the point.
         """
         seen = self.TRIANGLE - points[..., None, :]
         seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
@@ -243,7 +243,7 @@ class TestInterreflection:
         return np.abs(share)
 
     def inside(self, points: NDArray[np.floating], directions: Floats) -> Floats:
-        """Return the smallest barycentric coordinate of lines in a triangle's plane: negative outside."""
+        """Return the smallest barycentric coordinate of lines, negative outside the triangle."""
         edges = np.broadcast_arrays(*(self.TRIANGLE[1:] - self.TRIANGLE[0]), -directions)
         offset = points - self.TRIANGLE[0]
         solved = np.linalg.solve(np.stack(edges, axis=-1), offset[..., None])[..., 0]
@@ -267,7 +267,7 @@ class TestInterreflection:
         assert error < 0.01 * expected.mean()
 
     def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
-        """The mirror shows the lamp where the mirrored line meets it, else the environment, without noise."""
+        """The mirror shows the lamp or else the environment along mirrored lines, without noise."""
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         scene = self.under_the_triangle(mirror)
         image = Reference(scene).trace(APERTURE)
