@@ -20,7 +20,7 @@ from trimesh.transformations import quaternion_matrix
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, cofactors, unit_normals
 from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
 from xfrustum.scenes.meshes.gltf_materials import CoarseView, look_of, picture_of, unread_extension
 from xfrustum.scenes.model.scene import UnreadFeature
@@ -352,18 +352,13 @@ def _placing(
 
 
 def _placed(matrices: Floats, local: _Local) -> MeshPart:
-    """Return the triangles of a primitive at all of its places, (N, 4, 4) matrices, one after the other."""
+    """Return the triangles of a primitive at all of its places, (N, 4, 4), one after the other."""
     places, count = len(matrices), len(local.points)
     homogeneous = np.column_stack([local.points, np.ones(count)])
     vertices = np.matmul(matrices, homogeneous.T)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
-    mirrored = np.linalg.det(matrices[:, :3, :3]) < 0
-    faces = np.repeat(local.faces[None], places, axis=0)
-    faces[mirrored] = faces[mirrored][..., ::-1]
+    faces, normals = carried(matrices[:, :3, :3], local.faces, local.normals)
     faces += count * np.arange(places)[:, None, None]
-    normals = None
-    if local.normals is not None:
-        sides = np.where(mirrored, -1.0, 1.0)[:, None, None]
-        normals = (local.normals @ (_cofactors(matrices[:, :3, :3]) * sides)).reshape(-1, 3)
+    normals = None if normals is None else normals.reshape(-1, 3)
     return _part(local, vertices, faces.reshape(-1, 3), normals, places)
 
 
@@ -387,24 +382,14 @@ def _skinned(gltf: Gltf, joints: Floats, local: _Local) -> MeshPart:
     faces = np.where(turned[:, None], local.faces[:, ::-1], local.faces)
     normals = None
     if local.normals is not None:
-        normals = np.einsum("vi,vij->vj", local.normals, _cofactors(linear))
+        normals = np.einsum("vi,vij->vj", local.normals, cofactors(linear))
         normals[mirrored] *= -1.0
     return _part(local, vertices, faces, normals, 1)
-
-
-def _cofactors(matrices: Floats) -> Floats:
-    """Return (N, 3, 3) matrices that take normals, as rows, along with what (N, 3, 3) matrices place."""
-    x, y, z = np.moveaxis(matrices, 2, 0)
-    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
 
 
 def _part(
     local: _Local, vertices: Floats, faces: Indices, normals: Floats | None, places: int
 ) -> MeshPart:
-    if normals is not None:
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        usable = np.isfinite(length) & (length > 0)
-        normals = np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable)
     uv, color = local.uv, local.color
     return MeshPart(
         name="",
@@ -412,7 +397,7 @@ def _part(
         faces=faces,
         uv=None if uv is None else np.tile(uv, (places, 1)),
         color=color if color is None or color.ndim == 1 else np.tile(color, (places, 1)),
-        normals=normals,
+        normals=None if normals is None else unit_normals(normals),
         picture=local.look.picture,
         texture=local.look.texture,
     )

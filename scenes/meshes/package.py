@@ -16,7 +16,7 @@ from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.disk.archives import read_member
 from xfrustum.scenes.disk.input_files import damage_refused, read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshPart, unit_normals
+from xfrustum.scenes.meshes.content import MeshPart, carried, unit_normals
 
 #: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays,
 #: copies.
@@ -115,21 +115,11 @@ def _placed(node: Node, matrix: Floats) -> Iterator[MeshPart]:
 
 
 def place_part(part: MeshPart, matrix: Floats) -> MeshPart:
-    """Return a part moved by a (4, 4) matrix; a mirror also turns the winding: outside stays outside."""
-    linear = matrix[:3, :3]
+    """Return a part placed by a (4, 4) matrix."""
+    linear, vertices = matrix[:3, :3], part.vertices
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = (
-            part.vertices
-            if np.array_equal(matrix, np.eye(4))
-            else part.vertices @ linear.T + matrix[:3, 3]
-        )
-        mirrored = np.linalg.det(linear) < 0
-    normals = part.normals
-    if normals is not None:
-        # Cofactors carry normals, also where the matrix is singular.
-        cofactors = np.stack(
-            [np.cross(linear[(row + 1) % 3], linear[(row + 2) % 3]) for row in range(3)]
-        )
-        normals = unit_normals(normals @ cofactors.T * (-1.0 if mirrored else 1.0))
-    faces = part.faces[:, ::-1] if mirrored else part.faces
-    return MeshPart(name=part.name, vertices=vertices, faces=faces, normals=normals)
+        if not np.array_equal(matrix, np.eye(4)):
+            vertices = vertices @ linear.T + matrix[:3, 3]
+        faces, normals = carried(linear[None], part.faces, part.normals)
+    unit = None if normals is None else unit_normals(normals[0])
+    return MeshPart(name=part.name, vertices=vertices, faces=faces[0], normals=unit)
