@@ -1,4 +1,4 @@
-"""Wavefront OBJ: polygons, their texture coordinates, normals and colors (Wavefront Advanced Visualizer, B1).
+"""Wavefront OBJ (Advanced Visualizer Manual, B1): polygons with textures, normals and colors.
 
 Triangles are numbered as trimesh numbers them: materials from the last one to the first.
 """
@@ -18,13 +18,14 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
-from xfrustum.scenes.meshes.obj_materials import CoarseView, read_libraries
+from xfrustum.scenes.meshes.obj_materials import MaterialTexture, read_libraries
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import (
     TextLines,
     join_continued,
     parse,
     plain_text,
+    starts_of,
     word_starts,
 )
 from xfrustum.scenes.meshes.textures import linear_colors
@@ -41,8 +42,8 @@ _NO_OBJ: Final = {
     plain_text(b"PK\3\4"): "an archive, and no OBJ; unpack it first",
     b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, not its web page",
 }
-_CURVES: Final = (
-    *(
+_CURVES: Final = frozenset(
+    [
         "curv",
         "curv2",
         "vp",
@@ -56,12 +57,16 @@ _CURVES: Final = (
         "scrv",
         "sp",
         "end",
-    ),
-    *("con", "ctech", "stech", "res", "cdc"),
+        "con",
+        "ctech",
+        "stech",
+        "res",
+        "cdc",
+    ]
 )
 #: Names, groups and hints for other renderers, which place nothing.
-_NAMES: Final = (
-    *(
+_NAMES: Final = frozenset(
+    [
         "o",
         "g",
         "mg",
@@ -73,20 +78,24 @@ _NAMES: Final = (
         "trace_obj",
         "maplib",
         "usemap",
-    ),
-    *("mtllib", "usemtl", "s"),
+        "mtllib",
+        "usemtl",
+        "s",
+    ]
 )
+#: Statements that are listed as unread, because they have no surface.
+_FLAT: Final = {"lines (l)": {"l"}, "points (p)": {"p"}, "free-form curves": _CURVES}
 _DRAWN: Final = ("v", "vt", "vn", "f")
 _POINT, _TEXTURE, _NORMAL = 0, 1, 2  # indices of a corner, in the order of a file
 _ABSENT: Final = -1
+_BLANK: Final = ord(" ")
 _INDEXED: Final = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Polygons:
-    corners: (
-        Indices  #: (K, 3) indices from 0 of vertex, texture coordinates and normal; -1 for none
-    )
+    #: (K, 3) indices from 0 of vertex, texture coordinates and normal; -1 for none
+    corners: Indices
     counts: Indices  #: (P,) corners of each polygon
     lines: Indices  #: (P,) line of each polygon
 
@@ -100,11 +109,11 @@ class _Tables:
 
 
 def read_obj(path: Path) -> MeshContent:
-    """Read an OBJ file; InputError with the line where it is damaged or has surfaces that are not read."""
+    """Read an OBJ file; InputError with the line where it is damaged or has other surfaces."""
     text = plain_text(read_input(path, "mesh file"))
-    for start, told in _NO_OBJ.items():
+    for start, kind in _NO_OBJ.items():
         if text.lstrip().startswith(start):
-            raise InputError(f"{path}: is {told}")
+            raise InputError(f"{path}: is {kind}")
     lines = TextLines(path, join_continued(text))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
@@ -113,19 +122,19 @@ def read_obj(path: Path) -> MeshContent:
     for line in others:
         named.setdefault(lines.text(line).split(" ")[0].lower(), []).append(line)
     unread = _other_statements(lines, named)
-    tables, white = _tables(lines, kinds)
+    tables, uncolored = _tables(lines, kinds)
     polygons = _polygons(lines, kinds)
     if "s" in named and (polygons.corners[:, _NORMAL] == _ABSENT).any():
         unread += _smoothing(lines, named["s"])
     changes = named.get("usemtl", [])
     in_use = ["", *(_value(lines, line) for line in changes)]  # from each change on
     names = list(dict.fromkeys(in_use))
-    numbers = {name: number for number, name in enumerate(names)}
     used = np.searchsorted(changes, polygons.lines, side="right")
-    material_of_polygon = np.array([numbers[name] for name in in_use])[used]
-    libraries = [_value(lines, line) for line in named.get("mtllib", [])]
+    material_of_polygon = np.array([names.index(name) for name in in_use])[used]
     looks, not_read = read_libraries(
-        path, libraries, {names[number] for number in np.unique(material_of_polygon).tolist()}
+        path,
+        [_value(lines, line) for line in named.get("mtllib", [])],
+        {names[number] for number in np.unique(material_of_polygon).tolist()},
     )
     triangles = cut_polygons(
         tables.vertices,
@@ -136,45 +145,40 @@ def read_obj(path: Path) -> MeshContent:
     triangles_of = _places(np.repeat(material_of_polygon, polygons.counts - 2))
     parts = []
     for number, places in _places(material_of_polygon).items():
-        mine, counts = triangles[triangles_of[number]], polygons.counts[places]
+        own, counts = triangles[triangles_of[number]], polygons.counts[places]
         if (counts == counts[0]).all():
-            mine = mine[sizes_together(counts)]
-        parts.append(_part(names[number], polygons.corners[mine], tables, looks.get(names[number])))
-    return MeshContent(parts=tuple(reversed(parts)), unread=(*unread, *white, *not_read))
+            own = own[sizes_together(counts)]
+        parts.append(_part(names[number], polygons.corners[own], tables, looks.get(names[number])))
+    return MeshContent(parts=tuple(reversed(parts)), unread=(*unread, *uncolored, *not_read))
 
 
 def _places(numbers: Indices) -> dict[int, Indices]:
-    """Return the places of each number, in order; numbers in the order in which they first appear."""
-    found, first, counts = np.unique(numbers, return_index=True, return_counts=True)
+    """Return the places of each number, in order; numbers in the order of their first places."""
+    unique, first, counts = np.unique(numbers, return_index=True, return_counts=True)
     groups = np.split(np.argsort(numbers, kind="stable"), np.cumsum(counts)[:-1])
-    return {int(found[group]): groups[group] for group in np.argsort(first).tolist()}
+    return {int(unique[group]): groups[group] for group in np.argsort(first).tolist()}
 
 
 def _value(lines: TextLines, line: int) -> str:
-    """Return what follows a keyword; names may hold `#`."""
+    """Return the rest of a line after its keyword; names may hold `#`."""
     _, _, value = lines.text(line, comment=True).replace("\t", " ").partition(" ")
     return value.strip()
 
 
 def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[UnreadFeature]:
-    """Return statements that are not honoured; InputError at those that are surfaces, or unknown."""
+    """Return statements that are not honoured; InputError at other surfaces and at unknown words."""
     for word, (first, *_) in named.items():
         if word in _REFUSED:
             raise lines.error(first, f"'{word}' is {_REFUSED[word]}")
-        if word not in (*_CURVES, *_NAMES, "l", "p"):
+        if word not in _CURVES | _NAMES | {"l", "p"}:
             reason = f"{word[:20]!r} is no statement of OBJ; delete the line, or begin it with #"
             raise lines.error(first, reason)
-    found = []
-    for words, feature in (
-        (("l",), "lines (l)"),
-        (("p",), "points (p)"),
-        (_CURVES, "free-form curves"),
-    ):
-        if any(word in named for word in words):
-            found.append(
-                UnreadFeature(feature=feature, consequence="are not drawn: they have no surface")
-            )
-    return found
+    consequence = "are not drawn: they have no surface"
+    return [
+        UnreadFeature(feature=feature, consequence=consequence)
+        for feature, words in _FLAT.items()
+        if not words.isdisjoint(named)
+    ]
 
 
 def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
@@ -184,50 +188,44 @@ def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
     return [UnreadFeature(feature="smoothing groups (s)", consequence=flat)]
 
 
+def _rows(values: Floats, counts: Indices, width: int) -> Floats:
+    """Return (N, width) rows of some counts of numbers, the rest of a short row undefined."""
+    padded = np.append(values, np.full(width, np.nan))
+    return np.asarray(padded[starts_of(counts)[:, None] + np.arange(width)])
+
+
 def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[UnreadFeature]]:
-    """Return what corners refer to, and vertices without a color beside vertices that have one."""
+    """Return the values that corners refer to, and vertices without a color among colored ones."""
     values, counts = lines.numbers(kinds["v"], skip=1)
-    for place in np.flatnonzero(~np.isin(counts, (3, 4, 6)))[:1].tolist():
-        told = f"a vertex needs three coordinates, or three and a color of three numbers, not {counts[place]}"
-        raise lines.error(int(np.flatnonzero(kinds["v"])[place]), told)
-    first = np.cumsum(counts) - counts
-    weighted = np.flatnonzero(counts == 4)
-    for place in weighted[values[first[weighted] + 3] != 1][:1].tolist():
-        weight = values[first[place] + 3]
-        told = f"the fourth coordinate is a weight of rational surfaces, and is {weight:g}; export polygons"
-        raise lines.error(int(np.flatnonzero(kinds["v"])[place]), told)
-    colored, colors, white = counts == 6, None, []
+    three = "a vertex needs three coordinates, or three and a color of three numbers, not {}"
+    lines.check(kinds["v"], np.isin(counts, (3, 4, 6)), three, counts)
+    rows = _rows(values, counts, 6)
+    weight = "the fourth coordinate is a weight of rational surfaces, and is {:g}; export polygons"
+    lines.check(kinds["v"], (counts != 4) | (rows[:, 3] == 1), weight, rows[:, 3])
+    colored, colors, uncolored = counts == 6, None, []
     if colored.any():
-        stored = values[first[colored, None] + np.arange(3, 6)]
         colors = np.ones((len(counts), 3))
-        colors[colored] = linear_colors(stored)
-    if colored.any() and not colored.all():
-        few = f"have none and are white: {np.count_nonzero(~colored):,} of {len(colored):,}"
-        white = [UnreadFeature(feature="colors at vertices", consequence=few)]
-    texture, texture_counts = lines.numbers(kinds["vt"], skip=2)
-    for place in np.flatnonzero((texture_counts < 1) | (texture_counts > 3))[:1].tolist():
-        told = "texture coordinates (vt) are one to three numbers"
-        raise lines.error(int(np.flatnonzero(kinds["vt"])[place]), told)
-    coordinates = np.full((len(texture_counts) + 1, 2), np.nan)
-    first_texture = np.cumsum(texture_counts) - texture_counts
-    coordinates[:-1, 0] = texture[first_texture]
-    second = np.minimum(first_texture + 1, len(texture) - 1)
-    coordinates[:-1, 1] = np.where(texture_counts > 1, texture[second], 0.0)
-    normals, normal_counts = lines.numbers(kinds["vn"], skip=2)
-    for place in np.flatnonzero(normal_counts != 3)[:1].tolist():
-        raise lines.error(
-            int(np.flatnonzero(kinds["vn"])[place]), "a normal (vn) has three numbers"
-        )
+        colors[colored] = linear_colors(rows[colored, 3:])
+        if not colored.all():
+            few = f"have none and are white: {np.count_nonzero(~colored):,} of {len(colored):,}"
+            uncolored = [UnreadFeature(feature="colors at vertices", consequence=few)]
+    values, counts = lines.numbers(kinds["vt"], skip=2)
+    right = (counts >= 1) & (counts <= 3)
+    lines.check(kinds["vt"], right, "texture coordinates (vt) are one to three numbers")
+    coordinates = _rows(values, counts, 2)
+    coordinates[counts == 1, 1] = 0.0
+    normals, counts = lines.numbers(kinds["vn"], skip=2)
+    lines.check(kinds["vn"], counts == 3, "a normal (vn) has three numbers")
     return _Tables(
-        vertices=values[first[:, None] + np.arange(3)],
+        vertices=rows[:, :3],
         colors=colors,
-        coordinates=coordinates,
+        coordinates=np.vstack([coordinates, np.full((1, 2), np.nan)]),
         normals=np.vstack([unit_normals(normals.reshape(-1, 3)), np.full((1, 3), np.nan)]),
-    ), white
+    ), uncolored
 
 
 def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
-    """Return the polygons of a file; InputError where a corner is damaged or refers to nothing."""
+    """Return the polygons of a file; InputError at a corner that is damaged or refers to nothing."""
     statements = np.flatnonzero(kinds["f"])
     text, line_ends = lines.bytes_of(kinds["f"], skip=1)
     begins = word_starts(text)
@@ -238,29 +236,26 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         return lines.error(int(statements[face_of_corner[corner]]), reason)
 
     for place in np.flatnonzero(counts < 3)[:1].tolist():
-        raise lines.error(
-            int(statements[place]),
-            f"a face has {counted(int(counts[place]), 'corner')}, and needs three; repair the mesh",
-        )
+        few = counted(int(counts[place]), "corner")
+        reason = f"a face has {few}, and needs three; repair the mesh"
+        raise lines.error(int(statements[place]), reason)
     table = _corner_indices(text, begins, error)
-    firsts = np.cumsum(counts) - counts
+    firsts = starts_of(counts)
     for column, (kind, things) in enumerate(_INDEXED.items()):
-        given, total = table[:, column] != 0, int(np.count_nonzero(kinds[kind]))
-        if not given.any():
+        stated, total = table[:, column] != 0, int(np.count_nonzero(kinds[kind]))
+        if not stated.any():
             continue
-        some = np.add.reduceat(given, firsts, dtype=np.int64)
-        for place in np.flatnonzero((some > 0) & (some < counts))[:1].tolist():
-            raise lines.error(
-                int(statements[place]), f"some corners of a face have {things}, some have none"
-            )
-        stated = table[:, column].copy()
-        back = np.flatnonzero(table[:, column] < 0)
+        some = np.add.reduceat(stated, firsts, dtype=np.int64)
+        mixed = f"some corners of a face have {things}, some have none"
+        lines.check(kinds["f"], (some == 0) | (some == counts), mixed)
+        indices = table[:, column].copy()
+        back = np.flatnonzero(indices < 0)
         if len(back):  # counted from the face's own line
             table[back, column] += 1 + np.cumsum(kinds[kind])[statements[face_of_corner[back]]]
-        outside = given & ((table[:, column] < 1) | (table[:, column] > total))
+        outside = stated & ((table[:, column] < 1) | (table[:, column] > total))
         for place in np.flatnonzero(outside)[:1].tolist():
-            told = f"faces point past the {things}, of which the file has {total:,}: index {stated[place]}"
-            raise error(place, f"{told}; export the mesh again")
+            past = f"faces point past the {things}, of which the file has {total:,}"
+            raise error(place, f"{past}: index {indices[place]}; export the mesh again")
     table -= 1
     return _Polygons(corners=table, counts=counts, lines=statements)
 
@@ -270,41 +265,36 @@ def _corner_indices(
 ) -> Indices:
     """Return (K, 3) indices of corners of the file, 0 for none; erase the slashes of the text."""
     slashes = np.flatnonzero(text == ord("/"))
-    text[slashes] = ord(" ")
-    runs = word_starts(text)
-    per_corner, rest = divmod(len(slashes), max(len(begins), 1))
-    if not rest and len(runs) == (per_corner + 1) * len(begins) and per_corner <= _NORMAL:
-        each = slashes.reshape(len(begins), per_corner)
-        alike = bool((each > begins[:, None]).all() and (each[:-1] < begins[1:, None]).all())
-    else:
-        alike = False
-    if alike:  # as in most files: no corner leaves an index out
-        corner = np.repeat(np.arange(len(begins)), per_corner + 1)
-        field = np.tile(np.arange(per_corner + 1), len(begins))
-    else:
-        corner = np.searchsorted(begins, runs, side="right") - 1
-        field = np.searchsorted(slashes, runs) - np.searchsorted(slashes, begins)[corner]
+    text[slashes] = _BLANK
+    numbers = word_starts(text)
+    # A number belongs to the last corner that begins before it, and to the index that follows as
+    # many slashes of this corner.
+    corner = _count_before(begins, len(text))[numbers] - 1
+    before = _count_before(slashes, len(text))
+    field = before[numbers] - before[begins][corner]
     no_number = "a corner is no number, or numbers between slashes"
-    values = parse(text, np.int64, len(runs), lambda run: error(int(corner[run]), no_number))
-    for run in np.flatnonzero((field > _NORMAL) | (values == 0))[:1].tolist():
-        reason = (
-            "has an index of 0, and indices begin at 1; export the mesh again"
-            if values[run] == 0
-            else "has more than three indices"
-        )
-        raise error(int(corner[run]), f"a corner {reason}")
+    values = parse(text, np.int64, len(numbers), lambda word: error(int(corner[word]), no_number))
+    for word in np.flatnonzero((field > _NORMAL) | (values == 0))[:1].tolist():
+        reason = "more than three indices"
+        if values[word] == 0:
+            reason = "an index of 0, and indices begin at 1; export the mesh again"
+        raise error(int(corner[word]), f"a corner has {reason}")
     table = np.zeros((len(begins), 3), np.int64)
-    if alike:
-        table[:, : per_corner + 1] = values.reshape(len(begins), per_corner + 1)
-    else:
-        table[corner, field] = values
+    table[corner, field] = values
     for place in np.flatnonzero(table[:, _POINT] == 0)[:1].tolist():
         raise error(place, "a corner has no vertex")
     return table
 
 
-def _part(name: str, corners: Indices, tables: _Tables, look: CoarseView | None) -> MeshPart:
-    """Return one material's triangles by their corners (T, 3, 3): vertex, texture coordinates, normal."""
+def _count_before(places: Indices, size: int) -> NDArray[np.int32]:
+    """Return, for each of some bytes, how many places are at or before it."""
+    marks = np.zeros(size, np.int32)
+    marks[places] = 1
+    return np.cumsum(marks, dtype=np.int32)
+
+
+def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | None) -> MeshPart:
+    """Return the triangles of a material; corners (T, 3, 3) index vertex, coordinates and normal."""
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
     if used:
         faces, points, *rest = unmerge_faces(

@@ -21,7 +21,7 @@ _MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose nam
 
 
 @dataclass(kw_only=True)
-class CoarseView:
+class MaterialTexture:
     """Base color texture of one material."""
 
     texture: str | None = None  #: name of the texture
@@ -31,7 +31,7 @@ class CoarseView:
 
 def read_libraries(
     path: Path, statements: Sequence[str], used: set[str]
-) -> tuple[dict[str, CoarseView], list[UnreadFeature]]:
+) -> tuple[dict[str, MaterialTexture], list[UnreadFeature]]:
     """Return the looks of materials by their names, the first of a name; and what is not honoured.
 
     Parameters
@@ -40,7 +40,7 @@ def read_libraries(
     statements : names of libraries, as each `mtllib` statement lists them
     used : names of materials of which something is not honoured
     """
-    looks: dict[str, CoarseView] = {}
+    looks: dict[str, MaterialTexture] = {}
     unread: list[UnreadFeature] = []
     for statement in dict.fromkeys(statements):
         whole = _content(path, statement)
@@ -77,15 +77,15 @@ def _content(path: Path, name: str) -> bytes | None:
     return None
 
 
-def _library(path: Path, library: bytes) -> dict[str, CoarseView]:
-    looks: dict[str, CoarseView] = {}
-    look = CoarseView()
+def _library(path: Path, library: bytes) -> dict[str, MaterialTexture]:
+    looks: dict[str, MaterialTexture] = {}
+    look = MaterialTexture()
     text = join_continued(plain_text(library)).decode("utf-8", "replace")
     for line in text.split("\n"):
         words = line.split()
         key, values = (words[0].lower(), words[1:]) if words else ("", [])
         if key == "newmtl":
-            look = looks.setdefault(" ".join(values), CoarseView())
+            look = looks.setdefault(" ".join(values), MaterialTexture())
         elif key == "map_kd" and values:
             options, skipped = _options(values)
             look.texture = line.split(None, 1 + skipped)[-1].strip()
