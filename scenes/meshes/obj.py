@@ -264,13 +264,15 @@ def _corner_indices(
     text: NDArray[np.uint8], begins: Indices, error: Callable[[int, str], InputError]
 ) -> Indices:
     """Return (K, 3) indices of corners of the file, 0 for none; erase the slashes of the text."""
-    slashes = np.flatnonzero(text == ord("/"))
+    slashes = text == ord("/")
+    before = np.cumsum(slashes, dtype=np.int32) - slashes  # slashes before each byte
     text[slashes] = _BLANK
     numbers = word_starts(text)
     # A number belongs to the last corner that begins before it, and to the index that follows as
     # many slashes of this corner.
-    corner = _count_before(begins, len(text))[numbers] - 1
-    before = _count_before(slashes, len(text))
+    marks = np.zeros(len(text), np.bool_)
+    marks[begins] = True
+    corner = np.cumsum(marks, dtype=np.int32)[numbers] - 1
     field = before[numbers] - before[begins][corner]
     no_number = "a corner is no number, or numbers between slashes"
     values = parse(text, np.int64, len(numbers), lambda word: error(int(corner[word]), no_number))
@@ -284,13 +286,6 @@ def _corner_indices(
     for place in np.flatnonzero(table[:, _POINT] == 0)[:1].tolist():
         raise error(place, "a corner has no vertex")
     return table
-
-
-def _count_before(places: Indices, size: int) -> NDArray[np.int32]:
-    """Return, for each of some bytes, how many places are at or before it."""
-    marks = np.zeros(size, np.int32)
-    marks[places] = 1
-    return np.cumsum(marks, dtype=np.int32)
 
 
 def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | None) -> MeshPart:

@@ -12,7 +12,7 @@ from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
-from xfrustum.scenes.meshes.text_lines import TextLines, plain_text, starts_of
+from xfrustum.scenes.meshes.text_lines import TextLines, plain_text, ranges, starts_of
 from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
 
@@ -124,8 +124,7 @@ def _faces(
     spare = limits - starts - 1 - counts  # numbers of a color: up to four
     for face in np.flatnonzero((counts < 1) | (spare < 0) | (spare > 4))[:1].tolist():
         raise error(int(starts[face]), f"face {face} of {count:,} is cut off or damaged")
-    within = np.arange(int(counts.sum())) - np.repeat(starts_of(counts), counts)
-    corners = numbers[np.repeat(starts + 1, counts) + within]
+    corners = numbers[ranges(starts + 1, counts)]
     return _whole(lines.path, corners, "corners of faces"), counts, bool(spare.any())
 
 

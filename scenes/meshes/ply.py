@@ -1,11 +1,13 @@
-"""PLY in text and in binary: elements and their properties as the header declares them (Greg Turk, 1994)."""
+"""PLY in text and in binary (Greg Turk, 1994): elements and properties as the header declares."""
 
 from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +21,7 @@ from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
-from xfrustum.scenes.meshes.text_lines import TextLines, plain_text
+from xfrustum.scenes.meshes.text_lines import TextLines, plain_text, ranges, starts_of
 from xfrustum.scenes.meshes.textures import linear_colors, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.representation import counted
@@ -35,6 +37,7 @@ _CORNERS: Final = ("vertex_indices", "vertex_index")
 _POINT: Final = ("x", "y", "z")
 _NORMAL: Final = ("nx", "ny", "nz")
 _COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_OTHER_COUNT: Final = "has another number of values than the header declares"
 _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
 
@@ -42,11 +45,10 @@ _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "di
 class _Element:
     name: str
     count: int
-    types: dict[str, tuple[str | None, str]] = field(
-        default_factory=dict
-    )  #: of a list's length, of values
-    values: dict[str, NDArray[Any]] = field(default_factory=dict)  #: lists of an element in a row
-    lengths: dict[str, Indices] = field(default_factory=dict)  #: of lists
+    #: types of a list's length (None for a single value) and of its values, by property
+    types: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+    values: dict[str, NDArray[Any]] = field(default_factory=dict)  #: by property, row after row
+    lengths: dict[str, Indices] = field(default_factory=dict)  #: of lists, by property
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +74,8 @@ def read_ply(path: Path) -> MeshContent:
 
 def _header(path: Path, data: bytes) -> _Header:
     first = re.match(rb"(?i:ply)[ \t]*(\r\n|\n|\r)", data)
-    line_end = (
-        b"\n" if first is None else first[1]
-    )  # also of the last line, before bytes of any value
+    # The last line ends like the first, for bytes of any value follow it.
+    line_end = b"\n" if first is None else first[1]
     end = re.search(line_end + rb"end_header[ \t]*" + line_end, data)
     if first is None or end is None:
         raise InputError(
@@ -117,41 +118,27 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
     lines = TextLines(path, plain_text(data), len(plain_text(data[: header.size])))
     declared, line = sum(element.count for element in header.elements), 0
     if len(lines) != declared:
-        told = (
+        reason = (
             f"the header declares {declared:,} lines of elements, and the file has {len(lines):,}"
         )
-        raise InputError(f"{path}: {told}; export the mesh again")
+        raise InputError(f"{path}: {reason}; export the mesh again")
     for element in header.elements:
-        numbers, counts = lines.numbers(slice(line, line + element.count))
-        place = np.cumsum(counts) - counts
-        after = place + counts
+        rows = slice(line, line + element.count)
+        check = partial(lines.check, rows, reason=_OTHER_COUNT)
+        numbers, counts = lines.numbers(rows)
+        place, after = starts_of(counts), np.cumsum(counts)
         for name, (length_type, kind) in element.types.items():
             lengths = np.ones(element.count, np.int64)
             if length_type is not None:
-                _check_row(lines, line, place + 1 <= after)
-                given, place = numbers[place], place + 1
-                _check_row(
-                    lines,
-                    line,
-                    (given >= 0) & (given <= after - place) & (given == np.floor(given)),
-                )
-                element.lengths[name] = lengths = given.astype(np.int64)
-            _check_row(lines, line, place + lengths <= after)
-            element.values[name] = _cast(path, numbers[_ranges(place, lengths)], kind, name)
+                check(place + 1 <= after)
+                stored, place = numbers[place], place + 1
+                check((stored >= 0) & (stored <= after - place) & (stored == np.floor(stored)))
+                element.lengths[name] = lengths = stored.astype(np.int64)
+            check(place + lengths <= after)
+            element.values[name] = _cast(path, numbers[ranges(place, lengths)], kind, name)
             place = place + lengths
-        _check_row(lines, line, place == after)
+        check(place == after)
         line += element.count
-
-
-def _check_row(lines: TextLines, first: int, right: NDArray[np.bool_]) -> None:
-    for row in np.flatnonzero(~right)[:1].tolist():
-        raise lines.error(first + row, "has another number of values than the header declares")
-
-
-def _ranges(starts: Indices, lengths: Indices) -> Indices:
-    """Return the indices of all ranges in a row."""
-    within = np.arange(int(lengths.sum())) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    return np.asarray(np.repeat(starts, lengths) + within)
 
 
 def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
@@ -167,44 +154,41 @@ def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
 def _read_binary(path: Path, data: bytes, header: _Header) -> None:
     place = header.size
     for element in header.elements:
-        # Most files have lists of one length: that of the first row.
-        row, fixed = list[tuple[str, str] | tuple[str, str, int]](), place
-        for name, (length_type, kind) in element.types.items():
-            if length_type is None:
-                row.append((name, header.order + kind))
-            else:
-                length = (
-                    _number(path, data, fixed, header.order + length_type) if element.count else 0
-                )
-                row += [
-                    (f"{name} ", header.order + length_type),
-                    (name, header.order + kind, length),
-                ]
-            fixed = place + np.dtype(row).itemsize
-        whole = np.dtype(row)
-        if place + whole.itemsize * element.count <= len(data):
-            table = np.frombuffer(data, whole, element.count, place)
-            if all(
-                (table[name] == table[name][:1]).all()
-                for name in table.dtype.names or ()
-                if name[-1] == " "
-            ):
-                for name in element.types:
-                    element.values[name] = table[name].ravel()
-                    if f"{name} " in (table.dtype.names or ()):
-                        element.lengths[name] = table[f"{name} "].astype(np.int64)
-                place += whole.itemsize * element.count
-                continue
-        place = _read_rows(path, data, element, header.order, place)
+        place = _read_alike(path, data, element, header.order, place) or _read_rows(
+            path, data, element, header.order, place
+        )
     if place != len(data):
-        declared, there = place - header.size, len(data) - header.size
-        told = f"the header declares {declared:,} bytes of elements, file has {there:,}"
-        raise InputError(f"{path}: {told}; export the mesh again")
+        declared, size = place - header.size, len(data) - header.size
+        reason = f"the header declares {declared:,} bytes of elements, file has {size:,}"
+        raise InputError(f"{path}: {reason}; export the mesh again")
+
+
+def _read_alike(path: Path, data: bytes, element: _Element, order: str, place: int) -> int | None:
+    """Read an element whose lists are as long as in its first row; return its end, else None."""
+    row, fixed = list[tuple[str, str] | tuple[str, str, int]](), place
+    for name, (length_type, kind) in element.types.items():
+        if length_type is None:
+            row.append((name, order + kind))
+        else:
+            length = _number(path, data, fixed, order + length_type) if element.count else 0
+            # No name in a header ends with a blank.
+            row += [(f"{name} ", order + length_type), (name, order + kind, length)]
+        fixed = place + np.dtype(row).itemsize
+    end = place + np.dtype(row).itemsize * element.count
+    if end > len(data):
+        return None
+    table = np.frombuffer(data, np.dtype(row), element.count, place)
+    lists = [name for name, (length_type, _) in element.types.items() if length_type is not None]
+    if not all((table[f"{name} "] == table[f"{name} "][:1]).all() for name in lists):
+        return None
+    element.values |= {name: table[name].ravel() for name in element.types}
+    element.lengths |= {name: table[f"{name} "].astype(np.int64) for name in lists}
+    return end
 
 
 def _read_rows(path: Path, data: bytes, element: _Element, order: str, place: int) -> int:
-    """Read an element whose lists have different lengths, row by row; return where it ends."""
-    found: dict[str, list[NDArray[Any]]] = {name: [] for name in element.types}
+    """Read an element whose lists have different lengths, row by row; return its end."""
+    values: dict[str, list[NDArray[Any]]] = {name: [] for name in element.types}
     kinds = [
         (name, None if length is None else np.dtype(order + length), np.dtype(order + kind))
         for name, (length, kind) in element.types.items()
@@ -217,15 +201,13 @@ def _read_rows(path: Path, data: bytes, element: _Element, order: str, place: in
                 place += length_kind.itemsize
             end = place + length * kind.itemsize
             if end > len(data) or length < 0:
-                told = (
-                    f"ends within {element.name} {row:,} of {element.count:,}: the file is cut off"
-                )
-                raise InputError(f"{path}: {told}; export the mesh again")
-            found[name].append(np.frombuffer(data, kind, length, place))
+                reason = f"ends within {element.name} {row:,} of {element.count:,}"
+                raise InputError(f"{path}: {reason}: the file is cut off; export the mesh again")
+            values[name].append(np.frombuffer(data, kind, length, place))
             place = end
-    for name, values in found.items():
-        element.values[name] = np.concatenate(values) if values else np.zeros(0)
-        element.lengths[name] = np.array([len(one) for one in values], np.int64)
+    for name, parts in values.items():
+        element.values[name] = np.concatenate(parts) if parts else np.zeros(0)
+        element.lengths[name] = np.array([len(part) for part in parts], np.int64)
     return place
 
 
@@ -250,11 +232,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
         raise InputError(
             f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
         )
-    for name in (
-        *_POINT,
-        *_NORMAL,
-        *(name for names in (*_COORDINATES, *_COLORS) for name in names),
-    ):
+    for name in chain(_POINT, _NORMAL, *_COORDINATES, *_COLORS):
         if vertex.types.get(name, (None,))[0] is not None:
             raise InputError(
                 f"{path}: {name} of vertices is a list, and must be one number; export it again"
@@ -264,13 +242,12 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
             f"{path}: triangle strips (element tristrips) are not read; export triangles"
         )
     if face is None or not face.count:
-        what = "a point cloud"
-        if {"f_dc_0", "opacity", "rot_0", "scale_0"} <= vertex.types.keys():
-            what = "Gaussian splats"
+        splats = {"f_dc_0", "opacity", "rot_0", "scale_0"} <= vertex.types.keys()
+        kind = "Gaussian splats" if splats else "a point cloud"
         other = [name for name in elements if name not in ("vertex", "face")]
-        beside = f", beside {', '.join(other)}" if other else ""
-        what += f": {counted(vertex.count, 'point')}, no faces{beside}"
-        raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
+        content = f"{kind}: {counted(vertex.count, 'point')}, no faces"
+        content += f", beside {', '.join(other)}" if other else ""
+        raise InputError(f"{path}: the mesh has no triangles: {content}; give it a mesh with faces")
     if not any(name in face.lengths for name in _CORNERS):
         raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
 
@@ -287,21 +264,28 @@ def _content(
         points, corners, counts, lambda number, why: InputError(f"{path}: face {number} {why}")
     )[sizes_together(counts)]
     faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
-    colors = next((names for names in _COLORS if all(one in vertex.values for one in names)), None)
-    single = len(textures) == 1
+    colors = _complete(vertex, _COLORS)
+    normals = _complete(vertex, (_NORMAL,))
+    single = textures[0] if len(textures) == 1 else None
     part = MeshPart(
         name="",
         vertices=points[chosen],
         faces=faces,
         uv=uv,
-        color=None if colors is None else linear_colors(_columns(vertex, colors))[chosen],
-        normals=unit_normals(_columns(vertex, _NORMAL).astype(np.float64))[chosen]
-        if all(one in vertex.values for one in _NORMAL)
-        else None,
-        picture=open_picture(path, textures[0]) if single else None,
-        texture=textures[0] if single else None,
+        color=None if colors is None else linear_colors(colors)[chosen],
+        normals=None if normals is None else unit_normals(normals.astype(np.float64))[chosen],
+        picture=None if single is None else open_picture(path, single),
+        texture=single,
     )
     return MeshContent(parts=(part,), unread=tuple(_unread(elements, textures, counts)))
+
+
+def _complete(element: _Element, choices: Iterable[tuple[str, ...]]) -> NDArray[Any] | None:
+    """Return the columns of the first group of properties that an element has; None without one."""
+    for names in choices:
+        if element.values.keys() >= {*names}:
+            return _columns(element, names)
+    return None
 
 
 def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
@@ -321,8 +305,8 @@ def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -
         )
     if corners.min() < 0 or corners.max() >= vertices:
         worst = corners.min() if corners.min() < 0 else corners.max()
-        told = f"faces point past the vertices (index {worst}, {vertices} vertices)"
-        raise InputError(f"{path}: {told}; export the mesh again")
+        reason = f"faces point past the vertices (index {worst}, {vertices} vertices)"
+        raise InputError(f"{path}: {reason}; export the mesh again")
     return corners
 
 
@@ -337,33 +321,26 @@ def _textured(
             unique, inverse = unique_rows(uv)
         faces, chosen, places = unmerge_faces(faces, inverse.reshape(faces.shape))
         return faces, chosen, uv[unique][places]
-    names = next(
-        (names for names in _COORDINATES if all(one in vertex.values for one in names)), None
-    )
-    if names is None:
+    placed = _complete(vertex, _COORDINATES)
+    if placed is None:
         return faces, slice(None), None
     chosen, numbered = np.unique(faces, return_inverse=True)
-    uv = _columns(vertex, names).astype(np.float64)
-    return numbered.reshape(faces.shape), chosen, uv[chosen]
+    return numbered.reshape(faces.shape), chosen, placed.astype(np.float64)[chosen]
 
 
 def _unread(
     elements: Mapping[str, _Element], textures: tuple[str, ...], counts: Indices
 ) -> list[UnreadFeature]:
-    found, face = [], elements["face"]
+    face, features = elements["face"], dict[str, str]()
     if len(textures) > 1:
-        several = "are not shown: faces choose among several"
-        found.append(UnreadFeature(feature=f"textures {', '.join(textures)}", consequence=several))
-    if any(name in face.types for names in _COLORS for name in names):
-        found.append(UnreadFeature(feature="colors of faces", consequence="are not shown"))
+        features[f"textures {', '.join(textures)}"] = "are not shown: faces choose among several"
+    if not face.types.keys().isdisjoint(chain(*_COLORS)):
+        features["colors of faces"] = "are not shown"
     if "texcoord" in face.lengths and (face.lengths["texcoord"] != 2 * counts).any():
-        some = "are not read: not all faces have them"
-        found.append(
-            UnreadFeature(feature="texture coordinates of faces (texcoord)", consequence=some)
+        features["texture coordinates of faces (texcoord)"] = (
+            "are not read: not all faces have them"
         )
-    found += [
-        UnreadFeature(feature=f"element {name}", consequence="is not drawn: it has no faces")
-        for name, element in elements.items()
-        if element.count and name not in ("vertex", "face")
-    ]
-    return found
+    for name, element in elements.items():
+        if element.count and name not in ("vertex", "face"):
+            features[f"element {name}"] = "is not drawn: it has no faces"
+    return [UnreadFeature(feature=name, consequence=text) for name, text in features.items()]

@@ -49,6 +49,12 @@ def starts_of(counts: Indices) -> Indices:
     return np.asarray(np.cumsum(counts) - counts)
 
 
+def ranges(starts: Indices, counts: Indices) -> Indices:
+    """Return the indices of all ranges of some starts and sizes, one range after the other."""
+    within = np.arange(int(counts.sum())) - np.repeat(starts_of(counts), counts)
+    return np.asarray(np.repeat(starts, counts) + within)
+
+
 class TextLines:
     """Lines of a plain text that are not blank, in order, without comments from `#` on."""
 
