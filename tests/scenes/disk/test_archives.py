@@ -80,47 +80,30 @@ def test_devices_and_recordings_are_regular_files_of_bounded_size(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "line",
-    [
-        ".".join(["a"] * 200_000) + " = 1",
-        "[" + ".".join(['"a.b"'] * 200_000) + "]",
-        "x = {" + " . ".join(["'a'"] * 200_000) + " = 1}",
-        "a" + ".a" * 16 + " = 1",
-    ],
-    ids=["bare", "header", "inline", "short"],
+    "line", [".".join(["a"] * 200_000) + " = 1", "x = {" + " . ".join(["'a'"] * 200_000) + " = 1}"]
 )
 def test_keys_of_many_parts_are_refused_at_once(line: str, tmp_path: Path) -> None:
-    """Python's reader of TOML takes 8 seconds for a key of 20,000 parts, and ever more for longer ones."""
+    """Python's reader of TOML takes 8 seconds for a key of 20,000 parts."""
     (tmp_path / "scene.toml").write_text(f"{SCENE}{line}\n")
     with pytest.raises(InputError, match="has more than 16 parts"):
         open_scene(tmp_path / "scene.toml")
 
 
-def test_comments_with_many_dots_are_no_keys(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(f"# see {'a.' * 40}b\n{SCENE}")
-    assert open_scene(tmp_path / "scene.toml").plate.hogels
-
-
-def test_texts_with_dots_quotes_and_a_byte_order_mark_are_no_long_keys(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    name = "a.b " * 40 + "'\\\"..'.c" * 40
-    path.write_bytes(b"\xef\xbb\xbf" + f'name = "{name}"  # {"1.2, " * 99}\n{SCENE}'.encode())
+def test_comments_and_texts_with_dots_are_no_long_keys(tmp_path: Path) -> None:
+    path, name = tmp_path / "scene.toml", "a.b " * 40 + "'\\\"..'.c" * 40
+    comment = f"# see {'a.' * 40}b\n"
+    path.write_bytes(
+        b"\xef\xbb\xbf" + f'{comment}name = "{name}"  # {"1.2, " * 99}\n{SCENE}'.encode()
+    )
     assert open_scene(path).name == name.replace('\\"', '"')
 
 
-@pytest.mark.parametrize(
-    ("old", "key"),
-    [
-        ("hogels = [3", "plate.hogels"),
-        ("size = [10.0", "plate.size"),
-        ("resolution = [16", "frustum.resolution"),
-    ],
-)
 def test_numbers_of_thousands_of_digits_are_refused_by_the_name_of_their_key(
-    old: str, key: str, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     """Python reads any hexadecimal number, and writes none of more than 4,300 decimal digits."""
     path = tmp_path / "scene.toml"
-    path.write_text(SCENE.replace(old, f"{old.partition('[')[0]}[0x{'f' * 5000}"))
-    with pytest.raises(InputError, match=rf"{key}\[0\]: .*not a number of thousands of digits"):
+    path.write_text(SCENE.replace("hogels = [3", f"hogels = [0x{'f' * 5000}"))
+    told = r"plate.hogels\[0\]: .*not a number of thousands of digits"
+    with pytest.raises(InputError, match=told):
         open_scene(path)

@@ -32,10 +32,6 @@ SCENE = film(
 )
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 TRIANGLE = CORNERS + "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
-    f"property float {axis}\n" for axis in "xyz"
-)
-PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 NET = "1\n2 2\n" + "".join(f"{x} {y} {x * y}\n" for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0))
 """A file of one Bezier patch."""
 
@@ -129,38 +125,16 @@ Content = str | bytes | Callable[[], bytes]
 DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.obj", "", "the mesh file is empty"),
     ("mesh.obj", CORNERS, "no triangles"),
-    (
-        "mesh.obj",
-        CORNERS.replace("1 0 0", "1 nan 0") + "f 1 2 3\n",
-        "1 of 3 vertices are NaN or infinite",
-    ),
     ("mesh.obj", CORNERS.replace("v 1 0 0", "v inf 0 0") + "f 1 2 3\n", "the first is number 1"),
     ("mesh.obj", CORNERS + "f 1 2 9\n", "faces point past the vertices"),
-    ("mesh.obj", CORNERS + "f -1 -2 -9\n", "faces point past the vertices"),
-    ("mesh.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "three coordinates"),
-    ("mesh.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "face"),
-    ("mesh.ply", PLY + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "past the vertices (index 7, 3 vertices)"),
-    ("mesh.glb", "hello", "cannot be read"),
-    ("mesh.ply", "ply\nnonsense", "damaged"),
-    ("mesh.xyz", "1 2 3\n4 5 6\n", "mesh.xyz"),
-    ("mesh.foo", "x", "use one of"),
-    ("mesh.gltf", gltf_of_gigabytes(), "GiB of memory"),
     ("mesh.gltf", gltf_of_gigabytes(), "--max-input-memory"),
-    ("mesh.zip", archive_of_megabytes, "is packed; unpack it first"),
     ("mesh.3mf", archive_of_megabytes, "unpacking"),
     ("mesh.3mf", b"PK\x03\x04 and then nothing", "is no package that can be read"),
     ("mesh.bpt", "", "the patch file is empty"),
-    ("mesh.bpt", "no\n", "the number of patches must be a whole number of at least 1, not 'no'"),
     ("mesh.bpt", "9" * 4400 + "\n", "number of patches must be at most"),
-    ("mesh.bpt", "2" + NET[1:], "ends before a degree of patch 1"),
     ("mesh.bpt", NET[:-20], "ends within the control points of patch 0"),
-    ("mesh.bpt", NET + "3 3\n", "goes on after 1 patches"),
-    ("mesh.bpt", NET.replace("2 2", "2.5 2"), "a degree of patch 0 must be a whole number"),
     ("mesh.bpt", NET.replace("0.5", "half", 1), "a control point of patch 0 is not a number"),
-    ("mesh.bpt", NET.replace("0.5", "1e999", 1), "NaN or infinite"),
     ("mesh.bpt", BEYOND, "beyond 1e+100"),
-    ("mesh.bpt", "1\n1 1\n" + "2 3 4\n" * 4, "all control points are the same"),
-    ("mesh.bpt", "1\n1 1\n" + "0 0 0\n1 1 1\n" * 2, "no triangles"),
     ("mesh.bpt", b"\xff\xfe\x00", "not a text of Bezier patches"),
     ("image.exr", "hello", "not an OpenEXR image"),
     *(
@@ -177,18 +151,11 @@ DAMAGED: list[tuple[str, Content, str]] = [
     *(("sky.exr", partial(made, "sky.exr", value), "finite") for value in (np.nan, np.inf)),
     ("sky.exr", partial(made, "sky.exr", -1e-3), "not negative"),
     ("sky.exr", partial(made, "sky.exr", 1.0, 1), "RGB"),
-    ("sky.exr", lambda: cut(made("sky.exr")), "damaged"),
     ("sky.hdr", lambda: cut(made("sky.hdr")), "damaged"),
     ("sky.exr", picture, "not an OpenEXR or Radiance HDR"),
-    ("scene.toml", b"\xff\xfe", "not valid"),
     ("scene.toml", scene("size = [10.0", "size = [1" + "0" * 400), "plate.size"),
     ("scene.toml", scene("[20.0, 20.0]", "[" * 600 + "]" * 600), "nested too deeply"),
     ("scene.toml", scene("fov_deg = [60.0, 60.0]", SCREEN), "no image resolves such angles"),
-    (
-        "scene.toml",
-        scene("fov_deg = [60.0, 60.0]", "fov_deg = [60.0, 1e-20]"),
-        "no image resolves such",
-    ),
     ("scene.toml", scene("[[object]]", LIGHT), "light[0].color"),
     (
         "scene.toml",
