@@ -72,23 +72,23 @@ def entries() -> list[Path]:
     return sorted(path for path in CORPUS.iterdir() if path.name.count(".") == 2)
 
 
-def found_of(seed: Seed, payload: bytes) -> list[str]:
-    """Return the findings of one input."""
-    command, files = seed.command, dict(seed.files)
-    if seed.mutated:
-        files = with_payload(seed, payload)
-    else:
-        command = tuple(json.loads(payload.decode("utf-8", "surrogatepass")))
-    return list(findings(outcome_of(command, files), seed.outputs, named=bool(seed.mutated)))
-
-
 def replayed() -> dict[str, list[str]]:
     """Return the findings of every input of the corpus."""
-    wanted = {path.name.split(".")[0] for path in entries()}
-    kinds = [kind for kind in KINDS if any(name.startswith(kind.rstrip("s")) for name in wanted)]
+    names = {path.name.split(".")[0] for path in entries()}
+    kinds = [kind for kind in KINDS if any(name.startswith(kind) for name in names)]
     seeds = {seed.name: seed for kind in kinds for seed in KINDS[kind]()}
     import_everything()
-    return {p.name: found_of(seeds[p.name.split(".")[0]], p.read_bytes()) for p in entries()}
+    found = {}
+    for path in entries():
+        seed, payload = seeds[path.name.split(".")[0]], path.read_bytes()
+        command, files = seed.command, dict(seed.files)
+        if seed.mutated:
+            files = with_payload(seed, payload)
+        else:
+            command = tuple(json.loads(payload.decode("utf-8", "surrogatepass")))
+        outcome = outcome_of(command, files)
+        found[path.name] = list(findings(outcome, seed.outputs, named=bool(seed.mutated)))
+    return found
 
 
 def main(arguments: list[str] | None = None) -> int:

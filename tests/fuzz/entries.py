@@ -59,21 +59,6 @@ def read_parts(out: Path) -> None:
     click.echo(str(sum(parts.read(number).num_rows for number in whole)))
 
 
-@click.command("read-recording")
-@click.argument("recording", type=click.Path(path_type=Path))
-def read_recording(recording: Path) -> None:
-    """Read recorded frames, and open what they name, as `device --replay` does."""
-    from xfrustum.compare.device.recorded import read_frames
-    from xfrustum.scenes import open_scene
-    from xfrustum.scenes.model.device_model import model_of
-
-    device, frames = read_frames(recording)
-    model_of(device)
-    for frame in frames:
-        frame.question(open_scene(frame.scene))
-    click.echo(str(len(frames)))
-
-
 @click.command("read-device")
 @click.argument("path", type=click.Path(path_type=Path))
 def read_device(path: Path) -> None:
@@ -95,4 +80,4 @@ def read_archive(path: Path, name: str) -> None:
     click.echo(str(len(Archive(path=path)(case, case.open()))))
 
 
-ENTRIES = (read_scene, read_picture, read_parts, read_recording, read_device, read_archive)
+ENTRIES = (read_scene, read_picture, read_parts, read_device, read_archive)

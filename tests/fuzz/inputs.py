@@ -1,19 +1,7 @@
-"""The seeds of mutation: valid files of every kind that is read, and the commands that read them.
+"""Seeds of mutation: valid files of every kind that is read, and the commands that read them.
 
-Most inputs are only read, because a verdict takes a hundred times as long as reading what it is
-about; one in so many goes all the way:
-
-scene, mesh, patches, environment, instances   `read-scene`; one in ten `check`, one in ten `trace`
-exr                                 `compare` picture                             `read-picture`,
-which reads as `verify` does; one in a hundred `verify` exr-attributes
-`read-picture`; one in ten `compare` zarr, names                         `convert`; of zarr one in
-twenty `plate --check` parts                               `read-parts`, which reads the parts of a
-survey replay                              `read-recording`; one in ten `device --replay` device
-`read-device`; one in ten `budget --device`, `device --replay --device` archive
-`read-archive`; one in ten `conformance judge --truth` pattern, command                    the
-command itself
-
-The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
+Most inputs are only read, by the commands of `entries`, because a verdict takes a hundred times as
+long; one in so many goes all the way.
 """
 
 import io
@@ -111,29 +99,20 @@ def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
     return packed({**others, **{pattern.format(name): content for name in json.loads(payload)}})
 
 
-def packed(files: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> dict[str, bytes]:
-    """Return files of which folders called .npz or .zip are archives; texts called .npy become arrays.
+def packed(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return files of which folders called .npz or .zip are archives.
 
-    So damage to a member leaves the archive about it whole, with checksums that are right.
+    Damage to a member leaves the archive around it whole, with checksums that are right.
     """
     found = dict(files)
-    folders = {
-        one
-        for name in files
-        for one in PurePosixPath(name).parents
-        if one.suffix in (".npz", ".zip")
-    }
+    parents = {one for name in files for one in PurePosixPath(name).parents}
+    folders = [one for one in parents if one.suffix in (".npz", ".zip")]
     for folder in sorted(folders, key=lambda one: -len(one.parts)):
-        inside = [name for name in found if PurePosixPath(name).is_relative_to(folder)]
         held = io.BytesIO()
-        with zipfile.ZipFile(held, "w", compression) as archive:
-            for name in inside:
-                data = found.pop(name)
-                if name.endswith(".npy") and not data.startswith(b"\x93NUMPY"):
-                    data = _array(data.decode("utf-8", "replace"))
-                archive.writestr(
-                    zipfile.ZipInfo(str(PurePosixPath(name).relative_to(folder))), data
-                )
+        with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in [name for name in found if PurePosixPath(name).is_relative_to(folder)]:
+                inside = str(PurePosixPath(name).relative_to(folder))
+                archive.writestr(zipfile.ZipInfo(inside), found.pop(name))
         found[str(folder)] = held.getvalue()
     return found
 
@@ -341,58 +320,14 @@ def parts() -> list[Seed]:
     ]
 
 
-FRAME = "scene.toml|0.1|d24|standard|1,1"
-"""Name of a recorded frame: the middle hogel of the small scene."""
-
-
-def _recording() -> dict[str, bytes]:
-    """Return the members of a recording of one frame, and its scene."""
-    numbers = np.zeros((12, 16), dtype=np.int32)
-    numbers[:, :8] = -1
-    device = {"vendor": "Mesa", "renderer": "llvmpipe", "version": "4.5", "subpixel_bits": "8"}
-    return {
-        "scene.toml": _SHAPE_SCENE,
-        "frames.npz/device.npy": json.dumps(device).encode(),
-        f"frames.npz/{FRAME}.npy": _array(numbers),
-    }
-
-
-def recordings() -> list[Seed]:
-    """Return recordings of frames: as a whole, member by member, and by the names of their frames."""
-    members = _recording()
-    device, frame = (name for name in members if name.startswith("frames.npz/"))
-    line = "device --replay frames.npz --json --quiet"
-    others = {name: data for name, data in members.items() if name != frame} | {
-        NAMES_FILE: _listed(FRAME)
-    }
-    named = _seed("replay-names", others, NAMES_FILE, line)
-    found = [
-        _seed("replay-deflated", packed(members), "frames.npz", line),
-        _seed("replay-stored", packed(members, zipfile.ZIP_STORED), "frames.npz", line),
-        _seed("replay-device", members, device, line),
-        _seed("replay-frame", members, frame, line),
-        replace(named, how="mutated_names", listed=("frames.npz/{}.npy", members[frame])),
-    ]
-    return [*found, *_also(found, "read", "read-recording frames.npz", share=9)]
-
-
 def devices() -> list[Seed]:
     """Return files of devices, with every key."""
-    models = {"card": H100, "software": SOFTPIPE}
-    lines = (
-        "budget scene.toml --near 0.1 --json --device device.json",
-        "device --replay frames.npz --json --quiet --device device.json",
-    )
     found = []
-    for (name, model), line in zip(models.items(), lines, strict=True):
-        text = json.dumps(
-            {"renderer": "any", "model": model.as_json(), "subpixel_bits": 8}
-        ).encode()
-        found.append(
-            _seed(
-                f"device-{name}", {**packed(_recording()), "device.json": text}, "device.json", line
-            )
-        )
+    for name, model in {"card": H100, "software": SOFTPIPE}.items():
+        text = json.dumps({"renderer": "any", "model": model.as_json(), "subpixel_bits": 8})
+        files = {"scene.toml": _SHAPE_SCENE, "device.json": text.encode()}
+        line = "budget scene.toml --near 0.1 --json --device device.json"
+        found.append(_seed(f"device-{name}", files, "device.json", line))
     return [*found, *_also(found, "read", "read-device device.json", share=9)]
 
 
@@ -431,13 +366,7 @@ def archives() -> list[Seed]:
             ),
         ]
         found += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
-    name = f"images/{names[-1]}/unsupported"
-    return [
-        *found,
-        _seed(
-            "archive-reason", {**whole, name: b"no lights, and no more than 24 bits"}, name, line
-        ),
-    ]
+    return found
 
 
 def patterns() -> list[Seed]:
@@ -497,10 +426,8 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "exr-attributes": attributes,
     "names": names,
     "parts": parts,
-    "replay": recordings,
     "device": devices,
     "archive": archives,
-    # Meshes that place others many times, "instances", have a function of their own here.
     "pattern": patterns,
     "environment": environments,
     "picture": pictures,
@@ -527,13 +454,6 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
     pixels[..., :2] = 0
     held = io.BytesIO()
     Image.fromarray(pixels).save(held, format={"tif": "tiff"}.get(suffix, suffix))
-    return held.getvalue()
-
-
-def _array(content: object) -> bytes:
-    """Return the bytes of a .npy file."""
-    held = io.BytesIO()
-    np.save(held, np.array(content), allow_pickle=False)
     return held.getvalue()
 
 
