@@ -28,9 +28,10 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, model_of
-from xfrustum.scenes.model.effects import Effect, Question, checked, loses_far_plane, needed
+from xfrustum.scenes.model.effects import Effect, Question, checked, needed
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.visibility import loses_far_plane
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -16,7 +16,6 @@ from xfrustum.compare.attribution.budget import (
     LinkNumbers,
     make_budget,
 )
-from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason
 from xfrustum.compare.scout import AutoApertures
@@ -29,6 +28,7 @@ from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as png_of
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import SENTENCES, aligned, sentences
 from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance.display import LEVELS

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
@@ -29,6 +28,7 @@ from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timin
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
 from xfrustum.reports.error_report.words import where_it_lies
 from xfrustum.reports.notebook import NotebookRepr
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole

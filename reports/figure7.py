@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.scenes import (
     Aperture,
     Camera,

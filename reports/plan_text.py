@@ -206,7 +206,7 @@ def _infeasible(known: PlateResult) -> str:
 
 def limit_words(requirement: Requirement) -> str:
     """Return the limits beyond which a hogel is beyond."""
-    return f"{requirement.beyond_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
+    return f"{requirement.tolerance_px:g} px or {percent(MAX_WRONG)} wrong surfaces"
 
 
 def buffer_words(limit: BufferLimit, units: str) -> str:

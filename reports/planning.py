@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye.noticeable import (
     MILLIMETERS,
     Display,
@@ -49,12 +48,13 @@ from xfrustum.reports.common.provenance import (
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.plan_text import DEPTH, EYE, MEASURES, NOTHING, NOTICED, PIXELS
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.representation import digits, percent
-from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG
 
 FILES = PAGE, DATA = "index.html", "plan.json"
 
@@ -246,7 +246,7 @@ class PlanReport(NotebookRepr):
         requirement, frustum = made.requirement, self.scene.frustum
         separation = requirement.separation_in(frustum)
         limits = (
-            ("displacement, 99 %, px", requirement.tolerance_px, "displacement_p99_px"),
+            ("displacement, 99 %, px", requirement.limit_px, "displacement_p99_px"),
             (
                 "wrong surface",
                 MAX_WRONG if requirement.pixels_count else math.inf,
@@ -316,10 +316,12 @@ def plan(
     """
     one_of(scene, Scene, "scene")
     if requirement is None:
-        requirement = Requirement(tolerance_px=TOLERANCE_PX if viewer is None else math.inf)
+        requirement = Requirement(pixels_count=viewer is None)
     one_of(requirement, Requirement, "requirement")
     if viewer is None and not requirement.pixels_count:
-        raise InputError("the tolerance is infinite: state one in pixels, or a viewer")
+        raise InputError(
+            "neither pixels nor a viewer limit near: let pixels count, or give a viewer"
+        )
     if apertures is None:
         return _plate_plan(scene, requirement, viewer, sample or RandomSample(), progress)
     if viewer is not None:
@@ -422,7 +424,7 @@ def allowed(found: PlanReport) -> list[Allowed]:
     if limits is None:
         return rows
     if limits.pixels is not None:
-        name = f"pixels, {requirement.beyond_px:g} px at the worst hogel"
+        name = f"pixels, {requirement.tolerance_px:g} px at the worst hogel"
         rows.append(Allowed(name, high=limits.pixels, binds=found.binds == PIXELS))
     for one in limits.eyes:
         high = math.inf if one.largest_near is None else one.largest_near
@@ -439,9 +441,7 @@ def write_plan(found: PlanReport, out: Path) -> tuple[Path, ...]:
     """Write the page and plan.json, all or nothing."""
     figures, limits = {"limits": limits_figure(found)}, found.plan.limits
     if found.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
-        title = (
-            f"largest near that keeps {found.plan.requirement.beyond_px:g} px, {found.scene.units}"
-        )
+        title = f"largest near that keeps {found.plan.requirement.tolerance_px:g} px, {found.scene.units}"
         places = [one.index for one in found.scan.apertures]
         values, known = plate_cells(found.scene.plate.hogels, places, limits.hogels, np.fmin)
         figure = plate_map(found.scene.plate, values, title, known=known, logarithmic=True)

@@ -11,7 +11,6 @@ STAGES = ("scenes", "reference", "raster", "compare")
 #: modules of compare, reference and raster that still make texts; the list only gets shorter
 WORDED = {
     "compare/diagnosis/defects.py",
-    "compare/extent.py",
     "compare/judging/verdict.py",
     "compare/renderer_model/conventions.py",
     "compare/scout.py",

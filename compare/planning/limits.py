@@ -51,7 +51,7 @@ def near_limits(
     scan: PlateScan | None,
 ) -> Limits:
     """Return the range of near that each judge allows at some views."""
-    tolerance = requirement.beyond_px
+    tolerance = requirement.tolerance_px
     pixels = _largest_near(
         views.scene.frustum, lambda near: views.displaced(near, tolerance) <= tolerance
     )

@@ -226,7 +226,7 @@ class PlatePlanner:
         """Scanned apertures at which not even the smallest near keeps the tolerance."""
         moved = self.scan.displacements(self._smallest)
         pairs = zip(self.scan.apertures, moved, strict=True)
-        return frozenset(one.index for one, px in pairs if px > self.requirement.tolerance_px)
+        return frozenset(one.index for one, px in pairs if px > self.requirement.limit_px)
 
     @cached_property
     def _feasible(self) -> bool:
@@ -235,7 +235,7 @@ class PlatePlanner:
         return any(one.aperture.index not in self._infeasible for one in seeing)
 
     def _is_infeasible(self, view: View) -> bool:
-        frustum, tolerance = self.reference.scene.frustum, self.requirement.tolerance_px
+        frustum, tolerance = self.reference.scene.frustum, self.requirement.limit_px
         return displacement_bound(view.truth, frustum, self._smallest) > tolerance
 
     @property
@@ -271,7 +271,7 @@ class PlatePlanner:
         """Return scanned apertures whose errors may exceed a limit, the worst first."""
         if made.settings is None or not self.requirement.pixels_count:
             return []
-        moved = self.scan.displacements(made.settings) / self.requirement.tolerance_px
+        moved = self.scan.displacements(made.settings) / self.requirement.limit_px
         excess = np.maximum(moved, self.scan.wrong_shares(made.settings) / MAX_WRONG)
         worst_first = np.argsort(-excess, kind="stable")
         return [self.scan.apertures[k] for k in worst_first if excess[k] > SUSPECTED_EXCESS]
@@ -305,7 +305,7 @@ class PlatePlanner:
         """Return a plan with its measures at its views and at a sample of all other hogels."""
         assert made.settings is not None
         chosen, sheets, device = measured(views, made.settings, self.requirement, self.done)
-        limit, hogels = self.requirement.beyond_px, math.prod(self.reference.scene.plate.hogels)
+        limit, hogels = self.requirement.tolerance_px, math.prod(self.reference.scene.plate.hogels)
         beyond, chosen_beyond = (
             sum(one.beyond(limit) for one in some) for some in (sample, chosen)
         )

@@ -67,8 +67,8 @@ class Quality(Errors):
 class Requirement:
     """Limits of a plan; InputError for numbers out of range."""
 
-    #: largest 99th percentile of displacement, pixels; infinite where a viewer's eyes alone judge
-    tolerance_px: float = TOLERANCE_PX
+    tolerance_px: float = TOLERANCE_PX  #: largest 99th percentile of displacement, pixels
+    pixels_count: bool = True  #: whether displacement and wrong surfaces limit near, or eyes alone
     #: distance of ordered sheets, scene units; None for `SEPARATION_PER_REACH` of the reach
     separation: float | None = None
     max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
@@ -79,7 +79,7 @@ class Requirement:
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
         separation = None if self.separation is None else real(self.separation)
-        if not tolerance > 0:
+        if not (math.isfinite(tolerance) and tolerance > 0):
             raise InputError(
                 f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}"
             )
@@ -97,14 +97,9 @@ class Requirement:
         return self.choices or depth_buffers()
 
     @property
-    def pixels_count(self) -> bool:
-        """Whether displacement and wrong surfaces of hogels' pixels limit near."""
-        return math.isfinite(self.tolerance_px)
-
-    @property
-    def beyond_px(self) -> float:
-        """Displacement from which on a hogel is beyond, pixels; the usual one where eyes judge."""
-        return self.tolerance_px if self.pixels_count else TOLERANCE_PX
+    def limit_px(self) -> float:
+        """Tolerance of displacement, pixels; infinite where eyes alone limit near."""
+        return self.tolerance_px if self.pixels_count else math.inf
 
     def separation_in(self, frustum: Frustum) -> float:
         """Return the separation in scene units."""
@@ -112,12 +107,11 @@ class Requirement:
 
     def ratios(self, found: Errors) -> dict[str, float]:
         """Return the ratio of each error to its limit, by the name of its field."""
-        moved, wrong = found.displacement_p99_px / self.tolerance_px, 0.0
-        if self.pixels_count:
-            wrong = found.surface_fraction / MAX_WRONG
         return {
-            "displacement_p99_px": moved if self.pixels_count else 0.0,
-            "surface_fraction": wrong,
+            "displacement_p99_px": found.displacement_p99_px / self.tolerance_px
+            if self.pixels_count
+            else 0.0,
+            "surface_fraction": found.surface_fraction / MAX_WRONG if self.pixels_count else 0.0,
             "depth_wrong": found.depth_wrong / self.max_wrong,
         }
 

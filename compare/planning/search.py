@@ -303,6 +303,6 @@ class Search:
     def _holds_in_closed_form(self, near: float, first_cut: tuple[float, ...]) -> bool:
         """Return whether displacement and eyes allow a near; depth buffer and outer cuts do not matter."""
         settings = DoubleFrustum(near=near, slabs=first_cut)
-        viewer, tolerance = self.requirement.viewer, self.requirement.tolerance_px
+        viewer, tolerance = self.requirement.viewer, self.requirement.limit_px
         unnoticed = viewer is None or viewer.excess(settings) <= 1
         return unnoticed and self._views.displaced(settings, tolerance) <= tolerance

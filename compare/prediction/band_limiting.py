@@ -20,10 +20,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes.model.effects import Region
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.visibility import DepthBin, Region, depth_bins
 from xfrustum.scenes.plate.plate import Aperture
 
 LEVEL = 1 / 255  #: one level of 8 bits, in radiance
@@ -100,7 +99,7 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
     It is the largest radiance that the materials of visible objects allow, against black, and at
     most one, where pictures of 8 bits are clipped.
     """
-    region, environment = Region.true(scene, apertures), scene.appearance.environment
+    region, environment = Region.from_cells(scene, apertures), scene.appearance.environment
     lights = sum((np.array(light.color) for light in scene.appearance.lights), np.zeros(3))
     sky = np.zeros(3)
     if environment is not None and environment.strength > 0:

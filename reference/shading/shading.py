@@ -9,9 +9,10 @@ import numpy as np
 from xfrustum.reference.backend import Float64, dr, on_device, recording, vectors_on_device
 from xfrustum.reference.shading.light import TERMS, LightModel
 from xfrustum.scenes.arrays import Floats, Numbers
-from xfrustum.scenes.model.effects import ALL_EFFECTS, FAR_MARGIN, Effect, needed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.visibility import FAR_MARGIN
 
 #: Effects that can make a gray material colored
 COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})

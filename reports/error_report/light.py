@@ -14,9 +14,10 @@ from xfrustum.reference.shading.shading import Shader
 from xfrustum.reports.common.outputs import json_object, progress_bar
 from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report import images
+from xfrustum.reports.scene_check.effects import EffectRow, effect_rows
 from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
+from xfrustum.scenes.model.effects import Effect, Question, chosen, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
 
 
@@ -52,7 +53,7 @@ class LightReport:
     scene: Scene
     names: str  #: of the effects, as `--effects` takes them
     #: For every effect: whether the scene calls for it, and why.
-    decisions: tuple[Decision, ...]
+    decisions: tuple[EffectRow, ...]
     #: True where images with all effects and with the needed effects are equal, bit by bit.
     same_bits: bool
     #: Error by near; empty where no highlight and no reflection is drawn.
@@ -65,7 +66,10 @@ class LightReport:
         """The numbers as report.json has them."""
         return {
             "effects": self.names,
-            "decisions": self.decisions,
+            "decisions": [
+                {"effect" if key == "name" else key: value for key, value in vars(row).items()}
+                for row in self.decisions
+            ],
             "same_bits": self.same_bits,
             "sampling": self.scene.sampling,
             "eye_vector": self.eye,
@@ -137,7 +141,7 @@ def measure_light(
     return LightReport(
         scene=scene,
         names=effects,
-        decisions=decide(scene),
+        decisions=tuple(effect_rows(scene)),
         same_bits=drawn[0] == drawn[1],
         eye=tuple(eye),
         missed=tuple(missed),

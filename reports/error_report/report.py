@@ -10,7 +10,6 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference import alone
@@ -29,6 +28,7 @@ from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.request import ReportOptions, settings_of
 from xfrustum.reports.error_report.sweep import LEFT_OUT, Sweep, sweep
 from xfrustum.reports.inspection import Inspection, PlateMap
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.scout import scout_record
 from xfrustum.scenes import InputError
 from xfrustum.scenes.model.scene import Scene

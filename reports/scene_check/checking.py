@@ -11,26 +11,28 @@ from markupsafe import Markup
 from PIL import Image, ImageDraw
 from skimage.measure import find_contours
 
-from xfrustum.compare.extent import (
-    ObjectExtent,
-    aside_of_frusta,
-    box,
-    extents,
-    facing_warnings,
-    heights,
-    length,
-    plate_warnings,
-    triangles_in_chunks,
-    unseen_facts,
-    warnings,
-)
 from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import Filters, fragment, plain_text
 from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.scene_check.effects import SceneEffects, scene_effects
+from xfrustum.reports.scene_check.sight import (
+    facing_warnings,
+    heights,
+    length,
+    plate_warnings,
+    unseen_facts,
+    warnings,
+)
 from xfrustum.scenes import Aperture, DoubleFrustum
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
+from xfrustum.scenes.model.visibility import (
+    ObjectExtent,
+    aside_of_frusta,
+    box,
+    extents,
+    triangles_in_chunks,
+)
 from xfrustum.scenes.representation import counted
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0

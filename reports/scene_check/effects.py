@@ -8,13 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.compare.prediction import band_limiting
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, Scene
-from xfrustum.scenes.model.effects import Effect, Question, SlabContent, decide, slab_contents
+from xfrustum.scenes.model.effects import (
+    CAMERAS,
+    Decision,
+    Effect,
+    Question,
+    Refusal,
+    SlabContent,
+    decide,
+    slab_content,
+    slab_contents,
+)
+from xfrustum.scenes.model.visibility import DepthBin, depth_bins
+from xfrustum.scenes.plate.double_frustum import Camera
 from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -122,16 +133,7 @@ def scene_effects(
     settings = settings or DoubleFrustum(near=default_near(scene))
     settings.check_against(scene.frustum)
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
-    rows = [
-        EffectRow(
-            name=one.effect,
-            used=one.used,
-            reason=one.reason,
-            objects=one.objects,
-            out_of_sight=one.out_of_sight,
-        )
-        for one in decide(scene, question)
-    ]
+    rows = effect_rows(scene, question)
     # Antialiasing, band limiting and light paths change the picture: they are used on request.
     sampling, transport = scene.sampling, scene.transport
     side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
@@ -154,6 +156,60 @@ def scene_effects(
         depths=depths(scene, aperture, settings),
         viewer=viewer,
     )
+
+
+def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRow]:
+    """Return the decision about every local effect, with its reason."""
+    camera = Camera.BOTH if question is None else question.camera
+    return [
+        EffectRow(
+            name=one.effect,
+            used=one.used,
+            reason=effect_reason(scene, one, camera),
+            objects=one.objects,
+            out_of_sight=one.out_of_sight,
+        )
+        for one in decide(scene, question)
+    ]
+
+
+_CALLING = {
+    Effect.SMOOTH_NORMALS: "normals at {} vertices",
+    Effect.VERTEX_COLORS: "colors at {} vertices",
+    Effect.TEXTURES: "a texture",
+    Effect.AMBIENT: "a material with an ambient coefficient",
+    Effect.DIFFUSE: "a material with a diffuse coefficient",
+    Effect.SPECULAR: "a material with a specular coefficient",
+    Effect.REFLECTION: "a reflective material",
+}
+"""Properties of objects that call for an effect; cameras are called for by places."""
+
+_REFUSALS = {
+    Refusal.NO_ENVIRONMENT: "there is no environment to reflect",
+    Refusal.BLACK_ENVIRONMENT: "the environment is black",
+    Refusal.NO_LIGHT: "there is no light",
+}
+
+
+def effect_reason(scene: Scene, decision: Decision, camera: Camera = Camera.BOTH) -> str:
+    """Return the fact that decided an effect."""
+    effect, inside, outside = decision.effect, len(decision.objects), len(decision.out_of_sight)
+    if decision.refusal is not None:
+        return _REFUSALS.get(decision.refusal, f"camera {camera} alone is asked for")
+    if effect in CAMERAS:
+        behind = effect is Effect.C
+        heights = (0.0, scene.frustum.reach[behind])
+        count = slab_content(scene, Camera(effect.value), heights).triangles
+        subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
+        aside = ", and nothing of it lies in the frusta" if count and not inside else ""
+        return f"{subject} {'behind' if behind else 'before'} the plate within the reach{aside}"
+    calling, count = _CALLING[effect], inside or outside
+    if count == 0:
+        return f"no object has {calling.format('its')}"
+    subject = "one object has" if count == 1 else f"{count} objects have"
+    them = "it" if "a " in calling else "them"
+    aside = f", but what has {them} lies beyond the reach or beside the frusta"
+    return f"{subject} {calling.format('its' if count == 1 else 'their')}{'' if inside else aside}"
 
 
 def default_near(scene: Scene) -> float:

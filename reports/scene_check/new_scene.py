@@ -9,11 +9,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import plain_text
+from xfrustum.reports.scene_check.sight import heights, length
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
@@ -22,6 +22,7 @@ from xfrustum.scenes.geometry.shapes import placement
 from xfrustum.scenes.geometry.tessellation import load_patches
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.model.visibility import PLATE_ROUNDING, box, in_plate
 
 FOV_DEG, RESOLUTION = 60.0, 512
 """Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""

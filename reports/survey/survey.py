@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from xfrustum.compare.extent import apertures_drawn, require_seen
 from xfrustum.compare.sampling import PlateSample, SampleRequest, places_of
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import ParquetParts, scene_description
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.survey.answer import FILES, Survey, write_survey
 from xfrustum.reports.survey.rows import (
     SettingStats,
@@ -23,6 +23,7 @@ from xfrustum.reports.survey.rows import (
 )
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import one_of, real
+from xfrustum.scenes.model.visibility import apertures_drawn
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 ROWS = "survey.parquet"  #: name of the folder of the rows

@@ -22,7 +22,6 @@ from xfrustum.compare.diagnosis.diagnosis import (
     with_correction_tested,
 )
 from xfrustum.compare.diagnosis.testset import TestSet
-from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.judging.verdict import Hogel, Limits
 from xfrustum.compare.judging.where import places_of
@@ -34,6 +33,7 @@ from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.verification import sources
 from xfrustum.reports.verification.other_layouts import with_layout_named
 from xfrustum.reports.verification.verdict import Verification

@@ -131,6 +131,7 @@ EXPECTED = {
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
     r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
     r"explain-.*\.(scene|objects|tracer|repeat|procedure|effects\[\d+\]\.resolved)": "check lists effects now",
+    r"explain-.*\.depths\.(rows|largest|sub|band)": "bins hold parts of triangles, and not their boxes",
     r"(report|budget)-.*(predicted_surface|over_predicted\.surface)": "the draw order decides equal depths",
     r"(report|budget)-.*(predicted_displacement|over_predicted\.displacement)": "null where surfaces cross",
     r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "near keeps the replay's noise as margin",

@@ -125,7 +125,7 @@ def test_a_mirror_ball_beside_the_frusta_calls_for_nothing(
 
 def test_one_aperture_calls_for_less_than_the_plate() -> None:
     """From the right edge of the plate the ball lies beside the frustum, stepped back or not."""
-    request = scene(mirror_ball((-165.0, 0.0, -60.0), 60.0))
+    request = scene(mirror_ball((-155.0, 0.0, -60.0), 60.0))
     left, right = (request.plate.aperture(column, 1) for column in (0, 4))
     assert needed(request) >= MIRRORED
     assert needed(request, question=Question(apertures=(left,))) >= MIRRORED

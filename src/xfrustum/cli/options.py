@@ -536,32 +536,32 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     Where the answer is a picture, black may be right: then apertures that see nothing are a warning
     as long as another one sees something, and in hard cases, which are empty on purpose.
     """
-    from xfrustum.compare import extent
+    from xfrustum.reports.scene_check import sight
     from xfrustum.scenes.errors import InputError
     from xfrustum.scenes.library import hard_cases
 
-    unseen = extent.unseen_sentence(scene, apertures)
+    unseen = sight.unseen_sentence(scene, apertures)
     if unseen is None:
         warn_of(scene)
         return
     if not black_is_right:
         raise InputError(unseen)
     if scene.source not in hard_cases.CASES:
-        extent.require_seen(scene, scene.plate.apertures())
+        sight.require_seen(scene, scene.plate.apertures())
     say(f"warning: {unseen}")
 
 
 def warn_of(scene: Scene) -> None:
     """Warn on standard error of objects that the reach cuts, and of those that are tiny beside the plate."""
-    from xfrustum.compare import extent
+    from xfrustum.reports.scene_check import sight
 
-    for warning in extent.warnings(scene):
+    for warning in sight.warnings(scene):
         say(f"warning: {warning}")
 
 
 def warn_of_culling(scene: Scene, settings: DoubleFrustum | Cull | None) -> None:
     """Warn on standard error of objects of which culling leaves out most of what is seen."""
-    from xfrustum.compare.extent import facing_warnings
+    from xfrustum.reports.scene_check.sight import facing_warnings
 
     if Cull.BACK in (settings, getattr(settings, "cull", None)):
         for warning in facing_warnings(scene):

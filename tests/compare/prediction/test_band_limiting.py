@@ -13,7 +13,6 @@ from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
-from xfrustum.compare.extent import depth_bins
 from xfrustum.compare.prediction.band_limiting import (
     DISCREPANCY,
     LEVEL,
@@ -31,6 +30,7 @@ from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.visibility import depth_bins
 
 SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]  # names are taken
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.extent import box
 from xfrustum.reports.scene_check.checking import View, draw_view
 from xfrustum.scenes import InputError, Scene, open_scene
 from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smoothed
+from xfrustum.scenes.model.visibility import box
 
 FILE = (
     named("two & a <half>", "mm")
@@ -293,7 +293,7 @@ def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene
     solid.export(tmp_path / "inside-out.ply")
     xfrustum.new_scene(tmp_path / "inside-out.ply", path, place="behind", units="mm")
     drawn = [*("raster", str(path), "--near", "0.1", "--out", str(tmp_path / "a.exr")), "--cull"]
-    told = "faces away from the viewer, and `--cull back` leaves it out"
+    told = "show back faces, and `--cull back` leaves them out"
     capsys.readouterr()
     for command, expected in (
         (["check", str(path)], 1),

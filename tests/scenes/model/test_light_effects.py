@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.long_tail import examples
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import json_object
-from xfrustum.reports.scene_check.effects import scene_effects
+from xfrustum.reports.scene_check.effects import effect_reason, scene_effects
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import (
     Appearance,
@@ -66,7 +66,7 @@ def scene(
 
 def because(asked: Scene, effect: Effect, camera: Camera = Camera.BOTH) -> str:
     [decision] = [d for d in decide(asked, Question(camera=camera)) if d.effect is effect]
-    return decision.reason
+    return effect_reason(asked, decision, camera)
 
 
 def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:

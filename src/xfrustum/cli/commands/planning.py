@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -119,8 +118,7 @@ def plan(asked: _Plan) -> None:
         distance = scene_length(asked.eyes.pop("viewer"), opened)
         viewer = Viewer(distance=distance, **asked.eyes)
     required = options.present(**asked.required)
-    if viewer is not None:
-        required.setdefault("tolerance_px", math.inf)
+    required["pixels_count"] = viewer is None or "tolerance_px" in required
     chosen = asked.chosen(opened)
     found = planning.plan(
         opened,

@@ -1,0 +1,509 @@
+"""Surfaces that images of some apertures can show, from the scene's geometry alone.
+
+The one test of visibility is by height. A triangle is cut at the ends of the reach, at the plate and
+at the projection screen. Between two of these heights the apertures that see a point form an
+interval along each axis whose ends, as functions of the point, are extreme at the corners of the
+part. Occlusion is not considered: hidden surfaces are visible here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.geometry.shapes import has_area
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
+
+Point = tuple[float, float, float]
+Interval = tuple[float, float]
+
+#: smallest near, share of the longest reach, for which images are known to end at `FAR_MARGIN`
+SMALLEST_NEAR_SHARE = 2.0**-16
+#: roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in
+#: w, one in the difference, and four times as many for vertices and matrices in float32
+FAR_ROUNDINGS = 16
+#: Factor by which a drawn image may reach too far. With `standard` and `gl` depth w - z = n (f - w)
+#: / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a
+#: share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
+FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
+#: Margin of lateral bounds, share of the largest term: a transform in float32 is off by at most eight
+#: roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times that.
+ROUNDING_MARGIN = 2.0**-16
+
+#: Distance from the plate, share of an object's largest coordinate, that rounding makes of 0: half a
+#: unit in the last place of float32, in which rasterizers and mesh files hold coordinates.
+PLATE_ROUNDING = 2.0**-24
+
+#: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
+INDEX_MARGIN = 1e-6
+
+CHUNK_TRIANGLES = 1 << 12  #: triangles tested together: most objects show one among the first
+
+#: Largest number of triangles that a coarse mesh is split into before its apertures are counted by
+#: the rectangle of each triangle.
+MAX_SPLIT_TRIANGLES = 50_000
+
+#: Halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of the
+#: reach, has every error that grows as 1/|z|.
+HALVINGS = 6
+
+
+def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
+    """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
+
+    It may for tiny nears, unless clip depth is zero at the far plane (raster/cameras/cameras).
+    """
+    hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
+    nearest = min((settings.near, *settings.slabs[:1]))
+    return hyperbolic and nearest < SMALLEST_NEAR_SHARE * scene.frustum.longest_reach
+
+
+# Lines of an aperture
+# -------------------------------------------------------------------------------------------------
+
+
+def half_extents(frustum: Frustum) -> Interval:
+    """Return the half-extents of the film along x and y, slopes per unit of depth."""
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return math.tan(frustum.fov[0] / 2), math.tan(frustum.fov[1] / 2)
+    width, height = frustum.screen.size
+    return width / 2 / abs(frustum.screen.height), height / 2 / abs(frustum.screen.height)
+
+
+def aside_of_frusta(
+    frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: Interval
+) -> Interval:
+    """Return the least and the largest x (axis 0) or y (1) of lines between two heights."""
+    # Lines are straight: the extremes lie at the two heights, or in the apertures between these.
+    z = np.array([z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)])
+    a = np.array([(one.x, one.y)[axis] for one in apertures])[:, None]
+    middle, half = a + 0 * z, half_extents(frustum)[axis] * np.abs(z)
+    if frustum.screen is not None:
+        middle = a + (frustum.screen.center[axis] - a) * z / frustum.screen.height
+    return float((middle - half).min()), float((middle + half).max())
+
+
+def _parts(triangles: Floats, low: float, high: float) -> tuple[Floats, Mask]:
+    """Return the corners (F, 9, 3) of the parts of triangles between two heights, and which exist."""
+    z, ends = triangles[..., 2], np.roll(triangles, -1, axis=1)
+    corners, valid = [triangles], [(z >= low) & (z <= high)]
+    for height in (low, high):
+        above, below = ends[..., 2] - height, z - height
+        crossing = (above > 0) != (below > 0)
+        with np.errstate(invalid="ignore"):
+            share = np.divide(below, below - above, out=np.zeros_like(z), where=crossing)
+            points = triangles + share[..., None] * (ends - triangles)
+        points[..., 2] = height
+        corners.append(points)
+        valid.append(crossing)
+    return np.concatenate(corners, axis=1), np.concatenate(valid, axis=1)
+
+
+def _apertures_of(
+    part: tuple[Floats, Mask], frustum: Frustum, axis: int, widened: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Return the (F,) least and largest aperture coordinate whose lines meet each part.
+
+    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) +
+    widened. The screen is at s = S and has its middle at m; without a screen 1/S is zero. Between
+    the heights of `_heights` 1 - s/S keeps its sign.
+    """
+    corners, valid = part
+    s, x = -corners[..., 2], corners[..., axis]
+    toward_a = np.ones_like(s)
+    if frustum.screen is not None:
+        depth = -frustum.screen.height
+        x = x - s * (frustum.screen.center[axis] / depth)
+        toward_a = 1.0 - s / depth
+    sign = np.where(np.where(valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    x, toward_a = x * sign, np.abs(toward_a)
+    aside = half_extents(frustum)[axis] * np.abs(s) + widened
+    # At the screen itself every aperture sees a point, or none does: any number, or no corner.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        low, high = (x - aside) / toward_a, (x + aside) / toward_a
+    low = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
+    high = np.where(valid, np.where(np.isnan(high), np.inf, high), -np.inf).max(axis=1)
+    return low, high
+
+
+def _heights(frustum: Frustum, reach: Interval) -> Iterator[Interval]:
+    """Yield the layers of a reach, which end at the plate and at the projection screen."""
+    toward, back = reach
+    ends = [-back, 0.0, toward]
+    if frustum.screen is not None and -back < frustum.screen.height < toward:
+        ends.append(frustum.screen.height)
+    yield from pairwise(sorted(ends))
+
+
+# Regions of apertures
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """All crossed frusta of a rectangle of apertures, widened for drawn images; a bound from above."""
+
+    frustum: Frustum
+    apertures: tuple[Interval, Interval]  #: lowest and highest x, and y, of the points of lines
+    widened: Interval = (0.0, 0.0)  #: along x and y, scene units
+    reach: Interval  #: toward the viewer and behind the plate, scene units
+
+    @classmethod
+    def from_scene(
+        cls,
+        scene: Scene,
+        apertures: Iterable[Aperture] | None = None,
+        settings: Sequence[DoubleFrustum] = (),
+    ) -> Region:
+        """Return the region of drawn images of some apertures with their cells; None for all.
+
+        It holds for every near from `SMALLEST_NEAR_SHARE` of the reach up; smaller ones need their
+        settings.
+        """
+        unbounded = any(loses_far_plane(scene, one) for one in settings)
+        margin = math.inf if unbounded else FAR_MARGIN
+        toward, back = scene.frustum.reach
+        return replace(
+            cls.from_cells(scene, apertures),
+            widened=_widened(scene, scene.frustum.longest_reach),
+            reach=(margin * toward, margin * back),
+        )
+
+    @classmethod
+    def from_cells(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
+        """Return the region of the true frusta of some apertures with their cells; None for all."""
+        plate = scene.plate
+        if apertures is None:
+            (width, height) = plate.size
+            x, y = (-width / 2, width / 2), (-height / 2, height / 2)
+        else:
+            half = [size / count / 2 for size, count in zip(plate.size, plate.hogels, strict=True)]
+            places = np.array([(one.x, one.y) for one in apertures])
+            (x0, y0), (x1, y1) = places.min(axis=0) - half, places.max(axis=0) + half
+            x, y = (float(x0), float(x1)), (float(y0), float(y1))
+        return cls(frustum=scene.frustum, apertures=(x, y), reach=scene.frustum.reach)
+
+    def holds(self, triangles: Floats, heights: Interval | None = None) -> Mask:
+        """Return (F,) which triangles may have a part in the region, and between two heights.
+
+        False is certain. The heights lie within one layer.
+        """
+        held = np.zeros(len(triangles), dtype=np.bool_)
+        for ends in _heights(self.frustum, self.reach) if heights is None else [heights]:
+            part = _parts(triangles, *ends)
+            inside = np.asarray(part[1].any(axis=1))
+            for axis, (first, last) in enumerate(self.apertures):
+                low, high = _apertures_of(part, self.frustum, axis, self.widened[axis])
+                inside &= (low <= last) & (high >= first)
+            held |= inside
+        return held
+
+    def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
+        """Return whether images may show one of an object's triangles, or of some; False is certain."""
+        counted = part.faces if faces is None else faces
+        for start in range(0, len(counted), CHUNK_TRIANGLES):
+            triangles = part.vertices[counted[start : start + CHUNK_TRIANGLES]]
+            if self.holds(triangles[has_area(triangles)]).any():
+                return True
+        return False
+
+
+def _widened(scene: Scene, step: float) -> Interval:
+    """Return by how much lines of a camera that steps back lie farther aside, along x and y.
+
+    A camera at a step has half a film of the step more on each side, and with pivot `camera` its
+    shear; float32 rounds the sum of all terms.
+    """
+    frustum, found = scene.frustum, []
+    for axis, half in enumerate(half_extents(frustum)):
+        size, slope = scene.plate.size[axis], 0.0
+        if frustum.screen is not None:
+            slope = (abs(frustum.screen.center[axis]) + size / 2) / abs(frustum.screen.height)
+        farthest = FAR_MARGIN * frustum.longest_reach + step
+        rounding = ROUNDING_MARGIN * (size + (half + slope) * farthest)
+        found.append((half + slope) * step + rounding)
+    return found[0], found[1]
+
+
+def apertures_in_view(
+    part: SceneObject, frustum: Frustum, plate: Plate, widened: Interval = (0.0, 0.0)
+) -> Mask:
+    """Return (rows, columns) whether crossed frusta hold any part of an object; False is certain."""
+    columns, rows = plate.hogels
+    # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative
+    # sums along both are the numbers of rectangles over each aperture.
+    steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
+    for triangles in triangles_in_chunks(part):
+        for ends in _heights(frustum, frustum.reach):
+            cut = _parts(_split(triangles, len(part.faces)), *ends)
+            (left, right), (low, high) = (
+                _indices_between(*_apertures_of(cut, frustum, axis, widened[axis]), plate, axis)
+                for axis in (0, 1)
+            )
+            # Rows are numbered downward, heights upward.
+            top, end = rows - 1 - high, rows - low
+            some = cut[1].any(axis=1) & (left <= right) & (top < end)
+            for r, c, sign in (
+                (top, left, 1),
+                (top, right + 1, -1),
+                (end, left, -1),
+                (end, right + 1, 1),
+            ):
+                np.add.at(steps, (r[some], c[some]), sign)
+    return np.asarray(steps.cumsum(axis=0).cumsum(axis=1)[:rows, :columns] > 0)
+
+
+def _split(triangles: Floats, total: int) -> Floats:
+    """Return triangles cut into four, again and again, up to `MAX_SPLIT_TRIANGLES` of an object."""
+    while 4 * total <= MAX_SPLIT_TRIANGLES:
+        a, b, c = triangles.transpose(1, 0, 2)
+        ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
+        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(one, axis=1) for one in quarters])
+        total *= 4
+    return triangles
+
+
+def _indices_between(low: Floats, high: Floats, plate: Plate, axis: int) -> tuple[Indices, Indices]:
+    """Return the (F,) first and last index of apertures between coordinates, counted to +x or +y."""
+    size, count = plate.size[axis], plate.hogels[axis]
+    first = np.ceil(np.clip((low / size + 0.5) * count - 0.5 - INDEX_MARGIN, 0, count))
+    last = np.floor(np.clip((high / size + 0.5) * count - 0.5 + INDEX_MARGIN, -1, count - 1))
+    return first.astype(np.int64), last.astype(np.int64)
+
+
+def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
+    """Return (rows, columns) whether a hogel can show anything, in truth or drawn; False is certain."""
+    plate, frustum = scene.plate, scene.frustum
+    flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, one) for one in settings))
+    widened = _widened(scene, max(one.near for one in settings))
+    toward, back = frustum.reach
+    farther = replace(frustum, reach=(FAR_MARGIN * toward, FAR_MARGIN * back))
+    for part in scene.objects:
+        flags |= apertures_in_view(part, farther, plate, widened)
+        if flags.all():
+            break
+    return flags
+
+
+def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
+    """Return whether any of some apertures may see an object; False is certain."""
+    first = next(iter(apertures), None)
+    if first is None:
+        return True
+    # Most often the first aperture answers: a plate of millions is never listed.
+    here = ((first.x, first.x), (first.y, first.y))
+    region = Region(frustum=scene.frustum, apertures=here, reach=scene.frustum.reach)
+    if any(region.shows(part) for part in scene.objects):
+        return True
+    for part in scene.objects:
+        flags = apertures_in_view(part, scene.frustum, scene.plate)
+        if flags.any() and any(flags[one.row, one.column] for one in apertures):
+            return True
+    return False
+
+
+# Objects
+# -------------------------------------------------------------------------------------------------
+
+
+def triangles_in_chunks(part: SceneObject) -> Iterator[Floats]:
+    """Yield (F, 3, 3) corners of the triangles that have an area, some at a time: cutting takes memory."""
+    for start in range(0, len(part.faces), 4 * CHUNK_TRIANGLES):
+        triangles = part.vertices[part.faces[start : start + 4 * CHUNK_TRIANGLES]]
+        yield triangles[has_area(triangles)]
+
+
+def box(part: SceneObject) -> tuple[Point, Point]:
+    """Return the lowest and the highest coordinates of an object's triangles."""
+    corners = part.vertices[part.faces.ravel()]
+    x0, y0, z0 = corners.min(axis=0, initial=np.inf).tolist()
+    x1, y1, z1 = corners.max(axis=0, initial=-np.inf).tolist()
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+def in_plate(part: SceneObject) -> int:
+    """Return the number of triangles with an area that lie in the plate, within `PLATE_ROUNDING`."""
+    allowed = PLATE_ROUNDING * float(np.abs(part.vertices).max(initial=0.0))
+    flat = part.faces[(np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)]
+    # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
+    corners = part.vertices[flat] * (PLATE_ROUNDING / allowed if allowed else 1.0)
+    thin = PLATE_ROUNDING * np.ptp(corners, axis=1).max(axis=1)
+    return int(np.count_nonzero(areas(corners) > thin))
+
+
+def areas(triangles: Floats) -> Floats:
+    """Return the (F,) areas of triangles (F, 3, 3), square scene units."""
+    edges = triangles[:, 1:] - triangles[:, :1]
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+
+
+def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
+    """Return the share of an object's surface within the reach; None where it has no area."""
+    toward, back = frustum.reach
+    whole = within = 0.0
+    # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
+    size = max(float(np.abs(part.vertices).max()), np.finfo(np.float64).tiny)
+    for triangles in triangles_in_chunks(part):
+        area = areas(triangles / size)
+        whole += float(area.sum())
+        within += float((area * share_between(triangles, -back, toward)).sum())
+    return within / whole if whole > 0 else None
+
+
+def share_between(triangles: Floats, low: float, high: float) -> Floats:
+    """Return the (F,) share of each triangle's area between two heights, both ends included."""
+    lowest, middle, highest = z = np.sort(triangles[..., 2], axis=1).T
+
+    def quotient(part: Floats, whole: Floats) -> Floats:
+        # Quotients outside 0 to 1 are not used, and might overflow.
+        usable = (whole > 0) & (part >= 0) & (part <= whole)
+        return np.divide(part, whole, out=np.ones(z.shape[1]), where=usable)
+
+    def below(height: float) -> Floats:
+        # The length of a triangle's section grows linearly from its lowest corner to its middle
+        # one, and shrinks linearly from there: the area below is quadratic in the height on either
+        # side.
+        rise, fall = height - lowest, highest - height
+        rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
+        falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
+        within = np.where(height < middle, rising, 1.0 - falling)
+        return np.where(height <= lowest, 0.0, np.where(height >= highest, 1.0, within))
+
+    inside = (lowest >= low) & (lowest <= high)
+    return np.where(lowest == highest, inside, np.clip(below(high) - below(low), 0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """Apertures of a plate whose crossed frusta hold some part of an object, hidden or not."""
+
+    apertures: int
+    of: int
+    columns: tuple[int, int] | None  #: first and last column of these apertures
+    rows: tuple[int, int] | None
+    middle: bool
+    corners: tuple[bool, bool, bool, bool]  #: top left, top right, bottom left, bottom right
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectExtent:
+    """Place and size of one object, scene units."""
+
+    number: int
+    name: str
+    triangles: int
+    low: Point  #: corners of the bounding box
+    high: Point
+    share_in_reach: float | None  #: share of its surface; None where the surface has no area
+    sight: Sight
+
+    @property
+    def size(self) -> Point:
+        """Lengths of the bounding box along x, y and z, scene units."""
+        x, y, z = (high - low for low, high in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+
+def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
+    """Return the place and the size of each object of a scene."""
+    found, (column, row) = [], scene.plate.middle.index
+    for number, part in enumerate(scene.objects):
+        flags = apertures_in_view(part, scene.frustum, scene.plate)
+        rows, columns = (one.tolist() for one in np.nonzero(flags))
+        first, *rest = (bool(flags[r, c]) for r in (0, -1) for c in (0, -1))
+        sight = Sight(
+            apertures=len(rows),
+            of=flags.size,
+            columns=(min(columns), max(columns)) if columns else None,
+            rows=(min(rows), max(rows)) if rows else None,
+            middle=bool(flags[row, column]),
+            corners=(first, rest[0], rest[1], rest[2]),
+        )
+        (low, high), share = box(part), share_in_reach(part, scene.frustum)
+        extent = ObjectExtent(
+            number=number,
+            name=part.name,
+            triangles=len(part.faces),
+            low=low,
+            high=high,
+            share_in_reach=share,
+            sight=sight,
+        )
+        found.append(extent)
+    return tuple(found)
+
+
+# By depth
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthBin:
+    """Content of the frusta between two distances |z| on one side of the plate, scene units."""
+
+    behind: bool
+    heights: Interval
+    nearest: float  #: range of |z| of the content
+    farthest: float
+    triangles: int  #: triangles with a part in the bin, inside the frusta
+    share: float  #: share of the surface of all bins, by area; 0 where none has an area
+
+
+def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
+    """Return the bins with content, from behind the plate to before it, of apertures with their cells."""
+    region = Region.from_cells(scene, apertures)
+    found = []
+    for behind, reach in ((True, scene.frustum.reach[1]), (False, scene.frustum.reach[0])):
+        for heights in pairwise([0.0, *(reach / 2**k for k in range(HALVINGS, -1, -1))]):
+            held = [
+                _held(triangles, region, behind, heights)
+                for part in scene.objects
+                for triangles in triangles_in_chunks(part)
+            ]
+            ends = np.concatenate([one for one, _ in held]) if held else np.zeros((0, 2))
+            if len(ends):
+                content = DepthBin(
+                    behind=behind,
+                    heights=heights,
+                    nearest=float(ends.min()),
+                    farthest=float(ends.max()),
+                    triangles=len(ends),
+                    share=sum(area for _, area in held),
+                )
+                found.append(content)
+    whole = sum(one.share for one in found) or 1.0
+    found.sort(key=lambda one: one.heights[1] * (-1 if one.behind else 1))
+    return tuple(replace(one, share=one.share / whole) for one in found)
+
+
+def _held(
+    triangles: Floats, region: Region, behind: bool, heights: Interval
+) -> tuple[Floats, float]:
+    """Return (N, 2) distances of triangles (F, 3, 3) with a part in a bin of a region, and their area."""
+    near, far = heights
+    low_z, high_z = (-far, -near) if behind else (near, far)
+    distances = triangles[..., 2] * (-1 if behind else 1)
+    least, most = distances.min(axis=1), distances.max(axis=1)
+    # A flat one between two bins belongs to the inner one; one in the plate, to both sides.
+    outer_end = np.where(least == most, least <= far, least < far)
+    inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
+    inside = triangles[outer_end & inner_end]
+    screen = region.frustum.screen
+    cuts = [] if screen is None or not low_z < screen.height < high_z else [screen.height]
+    held = np.zeros(len(inside), dtype=np.bool_)
+    for ends in pairwise([low_z, *cuts, high_z]):
+        held |= region.holds(inside, ends)
+    kept = inside[held]
+    area = float((areas(kept) * share_between(kept, low_z, high_z)).sum())
+    z = np.clip(kept[..., 2], low_z, high_z)
+    ends_of = np.abs(np.stack((z.min(axis=1), z.max(axis=1)), axis=1))
+    return ends_of, area
