@@ -51,8 +51,8 @@ class UnsupportedError(Exception):
     """A case that a renderer does not claim, with its reason."""
 
 
-class Outcome(StrEnum):
-    """Outcome of a case."""
+class CaseOutcome(StrEnum):
+    """CaseOutcome of a case."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -73,7 +73,7 @@ class Verdict:
 
     name: str
     level: str
-    verdict: Outcome
+    verdict: CaseOutcome
     cause: str | None = None  #: names of faults, or a `Failure`; of unsupported cases, the reason
     words: tuple[str, ...] = ()  #: sentences about the failure
     #: by fault, others that explain the same images: the level decides (`agreed`)
@@ -85,7 +85,7 @@ class Verdict:
     @property
     def faults(self) -> tuple[str, ...]:
         """Names of the faults that explain the failure."""
-        unnamed = self.verdict is not Outcome.FAIL or self.cause in (
+        unnamed = self.verdict is not CaseOutcome.FAIL or self.cause in (
             None,
             Failure.MISSING,
             Failure.UNEXPLAINED,
@@ -247,14 +247,17 @@ def run(
 
 def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdict:
     """Draw a case, judge its images, and name the cause of a failure."""
-    scene, verdict = case.open(), Verdict(name=case.name, level=case.level, verdict=Outcome.FAIL)
+    scene, verdict = (
+        case.open(),
+        Verdict(name=case.name, level=case.level, verdict=CaseOutcome.FAIL),
+    )
     with TempPath(scratch_folder(), folder=True) as scratch:
         try:
             out = renderer.draw(case, scene, scratch.path)
             files = {index: _file(out, index) for index in case.hogels}
             images = {index: _image(case, scene, index, path) for index, path in files.items()}
         except UnsupportedError as reason:
-            return replace(verdict, verdict=Outcome.UNSUPPORTED, cause=str(reason))
+            return replace(verdict, verdict=CaseOutcome.UNSUPPORTED, cause=str(reason))
         except Problem as problem:
             text = str(problem).replace(f"{scratch.path}/", "")
             return replace(verdict, cause=Failure.MISSING, words=(text,))
@@ -264,7 +267,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
             pixels += judged(case, scene, truth, image, options.device)
         verdict = replace(verdict, hogels=len(images), pixels=pixels)
         if pixels.within(case):
-            return replace(verdict, verdict=Outcome.PASS)
+            return replace(verdict, verdict=CaseOutcome.PASS)
         if not any(map(_shows, images.values())):
             text = "nothing is shown, in any hogel"
             return replace(verdict, cause=Failure.NOTHING_SHOWN, words=(text,))

@@ -14,13 +14,17 @@ from xfrustum.compare.judging.conformance import Pixels
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.conformance.run import Outcome, Verdict
+from xfrustum.reports.conformance.run import CaseOutcome, Verdict
 from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
 MAX_LISTED = 20  #: failed cases that the terminal lists
 #: colors of a badge, by the names of badge services
-COLORS = {Outcome.PASS: "brightgreen", Outcome.FAIL: "red", Outcome.UNSUPPORTED: "lightgrey"}
+COLORS = {
+    CaseOutcome.PASS: "brightgreen",
+    CaseOutcome.FAIL: "red",
+    CaseOutcome.UNSUPPORTED: "lightgrey",
+}
 NOT_RUN = "not run"
 
 
@@ -45,12 +49,12 @@ class Statement:
         return counts
 
     @property
-    def levels(self) -> dict[str, Outcome]:
-        """Outcome of each judged level: pass where no case fails and some case passes."""
+    def levels(self) -> dict[str, CaseOutcome]:
+        """CaseOutcome of each judged level: pass where no case fails and some case passes."""
         return {
             level: next(
                 outcome
-                for outcome in (Outcome.FAIL, Outcome.PASS, Outcome.UNSUPPORTED)
+                for outcome in (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
                 if counts[outcome]
             )
             for level, counts in self.counts.items()
@@ -59,24 +63,24 @@ class Statement:
     @property
     def passed(self) -> bool:
         """No case fails; a renderer claims every case that it does not call unsupported."""
-        return Outcome.FAIL not in self.levels.values()
+        return CaseOutcome.FAIL not in self.levels.values()
 
     @property
     def partly(self) -> set[str]:
         """Levels that are passed without some cases, which are not claimed or were not run."""
-        return {level for level, n in self.counts.items() if 0 < n[Outcome.PASS] < n.total()}
+        return {level for level, n in self.counts.items() if 0 < n[CaseOutcome.PASS] < n.total()}
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        failed = [level for level, outcome in self.levels.items() if outcome is Outcome.FAIL]
-        passed = [
-            f"{level} ({self.counts[level][Outcome.PASS]} of {self.counts[level].total()} cases)"
-            if level in self.partly
-            else level
-            for level, outcome in self.levels.items()
-            if outcome is Outcome.PASS
-        ]
+        outcomes = self.levels
+        failed = [level for level in outcomes if outcomes[level] is CaseOutcome.FAIL]
+        passed = [level for level in outcomes if outcomes[level] is CaseOutcome.PASS]
+        for place, level in enumerate(passed):
+            if level in self.partly:
+                counts = self.counts[level]
+                share = f"{counts[CaseOutcome.PASS]} of {counts.total()} cases"
+                passed[place] = f"{level} ({share})"
         parts = [f"passes {', '.join(passed)}"] if passed else []
         parts += [f"fails {', '.join(failed)}"] if failed else []
         claims = " and ".join(parts) or "claims none of these cases"
@@ -103,10 +107,16 @@ class Statement:
         passed = [
             level + ("*" if level in self.partly else "")
             for level, outcome in outcomes.items()
-            if outcome is Outcome.PASS
+            if outcome is CaseOutcome.PASS
         ]
-        kind = Outcome.PASS if passed else Outcome.UNSUPPORTED if self.passed else Outcome.FAIL
-        nothing = "no level" if kind is Outcome.FAIL else "nothing claimed"
+        kind = (
+            CaseOutcome.PASS
+            if passed
+            else CaseOutcome.UNSUPPORTED
+            if self.passed
+            else CaseOutcome.FAIL
+        )
+        nothing = "no level" if kind is CaseOutcome.FAIL else "nothing claimed"
         return {
             "schemaVersion": 1,
             "label": f"hogel conformance {SUITE}",
@@ -120,7 +130,7 @@ class Statement:
         for level, outcome in self.levels.items():
             counts = ", ".join(f"{n} {name}" for name, n in sorted(self.counts[level].items()) if n)
             lines.append(f"{level}  {outcome:<11}  {counts:<32}  {LEVELS[level]}")
-        failed = [case for case in self.verdicts if case.verdict is Outcome.FAIL]
+        failed = [case for case in self.verdicts if case.verdict is CaseOutcome.FAIL]
         lines += [f"  {case.name}: {case.cause}: {failure(case)}" for case in failed[:MAX_LISTED]]
         if more := len(failed[MAX_LISTED:]):
             lines.append(f"  and {more} more; --out has them all")
@@ -149,9 +159,11 @@ def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
             JUnitCase(
                 classname=verdict.level,
                 name=verdict.name,
-                failure=f"{cause}: {failure(verdict)}" if verdict.verdict is Outcome.FAIL else None,
+                failure=f"{cause}: {failure(verdict)}"
+                if verdict.verdict is CaseOutcome.FAIL
+                else None,
                 text=counted_pixels(verdict.pixels),
-                skipped=cause if verdict.verdict is Outcome.UNSUPPORTED else None,
+                skipped=cause if verdict.verdict is CaseOutcome.UNSUPPORTED else None,
             )
         )
     return cases

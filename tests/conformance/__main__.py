@@ -3,21 +3,23 @@
 import argparse
 import sys
 
-from tests.conformance.table import HEADER, WRONG, row, tally, tried
+from tests.conformance.table import HEADER, WRONG, failures, row, tried
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.conformance", description=__doc__)
-    parser.add_argument("--renderer", choices=tuple(one.name for one in WRONG), action="append")
-    asked = parser.parse_args().renderer
+    parser.add_argument("--renderer", choices=[r.name for r in WRONG], action="append")
+    names = parser.parse_args().renderer
     sys.stdout.write(HEADER + "\n")
-    done = []
-    for one in WRONG:
-        if not asked or one.name in asked:
-            done.append(tried(one))
-            sys.stdout.write(row(done[-1]) + "\n")
+    results = []
+    for renderer in WRONG:
+        if not names or renderer.name in names:
+            results.append(tried(renderer))
+            sys.stdout.write(row(results[-1]) + "\n")
             sys.stdout.flush()
-    sys.stdout.write("\n" + tally(done) + "\n")
+    sys.stdout.write(f"\nrenderers: {len(results)}\n")
+    for problem, some in failures(results).items():
+        sys.stdout.write(f"{problem}: {', '.join(some) or '-'}\n")
 
 
 if __name__ == "__main__":

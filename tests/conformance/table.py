@@ -1,8 +1,8 @@
-"""Wrong renderers, the level that each must fail first, and the cause that must be named for it."""
+"""Wrong renderers, the level that each must fail first, and the cause to be named."""
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xfrustum.reports.conformance.run import CaseRenderer, RunOptions, Verdict, agreed, judge_case
@@ -17,11 +17,11 @@ TRIED = {
     "L3": ("L3-attic-0", "L3-attic-2", "L3-attic-4", "L3-screen-behind"),
     "L4": ("L4-harbor", "L4-smooth"),
 }
-"""Cases that wrong renderers are taken through, by level: every mistake shows in some of them."""
+"""Cases of the table by level: every mistake shows in some of them."""
 
 
 OF_LARGE_NUMBERS = ("green-red", "low-byte")
-"""Wrong renderers that are right as long as numbers have 8 bits."""
+"""Renderers that are wrong for numbers beyond 8 bits alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +29,13 @@ class Wrong:
     """A wrong renderer, a toy of `tests.wrong_renderers`."""
 
     name: str
-    level: str  # Lowest level that it must fail
-    causes: frozenset[str]  # Names of faults, or beginnings of names, of which one must be said
+    level: str  #: lowest level that it must fail
+    causes: frozenset[str]  #: accepted names of faults, or beginnings of names
 
 
-def wrong(level: str, told: str) -> list[Wrong]:
+def wrong(level: str, table: str) -> list[Wrong]:
     """Return renderers from lines such as `near: near`."""
-    lines = (line.split(":") for line in told.strip().splitlines())
+    lines = (line.split(":") for line in table.strip().splitlines())
     return [
         Wrong(name=name.strip(), level=level, causes=frozenset(causes.split()))
         for name, causes in lines
@@ -91,9 +91,9 @@ WRONG = [
         moved-z: scene-offset
         culled-back: culling
         equal-angles: equal-angles
-        barrel: distortion
+        barrel: unexplained
         resampled-nearest: resampled
-        odd-rows: rows-shifted
+        odd-rows: unexplained
         front-near-offset: front-near-offset
         back-fov: back-fov
         front-shift: front-shift
@@ -130,17 +130,17 @@ class Tried:
 
     @property
     def failed(self) -> list[Verdict]:
-        return [one for one in self.verdicts if one.verdict == "fail"]
+        return [verdict for verdict in self.verdicts if verdict.verdict == "fail"]
 
     @property
     def level(self) -> str | None:
         """The lowest level that it fails."""
-        return min((one.level for one in self.failed), default=None)
+        return min((verdict.level for verdict in self.failed), default=None)
 
     @property
     def named(self) -> list[str]:
-        """What was named for its failures, without what was not explained."""
-        return [one.cause for one in self.failed if one.faults]
+        """Causes of its explained failures."""
+        return [verdict.cause for verdict in self.failed if verdict.faults]
 
     @property
     def right_level(self) -> bool:
@@ -148,66 +148,58 @@ class Tried:
 
     @property
     def right_cause(self) -> bool:
-        told = self.named or ["unexplained"]
-        return any(self.matches(cause) for cause in told)
+        return any(self.matches(cause) for cause in self.named or ["unexplained"])
 
     @property
     def false_reasons(self) -> list[str]:
         return [cause for cause in self.named if not self.matches(cause)]
 
     def matches(self, cause: str) -> bool:
-        """Whether one of the right names was said, or one that refines it."""
-        said = cause.split(", ")
+        """Return whether a cause has an accepted name, or a refined one."""
         return any(
-            one == name or one.startswith(f"{name}-")
-            for one in said
+            fault == name or fault.startswith(f"{name}-")
+            for fault in cause.split(", ")
             for name in self.renderer.causes
         )
 
 
-def tried(one: Wrong, names: Sequence[str] = ()) -> Tried:
-    """Take a wrong renderer through some cases, or those of its level and of the levels before it."""
+def tried(renderer: Wrong, names: Sequence[str] = ()) -> Tried:
+    """Take a wrong renderer through some cases, by default of its level and the levels before."""
     names = list(names) or [
-        name for level, some in TRIED.items() if level <= one.level for name in some
+        name for level, some in TRIED.items() if level <= renderer.level for name in some
     ]
-    names += ["L0-numbers"] if one.name in OF_LARGE_NUMBERS else []
+    names += ["L0-numbers"] if renderer.name in OF_LARGE_NUMBERS else []
     cases = chosen(names=names)
-    os.environ["XFRUSTUM_TOY"] = one.name
+    os.environ["XFRUSTUM_TOY"] = renderer.name
     toy, options = CaseRenderer(python="tests.conformance.renderers:toy"), RunOptions()
-    return Tried(renderer=one, verdicts=agreed([judge_case(case, toy, options) for case in cases]))
+    verdicts = [judge_case(case, toy, options) for case in cases]
+    return Tried(renderer=renderer, verdicts=agreed(verdicts))
 
 
-HEADER = (
-    "| renderer | must fail | fails first | causes named | right level | right cause | false reasons |\n|"
-    + (7 * " --- |")
-)
+COLUMNS = "renderer", "must fail", "fails first", "causes named", "level", "cause", "false reasons"
+HEADER = f"| {' | '.join(COLUMNS)} |\n|{len(COLUMNS) * ' --- |'}"
 
 
-def row(one: Tried) -> str:
+def row(result: Tried) -> str:
     """Return a line of the table."""
-    causes = Counter(verdict.cause for verdict in one.failed)
-    told = ", ".join(f"{cause} ({count})" for cause, count in causes.most_common())
+    causes = Counter(verdict.cause for verdict in result.failed)
     cells = (
-        one.renderer.name,
-        one.renderer.level,
-        one.level or "-",
-        told or "-",
-        "yes" if one.right_level else "NO",
-        "yes" if one.right_cause else "NO",
-        "; ".join(one.false_reasons) or "-",
+        result.renderer.name,
+        result.renderer.level,
+        result.level or "-",
+        ", ".join(f"{cause} ({count})" for cause, count in causes.most_common()) or "-",
+        "right" if result.right_level else "WRONG",
+        "right" if result.right_cause else "WRONG",
+        "; ".join(result.false_reasons) or "-",
     )
     return f"| {' | '.join(cells)} |"
 
 
-def tally(done: Sequence[Tried]) -> str:
-    """Return the sums of the table."""
-
-    def names(some: Iterable[Tried]) -> str:
-        return ", ".join(one.renderer.name for one in some) or "-"
-
-    return (
-        f"renderers: {len(done)}; false passes: {names(one for one in done if one.level is None)}\n"
-        f"at another level: {names(one for one in done if not one.right_level)}\n"
-        f"without the right cause: {names(one for one in done if not one.right_cause)}\n"
-        f"with a false reason: {names(one for one in done if one.false_reasons)}"
-    )
+def failures(results: Sequence[Tried]) -> dict[str, list[str]]:
+    """Return the names of renderers by what went wrong with them; the lists are empty at best."""
+    return {
+        "false passes": [r.renderer.name for r in results if r.level is None],
+        "at another level": [r.renderer.name for r in results if not r.right_level],
+        "without the right cause": [r.renderer.name for r in results if not r.right_cause],
+        "with a false reason": [r.renderer.name for r in results if r.false_reasons],
+    }

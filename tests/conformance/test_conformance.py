@@ -16,7 +16,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from tests.conformance.table import WRONG, tally, tried
+from tests.conformance.table import WRONG, failures, tried
 from tests.support.scene_file import film
 from xfrustum import InputError, open_scene
 from xfrustum.cli.main import main
@@ -26,8 +26,8 @@ from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reference import Reference
 from xfrustum.reports.conformance.cases import Archive, export, traced, write_case
 from xfrustum.reports.conformance.run import (
+    CaseOutcome,
     CaseRenderer,
-    Outcome,
     RunOptions,
     Verdict,
     agreed,
@@ -77,7 +77,7 @@ def put_images(case: Case, folder: Path, truths: list[HogelImage]) -> None:
 
 def judged_images(folder: Path, *names: str) -> list[tuple[str, str | None]]:
     verdicts = run(chosen(names=names), CaseRenderer(images=str(folder)))
-    by_name = {one.name: (one.verdict, one.cause) for one in verdicts}
+    by_name = {verdict.name: (verdict.verdict, verdict.cause) for verdict in verdicts}
     return [by_name[name] for name in names]
 
 
@@ -114,8 +114,9 @@ def test_a_right_renderer_passes_and_an_archive_gives_the_same_statement_without
     some = chosen(names=SOME)
     path = export(some, tmp_path)
     fresh = run(some, right)
-    assert [one.verdict for one in fresh] == ["pass"] * len(SOME)
-    assert all(one.pixels.shown > 100 and one.pixels.unexplained == 0 for one in fresh)
+    assert [verdict.verdict for verdict in fresh] == ["pass"] * len(SOME)
+    pixels = [verdict.pixels for verdict in fresh]
+    assert all(count.shown > 100 and count.unexplained == 0 for count in pixels)
     monkeypatch.setattr("xfrustum.reports.conformance.cases.trace", None)
     monkeypatch.setattr("xfrustum.compare.renderer_model.pictures.first_surfaces", None)
     assert run(some, right, RunOptions(truths=Archive(path=path))) == fresh
@@ -136,31 +137,26 @@ def test_a_right_renderer_passes_and_an_archive_gives_the_same_statement_without
     ],
 )
 def test_a_wrong_convention_fails_its_level_with_its_cause(name: str, names: list[str]) -> None:
-    result = tried(next(one for one in WRONG if one.name == name), names)
-    assert result.right_level and result.right_cause and not result.false_reasons
+    (renderer,) = (renderer for renderer in WRONG if renderer.name == name)
+    assert not any(failures([tried(renderer, names)]).values())
 
 
 @pytest.mark.slow
 def test_wrong_renderers_fail_the_right_level_for_the_right_cause(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    done = [tried(one) for one in WRONG]
+    problems = failures([tried(renderer) for renderer in WRONG])
     # With unbounded intervals, HiGHS wrote to standard output, past Python.
     assert capfd.readouterr().out == ""
-    assert not [one.renderer.name for one in done if one.level is None], tally(done)
-    assert not [one.renderer.name for one in done if not one.right_level], tally(done)
-    assert not [one.renderer.name for one in done if not one.right_cause or one.false_reasons], (
-        tally(done)
-    )
+    assert not any(problems.values()), problems
 
 
 def test_a_case_that_cannot_tell_faults_apart_gets_the_one_that_others_name() -> None:
-    one = Verdict(name="a", level="L0", verdict=Outcome.FAIL, cause="not-overlaid")
-    alike = replace(
-        one, name="b", cause="front-missing", alternatives={"front-missing": ("not-overlaid",)}
-    )
+    first = Verdict(name="a", level="L0", verdict=CaseOutcome.FAIL, cause="not-overlaid")
+    alternatives: dict[str, tuple[str, ...]] = {"front-missing": ("not-overlaid",)}
+    alike = replace(first, name="b", cause="front-missing", alternatives=alternatives)
     elsewhere = replace(alike, name="c", level="L1")
-    causes = [verdict.cause for verdict in agreed([one, alike, elsewhere])]
+    causes = [verdict.cause for verdict in agreed([first, alike, elsewhere])]
     assert causes == ["not-overlaid", "not-overlaid", "front-missing"]
 
 
@@ -432,7 +428,9 @@ def test_list_show_and_export_print_cases(
 def test_a_level_with_cases_that_were_not_run_has_a_star_and_failures_have_numbers(
     tmp_path: Path,
 ) -> None:
-    passed = [Verdict(name=case.name, level="L4", verdict=Outcome.PASS) for case in chosen(("L4",))]
+    passed = [
+        Verdict(name=case.name, level="L4", verdict=CaseOutcome.PASS) for case in chosen(("L4",))
+    ]
     parts = {"renderer": "<r>", "device": "d", "device_model": "m"}
     some = Statement(**parts, verdicts=tuple(passed[:1]))
     assert some.sentence == f"<r> passes L4 (1 of {len(passed)} cases) of suite {SUITE}."
@@ -442,7 +440,9 @@ def test_a_level_with_cases_that_were_not_run_has_a_star_and_failures_have_numbe
     assert whole.sentence == f"<r> passes L4 of suite {SUITE}."
     assert whole.badge()["message"] == "L4"
     pixels = Pixels(shown=200, wrong=30, edge=10, unexplained=20)
-    failed = Verdict(name="a", level="L1", verdict=Outcome.FAIL, cause="unexplained", pixels=pixels)
+    failed = Verdict(
+        name="a", level="L1", verdict=CaseOutcome.FAIL, cause="unexplained", pixels=pixels
+    )
     message = "unexplained: 30 of 200 pixels wrong (10 edge, 20 unexplained)"
     assert [case.failure for case in junit_cases([failed])] == [message]
     write_statement(Statement(**parts, verdicts=(*passed, failed)), tmp_path)

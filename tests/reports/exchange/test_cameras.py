@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.scene_file import film, part
 from tests.support.views import view
+from tests.support.worlds import World
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.exchange.cameras import write_cameras
@@ -24,13 +24,15 @@ from xfrustum.scenes import (
     Offset,
     Pivot,
     Scene,
-    open_scene,
 )
 from xfrustum.scenes.plate.plate import Aperture
 
 JITTER_PX = 0.02
-"""Distance by which pixel centers are moved to find out whether a pixel lies on an edge: the rasterizer snaps
-vertices to 1/256 px, and rounds positions on films of 96 pixels to less than as much again."""
+"""Shift of pixel centers that reveals pixels on edges.
+
+The rasterizer snaps vertices to 1/256 px, and rounds positions on films of 96 pixels to less than
+as much again.
+"""
 
 
 def read(path: Path) -> Any:
@@ -45,9 +47,9 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     u, v = ((2 * pixels + 1) / cameras["frustum"]["resolution"] - 1).T * ((1,), (-1,))
     film = np.stack((u, v, np.ones(len(u))), axis=-1)
     picture = np.full(len(film), -1, dtype=np.int64)
-    for one in cameras["apertures"][0]["passes"]:
-        matrix, depth = np.array(one["clip_from_scene"])[[0, 1, 3]], one["depth"]
-        n, f = one["near"], one["far"]
+    for each in cameras["apertures"][0]["passes"]:
+        matrix, depth = np.array(each["clip_from_scene"])[[0, 1, 3]], each["depth"]
+        n, f = each["near"], each["far"]
         stored = np.full(len(film), depth["clear"])
         xyw = triangles @ matrix[:, :3].T + matrix[:, 3]
         met = (
@@ -65,7 +67,7 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
                 value = stored_depth(depth["function"], w, n, f)
                 shown = inside & (value < stored if depth["test"] == "<" else value > stored)
             picture[shown], stored[shown] = index, value[shown]
-        # The next pass is drawn over this one, whatever its depth.
+        # The next pass is drawn over this each, whatever its depth.
     return picture
 
 
@@ -80,34 +82,23 @@ def small_view(name: str) -> Scene:
     return replace(scene, frustum=replace(scene.frustum, resolution=(20, 15)))
 
 
-def test_the_numbered_triangles_lie_beside_the_cameras(tmp_path: Path) -> None:
-    """A reader of NumPy alone knows which number each triangle and object has, where it is, and its name."""
-    path = tmp_path / "scene.toml"
-    path.write_text(
-        film(
-            (80.0, 60.0),
-            hogels=(3, 3),
-            resolution=(16, 16),
-            fov_deg=(60.0, 60.0),
-            reach=(90.0, 90.0),
-        )
-        + part("box", 20.0, (10.0, 0.0, -30.0), rotate_deg=(0.0, 30.0, 0.0))
-        + part("torus", 20.0, (0.0, 0.0, 30.0))
-    )
-    assert (
-        main(["camera", str(path), "--for", "gltf", "--near", "0.1", "--out", str(tmp_path / "a")])
-        == 0
-    )
-    scene = open_scene(str(path))
+def test_the_numbered_triangles_lie_next_to_the_cameras(tiny: World, tmp_path: Path) -> None:
+    """NumPy alone reads the number, the place and the object of each triangle, and the names."""
+    words = ["camera", str(tiny.scene_file), "--for", "gltf", "--near", "0.1", "--out"]
+    assert main([*words, str(tmp_path / "a")]) == 0
+    scene = tiny.scene
     with np.load(tmp_path / "a" / "scene.npz", allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["vertices"][stored["faces"]], scene.triangles)
         np.testing.assert_array_equal(stored["object_of_triangle"], scene.object_of_triangle)
         first, names = stored["first_triangle"], stored["names"].tolist()
-    assert names == ["box", "torus"]
-    assert [scene.object_of_triangle[number] for number in first[:-1]] == [0, 1] and first[1] == 12
+    assert names == [part.name for part in scene.objects]
+    assert [scene.object_of_triangle[number] for number in first[:-1]] == [0, 1, 2]
 
 
 REVERSED: dict[str, Any] = {"depth": DepthFormat.D32F, "mapping": DepthMapping.REVERSED}
+SCREEN = DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN)
+LOGARITHMIC = DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC)
+UNMOVED = DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR)
 slow = pytest.mark.slow
 
 
@@ -115,30 +106,13 @@ slow = pytest.mark.slow
     ("name", "settings", "index"),
     [
         ("asymmetric-recentered", DoubleFrustum(near=3.0, slabs=(20.0,), **REVERSED), (5, 50)),
-        pytest.param(
-            *(
-                "asymmetric-recentered",
-                DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN),
-                (70, 3),
-            ),
-            marks=slow,
-        ),
-        pytest.param(
-            *("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC), (40, 30)),
-            marks=slow,
-        ),
-        pytest.param(
-            *(
-                "asymmetric",
-                DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR),
-                (0, 0),
-            ),
-            marks=slow,
-        ),
+        pytest.param("asymmetric-recentered", SCREEN, (70, 3), marks=slow),
+        pytest.param("asymmetric", LOGARITHMIC, (40, 30), marks=slow),
+        pytest.param("asymmetric", UNMOVED, (0, 0), marks=slow),
     ],
     ids=["reversed slabs", "pivot and fit", "logarithmic", "no offset"],
 )
-def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
+def test_a_renderer_with_the_file_alone_draws_the_same_as_raster(
     name: str, settings: DoubleFrustum, index: tuple[int, int], tmp_path: Path
 ) -> None:
     scene = small_view(name)
@@ -146,37 +120,35 @@ def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     write_cameras(scene, "json", tmp_path, settings, [aperture])
     cameras = read(tmp_path / "cameras.json")
     with Rasterizer(scene) as rasterizer:
-        drawn = rasterizer.render(aperture, settings).triangle
-    pixels = np.stack(np.meshgrid(*map(np.arange, scene.frustum.resolution)), axis=-1).reshape(
-        -1, 2
-    )
-    drawn = drawn.reshape(-1)
+        drawn = rasterizer.render(aperture, settings).triangle.reshape(-1)
+    grid = np.meshgrid(*map(np.arange, scene.frustum.resolution))
+    pixels = np.stack(grid, axis=-1).reshape(-1, 2)
     mine = draw(cameras, scene.triangles, pixels)
     other = mine != drawn
     assert other.mean() < 0.03
     moved = [pixels[other] + (x * JITTER_PX, y * JITTER_PX) for x in (-1, 1) for y in (-1, 1)]
-    # Only where its own picture changes within the jitter does a pixel lie on an edge.
-    assert np.any(
-        [draw(cameras, scene.triangles, some) != mine[other] for some in moved], axis=0
-    ).all()
+    # A pixel lies on an edge only where its own picture changes within the jitter.
+    changes = [draw(cameras, scene.triangles, some) != mine[other] for some in moved]
+    assert np.any(changes, axis=0).all()
     assert (drawn >= 0).mean() > 0.025
     wins = {"c": "nearest", "c-star": "farthest"}
-    assert all(one["wins"] == wins[one["camera"]] for one in cameras["apertures"][0]["passes"])
+    passes = cameras["apertures"][0]["passes"]
+    assert all(each["wins"] == wins[each["camera"]] for each in passes)
     assert cameras["scene_hash"] == scene.content_hash
 
 
-def through_the_file(one: Any, points: np.ndarray) -> np.ndarray:
+def through_the_file(each: Any, points: np.ndarray) -> np.ndarray:
     """Return film coordinates u, v of points by a pass's matrix."""
-    clip = np.c_[points, np.ones(len(points))] @ np.array(one["clip_from_scene"]).T
+    clip = np.c_[points, np.ones(len(points))] @ np.array(each["clip_from_scene"]).T
     return np.asarray(clip[:, :2] / clip[:, 3:])
 
 
-def points_before(one: Any, count: int = 40) -> np.ndarray:
+def points_before(each: Any, count: int = 40) -> np.ndarray:
     """Return random points of the film's frustum between a pass's planes."""
-    low, high = (-1, -1, one["near"]), (1, 1, one["far"])
+    low, high = (-1, -1, each["near"]), (1, 1, each["far"])
     u, v, depth = np.random.default_rng(2).uniform(low, high, (count, 3)).T
     w = np.stack((u, v, np.ones(count)), axis=-1) * depth[:, None]
-    matrix = np.array(one["clip_from_scene"])[[0, 1, 3]]
+    matrix = np.array(each["clip_from_scene"])[[0, 1, 3]]
     return np.linalg.solve(matrix[:, :3], (w - matrix[:, 3]).T).T
 
 
@@ -189,7 +161,7 @@ def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any
     write_cameras(scene, "json", tmp_path, settings, apertures)
     files = write_cameras(scene, other, tmp_path, settings, apertures).files
     passes = [
-        one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]
+        each for each in read(tmp_path / "cameras.json")["apertures"] for each in each["passes"]
     ]
     return passes, read(files[0])
 
@@ -199,9 +171,9 @@ def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path
     scene = small_view(name)
     passes, document = both_files(scene, "gltf", tmp_path)
     assert len(document["nodes"]) == len(document["cameras"]) == len(passes)
-    for one, node in zip(passes, document["nodes"], strict=True):
+    for each, node in zip(passes, document["nodes"], strict=True):
         lens = document["cameras"][node["camera"]]["perspective"]
-        points = points_before(one)
+        points = points_before(each)
         # A glTF camera looks to its own -z; half a turn about y exchanges the signs of x and z.
         turned = node.get("rotation") == [0, 1, 0, 0]
         eye = (points - node["translation"]) * ((-1, 1, -1) if turned else (1, 1, 1))
@@ -212,8 +184,8 @@ def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path
         u = (2 * picture[:, 0] - left - right) / (right - left)
         v = (2 * picture[:, 1] - bottom - top) / (top - bottom)
         v = -v if node["extras"]["rows_reversed"] else v
-        assert np.allclose(np.stack((u, v), axis=-1), through_the_file(one, points))
-        assert (lens["znear"], lens["zfar"]) == (one["near"], one["far"])
+        assert np.allclose(np.stack((u, v), axis=-1), through_the_file(each, points))
+        assert (lens["znear"], lens["zfar"]) == (each["near"], each["far"])
         assert np.isclose(max(-left, right), 1)
         assert np.isclose(max(-bottom, top), 1)
 
@@ -223,7 +195,7 @@ def test_mitsuba_sees_along_the_same_lines(tmp_path: Path) -> None:
     mitsuba.set_variant("llvm_ad_rgb" if "llvm_ad_rgb" in mitsuba.variants() else "scalar_rgb")
     scene = small_view("asymmetric-recentered")
     passes, document = both_files(scene, "mitsuba", tmp_path)
-    for one, entry in zip(passes, document["sensors"], strict=True):
+    for each, entry in zip(passes, document["sensors"], strict=True):
         plugin = entry["sensor"]
         transform = mitsuba.ScalarTransform4f(np.array(plugin["to_world"]))
         sensor = mitsuba.load_dict({**plugin, "to_world": transform})
@@ -232,8 +204,8 @@ def test_mitsuba_sees_along_the_same_lines(tmp_path: Path) -> None:
             place = mitsuba.Point2f((u + 1) / 2, (1 - row) / 2)
             ray, _ = sensor.sample_ray(0.0, 0.5, place, mitsuba.Point2f(0.5))
             origin, direction = (np.ravel(np.array(part)) for part in (ray.o, ray.d))
-            found = through_the_file(one, (origin + 20 * direction)[None])
-            assert np.allclose(found[0], (u, v), atol=1e-4)
+            place_on_film = through_the_file(each, (origin + 20 * direction)[None])[0]
+            assert np.allclose(place_on_film, (u, v), atol=1e-4)
 
 
 def test_mitsuba_has_square_pixels(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ import pytest
 import zarr
 from PIL import Image
 
-from tests.support.scene_file import film, named, part
-from xfrustum import DoubleFrustum, write_plate
+from tests.support.worlds import World
+from xfrustum import DoubleFrustum, Rasterizer, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import (
     ConversionOptions,
@@ -24,9 +25,11 @@ from xfrustum.reports.exchange.convert import (
     open_plate,
     write_group,
 )
-from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes import InputError
 from xfrustum.scenes.files.layouts import NAMES, PlateShape, layouts_named
 from xfrustum.scenes.files.plate_files import PlateRows, find_files
+
+TRIANGLES = ConversionOptions(array="triangle")
 
 
 def group(
@@ -58,32 +61,26 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
     assert np.array_equal(open_plate(tmp_path / "back.zarr").rows.whole(), pixels)
 
 
-def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_losses_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, pixels = group(tmp_path, "float32")
-    out = tmp_path / "quilt.png"
-    assert (
-        main(["convert", str(source), str(out), "--to", "quilt", "--tiles", "3,2", "--json"]) == 0
-    )
-    told = capsys.readouterr()
-    summary = json.loads(told.out)
+    words = ["convert", str(source), str(tmp_path / "quilt.png"), "--to", "quilt"]
+    assert main([*words, "--tiles", "3,2", "--json"]) == 0
+    printed = capsys.readouterr()
+    summary = json.loads(printed.out)
     assert Path(summary["out"]).name == "quilt_qs3x2a1.333.png"
-    lost = [lost.partition(":")[0] for lost in summary["losses"]]
-    assert lost == ["vertical parallax", "floating-point numbers"]
-    assert "note: lost: vertical parallax" in told.err
+    losses = [lost.partition(":")[0] for lost in summary["losses"]]
+    assert losses == ["vertical parallax", "floating-point numbers"]
+    assert "note: lost: vertical parallax" in printed.err
     convert(Path(summary["out"]), tmp_path / "back.zarr")
-    found = stored(tmp_path, "color")
-    assert np.array_equal(
-        found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8)
-    )
+    levels = np.rint(pixels[:, :, 2:3].astype(np.float64) * 255)
+    assert np.array_equal(stored(tmp_path, "color"), levels.astype(np.uint8))
 
 
-def test_quilts_say_that_they_are_linear_and_of_files_that_nobody_knows(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.toml"
-    where = film((6, 4), (4, 3), (6, 1), (60, 60), (9, 9))
-    scene.write_text(named("s") + where + part("sphere", 1.0, (0, 0, 3)))
-    drawn = write_plate(
-        open_scene(str(scene)), DoubleFrustum(near=0.1), tmp_path / "drawn.zarr"
-    ).out
+def test_quilts_of_drawn_plates_are_linear_and_of_files_as_encoded(
+    tiny: World, tmp_path: Path
+) -> None:
+    flat = replace(tiny.scene, frustum=replace(tiny.scene.frustum, resolution=(6, 1)))
+    drawn = write_plate(flat, tiny.settings, tmp_path / "drawn.zarr").out
     done = convert(drawn, tmp_path / "quilt.png", write_as="quilt")
     assert any("pixels are linear radiance" in note for note in done.notes)
     assert Image.open(done.out).info["gamma"] == 1.0
@@ -98,8 +95,7 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
     plate = zarr.create_group(tmp_path / "plate.zarr")
     plate.create_array("triangle", data=numbers)
     convert(tmp_path / "plate.zarr", tmp_path / "pictures", write_as="hogels")
-    triangles = ConversionOptions(array="triangle")
-    convert(tmp_path / "pictures", tmp_path / "back.zarr", options=triangles)
+    convert(tmp_path / "pictures", tmp_path / "back.zarr", options=TRIANGLES)
     assert np.array_equal(stored(tmp_path, "triangle"), numbers)
 
 
@@ -107,7 +103,7 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
 def test_hogels_that_were_never_drawn_are_counted(
     drawn: int | None, missing: int, tmp_path: Path
 ) -> None:
-    """A plate says which hogels are finished; of one that says nothing, those without files are missing."""
+    """A plate states its finished hogels; without that, hogels without files are missing."""
     plate = zarr.create_group(tmp_path / "plate.zarr")
     shards = None if drawn is None else (2, 2, 4, 5, 3)
     color = plate.create_array(
@@ -120,12 +116,12 @@ def test_hogels_that_were_never_drawn_are_counted(
         )
     assert open_plate(tmp_path / "plate.zarr").missing == missing
     done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
-    told = (f"{missing} hogels are not there and count as empty",) if missing else ()
-    assert done.reasons[2:] == done.notes == told
+    note = (f"{missing} hogels are not there and count as empty",) if missing else ()
+    assert done.reasons[2:] == done.notes == note
 
 
 def test_a_folder_whose_plate_is_stated_lacks_whole_rows(tmp_path: Path) -> None:
-    """Names alone would tell of a plate of fewer rows."""
+    """Names alone describe a plate of fewer rows."""
     source, _ = group(tmp_path, "uint8")
     convert(source, tmp_path / "files", write_as="hogels")
     for column in range(4):
@@ -154,19 +150,19 @@ def test_no_hogel_that_is_there_is_left_out(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
-        (["plate.zarr", "out"], "--to"),
-        (["plate.zarr", "plate.zarr"], "exists"),
-        (["plate.zarr", "out", "--to", "quilt", "--tiles", "4,2"], "4 x 2 tiles hold no 6 views"),
-        (["plate.zarr", "out", "--array", "triangle", "--to", "views"], "no array triangle"),
-        (["mosaic.png", "out", "--to", "views"], "--hogels"),
-        (["damaged", "out", "--to", "mosaic"], "000_000.ppm: the image is damaged"),
+        ("plate.zarr out", "--to"),
+        ("plate.zarr plate.zarr", "exists"),
+        ("plate.zarr out --to quilt --tiles 4,2", "4 x 2 tiles hold no 6 views"),
+        ("plate.zarr out --array triangle --to views", "no array triangle"),
+        ("mosaic.png out --to views", "--hogels"),
+        ("damaged out --to mosaic", "000_000.ppm: the image is damaged"),
     ],
 )
-def test_bad_input_is_told_in_one_line_and_leaves_nothing(
-    arguments: list[str],
-    told: str,
+def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
+    arguments: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -177,27 +173,20 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     Path("damaged").mkdir()
     Path("damaged", "000_000.ppm").write_bytes(b"P6\n4 3\n255\n12")
     before = sorted(Path().iterdir())
-    assert main(["convert", *arguments]) == 2
+    assert main(["convert", *arguments.split()]) == 2
     error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") == 1
+    assert message in error and error.count("\n") == 1
     assert sorted(Path().iterdir()) == before
-
-
-# Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing
-# written.
 
 
 @pytest.fixture
 def sound(tmp_path: Path) -> Path:
-    """Return a Zarr group of 3 x 2 hogels of 5 x 4 pixels."""
-    pixels = np.random.default_rng(1).integers(0, 256, (2, 3, 4, 5, 3), np.uint8)
-    write_group(PlateRows.from_pixels(pixels), tmp_path / "plate.zarr", PlateArray.COLOR, {})
-    return tmp_path / "plate.zarr"
+    """Return a Zarr group of 4 x 3 hogels of 6 x 5 pixels."""
+    return group(tmp_path, "uint8")[0]
 
 
 def refused(source: Path, out: Path, hogels: tuple[int, int] | None = None) -> str:
-    """Return the one line with which `convert` refuses, after it has written nothing."""
+    """Return the message with which `convert` refuses a source without writing anything."""
     with pytest.raises(InputError) as raised:
         convert(source, out, write_as="hogels", options=ConversionOptions(hogels=hogels))
     assert not out.exists()
@@ -212,7 +201,7 @@ def chunk_of(sound: Path) -> Path:
 
 
 def edited(**keys: object) -> Callable[[Path], None]:
-    """Return what gives keys of the array's description other values."""
+    """Return a function that changes keys of the array's description."""
 
     def edit(sound: Path) -> None:
         path = sound / "color" / "zarr.json"
@@ -234,13 +223,13 @@ def flipped(sound: Path) -> None:
         flipped,
         lambda sound: (sound / "color" / "zarr.json").write_text("{}"),
         edited(codecs=[{"name": "nonsense"}]),
-        edited(shape=[2, 3, 4]),
-        edited(shape=[30_000, 30_000, 4, 5, 3]),
-        edited(shape=[2, 3, 1 << 20, 1 << 20, 3]),
+        edited(shape=[3, 4, 5]),
+        edited(shape=[30_000, 30_000, 5, 6, 3]),
+        edited(shape=[3, 4, 1 << 20, 1 << 20, 3]),
         edited(
             chunk_grid={
                 "name": "regular",
-                "configuration": {"chunk_shape": [2, 3, 1 << 18, 1 << 18, 3]},
+                "configuration": {"chunk_shape": [3, 4, 1 << 18, 1 << 18, 3]},
             }
         ),
     ],
@@ -266,16 +255,8 @@ def test_a_pipe_in_a_group_is_refused_and_not_waited_for(
     assert "no regular file" in refused(sound, tmp_path / "out")
 
 
-def folder_of(place: Path, *names: str) -> Path:
-    """Return a folder of small pictures of these names."""
-    place.mkdir()
-    for name in names:
-        Image.new("RGB", (4, 4)).save(place / name)
-    return place
-
-
 @pytest.mark.parametrize(
-    ("name", "facts", "told"),
+    ("name", "facts", "message"),
     [
         ("hogel_0000_9999_0000_9999.png", None, "--max-hogels"),
         ("hogel_0x0.png", [30_000, 30_000], "--max-hogels"),
@@ -286,80 +267,63 @@ def folder_of(place: Path, *names: str) -> Path:
     ],
 )
 def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory(
-    name: str, facts: list[int] | None, told: str, tmp_path: Path
+    name: str, facts: list[int] | None, message: str, tmp_path: Path
 ) -> None:
     folder = tmp_path / "files"
     folder.mkdir()
-    for one in (name, re.sub(r"\d+", "0", name) if name.count("_") < 4 else name):
-        Image.new("RGB", (4, 4)).save(folder / one)
+    for file in (name, re.sub(r"\d+", "0", name) if name.count("_") < 4 else name):
+        Image.new("RGB", (4, 4)).save(folder / file)
     if facts:
         (folder / "plate.json").write_text(json.dumps({"hogels": facts, "resolution": [4, 4]}))
-    assert told in refused(folder, tmp_path / "out")
-    if told == "--max-hogels":
-        assert told in refused(folder, tmp_path / "out", (99_999_999, 99_999_999))
+    assert message in refused(folder, tmp_path / "out")
+    if message == "--max-hogels":
+        assert message in refused(folder, tmp_path / "out", (99_999_999, 99_999_999))
 
 
-# `plate --layout` writes a drawn plate in a layout: beside its Zarr group, or instead of it.
+# `plate --layout` writes a drawn plate in a layout: next to its Zarr group, or instead of it.
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    """Return a scene of a plate that is wider than its hogels are many."""
-    path = tmp_path / "boxes.toml"
-    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
-    path.write_text(named("boxes") + film((40, 20), (4, 3), (6, 5), (60, 60), (60, 60)) + objects)
-    return path
+def plate(world: World, out: Path, words: str) -> int:
+    options = ["--near", "1", "--out", str(out), "--quiet", "--json", *words.split()]
+    return main(["plate", str(world.scene_file), *options])
 
 
-def plate(scene: Path, out: Path, *words: str) -> int:
-    return main(
-        ["plate", str(scene), "--near", "0.5", "--out", str(out), "--quiet", "--json", *words]
-    )
-
-
-def test_beside_the_group_lies_the_same_plate_as_views(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_next_to_the_group_lies_the_same_plate_as_views(
+    tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "plate.zarr"
-    assert plate(scene, out, "--layout", "views", "--ids") == 0
-    said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert (said["out"], said["drawn"]) == (str(out), 12)
-    wrote = {"layout": "views", "out": str(tmp_path / "plate-views"), "files": 30}
-    assert said["layout"] == wrote | {"losses": [], "notes": []}
+    out, (width, height) = tmp_path / "plate.zarr", tiny.scene.frustum.resolution
+    assert plate(tiny, out, "--layout views --channels color,triangle") == 0
+    printed: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert (printed["out"], printed["drawn"]) == (str(out), 20)
+    files = {"layout": "views", "out": str(tmp_path / "plate-views"), "files": width * height}
+    assert printed["layout"] == files | {"losses": [], "notes": []}
     drawn = open_plate(out).rows.whole()
-    files = find_files(tmp_path / "plate-views")
-    assert files.plate.pixels.dtype == np.float16
-    assert np.array_equal(files.plate.pixels, drawn)
-    assert drawn.any()
-    assert "triangle" in zarr.open_group(out)
-
-
-def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, opened = tmp_path / "pictures", open_scene(scene)
-    begun = LaidOutPlate(out=out, layout="burnett")
-    write_plate(opened, DoubleFrustum(near=0.5), begun.group, [opened.plate.aperture(3, 1)])
-    assert plate(scene, out, "--layout", "burnett") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["out"], said["found"], said["drawn"]) == (None, 1, 11)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
-    write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
-    expected = open_plate(tmp_path / "again.zarr").rows.whole()
-    found = find_files(out, layouts=layouts_named("burnett"))
-    assert np.array_equal(found.plate.pixels, expected)
-    assert (out / "Hogel_1x3.exr").exists()
-
-
-def test_triangle_numbers_alone_become_pictures_and_a_quilt_states_the_shape_of_the_plate(
-    scene: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "plate.zarr"
-    assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
-    expected = open_plate(out, PlateArray.TRIANGLE).rows.whole()
-    found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
-    assert np.array_equal(found.plate.pixels, expected) and expected.any()
+    laid_out = find_files(tmp_path / "plate-views").plate
+    assert laid_out.dtype == np.float16
+    assert np.array_equal(laid_out.pixels, drawn) and drawn.any()
+    numbers = convert(out, tmp_path / "m.png", write_as="mosaic", options=TRIANGLES).out
+    mosaic = find_files(numbers, layouts=layouts_named("mosaic")).plate.pixels
+    assert np.array_equal(mosaic, open_plate(out, PlateArray.TRIANGLE).rows.whole())
+    # Hogels as numerous as here give 1.25; the plate's own aspect is stated.
     quilt = LaidOutPlate(out=tmp_path / "quilt.png", layout="quilt")
     shutil.copytree(out, quilt.group)
-    assert quilt.write(open_scene(scene)).files == 1
-    assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]
+    plate_width, plate_height = tiny.scene.plate.size
+    assert quilt.write(tiny.scene).out.stem.endswith(f"a{plate_width / plate_height:.4g}")
+
+
+def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continues(
+    tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, near = tmp_path / "pictures", DoubleFrustum(near=1.0)
+    begun = LaidOutPlate(out=out, layout="burnett")
+    write_plate(tiny.scene, near, begun.group, [tiny.scene.plate.aperture(3, 1)])
+    assert plate(tiny, out, "--layout burnett") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["out"], printed["found"], printed["drawn"]) == (None, 1, 19)
+    assert [path.name for path in tmp_path.iterdir()] == ["pictures"]
+    hogel = find_files(out, layouts=layouts_named("burnett")).hogel(3, 1)
+    with Rasterizer(tiny.scene) as rasterizer:
+        drawn = rasterizer.render(tiny.scene.plate.aperture(3, 1), near, color=True).color
+    # Half precision below 1 has steps of at most 2^-11: shaders and NumPy can round either way.
+    assert np.abs(hogel.pixels.astype(np.float32) - drawn).max() <= 2.0**-11
+    assert (out / "Hogel_1x3.exr").exists()

@@ -1,4 +1,4 @@
-"""OpenEXR files as other programs write them are read as plain ones are, or refused with their channels."""
+"""OpenEXR files of other programs: read as our own, or refused with their channels."""
 
 from pathlib import Path
 from typing import Any
@@ -65,7 +65,7 @@ def read(path: Path, encoding: Encoding = Encoding.RGB) -> HogelImage:
 
 @pytest.mark.parametrize("background", [0.0, 1e10, -1e10, 3e38, np.inf, np.nan])
 @pytest.mark.parametrize("numbered", [True, False])
-def test_a_background_has_no_surface_whatever_its_position_is(
+def test_a_background_has_no_surface_at_any_position(
     tmp_path: Path, background: float, numbered: bool
 ) -> None:
     planes = vector("P.", points(background)) | ({"id.triangle": numbers()} if numbered else {})
@@ -74,64 +74,56 @@ def test_a_background_has_no_surface_whatever_its_position_is(
     np.testing.assert_array_equal(image.covered, numbers() > 0)
 
 
-def test_any_position_is_a_background_where_the_number_is_0(tmp_path: Path) -> None:
-    planes = vector("P.", points(7.5)) | {"id.triangle": numbers()}
-    np.testing.assert_array_equal(
-        read(written(tmp_path / "a.exr", ("", planes))).position, points()
-    )
+ZERO = np.zeros((HEIGHT, WIDTH), np.uint32)
 
 
-@pytest.mark.parametrize("background", [0.0, 7.5, 1e10])
-def test_an_empty_hogel_is_empty_and_numbers_that_nobody_set_hide_nothing(
-    tmp_path: Path, background: float
+def test_the_number_0_is_a_background_and_numbers_that_were_never_set_hide_nothing(
+    tmp_path: Path,
 ) -> None:
-    zero = np.zeros((HEIGHT, WIDTH), np.uint32)
-    empty = vector("P.", np.full((HEIGHT, WIDTH, 3), background, np.float32)) | {
-        "id.triangle": zero
-    }
-    assert not read(written(tmp_path / "a.exr", ("", empty))).covered.any()
-    unset = vector("ViewLayer.Position.", points(0.0)) | {
-        "ViewLayer.IndexOB.X": zero.astype(np.float32)
-    }
-    np.testing.assert_array_equal(read(written(tmp_path / "b.exr", ("", unset))).position, points())
+    path = tmp_path / "a.exr"
+    numbered = vector("P.", points(7.5)) | {"id.triangle": numbers()}
+    np.testing.assert_array_equal(read(written(path, ("", numbered))).position, points())
+    for background in (0.0, 7.5, 1e10):
+        everywhere = np.full((HEIGHT, WIDTH, 3), background, np.float32)
+        empty = vector("P.", everywhere) | {"id.triangle": ZERO}
+        assert not read(written(path, ("", empty))).covered.any()
+    unset = vector("ViewLayer.Position.", points(0.0))
+    unset["ViewLayer.IndexOB.X"] = ZERO.astype(np.float32)
+    np.testing.assert_array_equal(read(written(path, ("", unset))).position, points())
+    compressed = written(
+        path, ("", vector("P.", points(0.0))), compression=OpenEXR.DWAA_COMPRESSION
+    )
+    np.testing.assert_array_equal(read(compressed).covered, numbers() > 0)
 
 
-def layers(prefix: str, position: Planes, number: str) -> list[Part]:
-    color = vector(f"{prefix}Combined.", np.ones((HEIGHT, WIDTH, 4), np.float32), "RGBA")
-    normal = vector(f"{prefix}Normal.", np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
-    secret = vector(f"{prefix}CryptoObject00.", np.ones((HEIGHT, WIDTH, 4), np.float32), "RGBA")
-    depth = {f"{prefix}Depth.Z": np.full((HEIGHT, WIDTH), 4.0, np.float32)}
-    return [
-        ("", color | normal | secret | depth | position | {number: numbers().astype(np.float32)})
-    ]
+def layers(prefix: str, position: str, number: str, axes: str = "XYZ") -> list[Part]:
+    """Return the part of a renderer that writes color, normal, Cryptomatte and depth, too."""
+    planes = vector(position, points(0.0), axes) | {number: numbers().astype(np.float32)}
+    for layer, names in (("Combined", "RGBA"), ("Normal", "XYZ"), ("CryptoObject00", "RGBA")):
+        values = np.ones((HEIGHT, WIDTH, len(names)), np.float32)
+        planes |= vector(f"{prefix}{layer}.", values, names)
+    return [("", planes | {f"{prefix}Depth.Z": np.full((HEIGHT, WIDTH), 4.0, np.float32)})]
+
+
+WHITE = np.ones((HEIGHT, WIDTH, 3), np.float32)
+RGB, DATA = vector("", WHITE, "RGB"), ("data", {"id.triangle": numbers()})
 
 
 @pytest.mark.parametrize(
     ("parts", "number"),
     [
-        (
-            layers("ViewLayer.", vector("ViewLayer.Position.", points(0.0)), "ViewLayer.IndexOB.X"),
-            "object",
-        ),
-        (layers("A.B.", vector("A.B.Position.", points(0.0)), "A.B.Object Index.X"), "object"),
-        (layers("", vector("P.", points(0.0)), "IndexOB.X"), "object"),
-        (layers("", vector("P.", points(0.0), "RGB"), "id.object"), "object"),
-        (layers("", vector("pos.", points(0.0)), "id.triangle"), "triangle"),
-        (layers("", vector("P.", points(0.0), "xyz"), "id.triangle"), "triangle"),
+        (layers("ViewLayer.", "ViewLayer.Position.", "ViewLayer.IndexOB.X"), "object"),
+        (layers("A.B.", "A.B.Position.", "A.B.Object Index.X"), "object"),
+        (layers("", "P.", "id.object", "RGB"), "object"),
+        (layers("", "pos.", "id.triangle"), "triangle"),
+        (layers("", "P.", "id.triangle", "xyz"), "triangle"),
+        ([("rgba", RGB), ("P", vector("", points(0.0), "RGB")), DATA], "triangle"),
         (
             [
-                ("rgba", vector("", np.ones((HEIGHT, WIDTH, 3), np.float32), "RGB")),
-                ("P", vector("", points(0.0), "RGB")),
-                ("data", {"id.triangle": numbers()}),
-            ],
-            "triangle",
-        ),
-        (
-            [
-                ("beauty", vector("", np.ones((HEIGHT, WIDTH, 3), np.float32), "RGB")),
-                ("diffuse", vector("", np.zeros((HEIGHT, WIDTH, 3), np.float32), "RGB")),
+                ("beauty", RGB),
+                ("diffuse", vector("", 0 * WHITE, "RGB")),
                 ("Position", vector("", points(0.0))),
-                ("data", {"id.triangle": numbers()}),
+                DATA,
             ],
             "triangle",
         ),
@@ -146,7 +138,7 @@ def test_channels_have_the_names_of_other_programs(
     assert image.color is not None and (image.color == 1).all()
 
 
-def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
+def test_the_encoding_states_the_meaning_of_a_number(tmp_path: Path) -> None:
     path = written(tmp_path / "a.exr", ("", {"id": numbers()}))
     expected = numbers().astype(np.int64) - 1
     np.testing.assert_array_equal(read(path, Encoding.TRIANGLE_ID).triangle, expected)
@@ -161,7 +153,7 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("parts", "told"),
+    ("parts", "message"),
     [
         ([("", {"depth": points()[..., 0]})], "none of .* it has depth"),
         (
@@ -173,7 +165,7 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
             "P.X lies in A.Position.X, B.Position.X; keep one",
         ),
         (
-            [("left", {"id.triangle": numbers()}), ("right", {"id.triangle": numbers()})],
+            [("left", DATA[1]), ("right", DATA[1])],
             "id.triangle lies in left/id.triangle, right/id.triangle; keep one",
         ),
         (
@@ -182,10 +174,10 @@ def test_what_a_number_counts_is_said_by_the_encoding(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_not_read_is_refused_with_what_is_there(
-    tmp_path: Path, parts: list[Part], told: str
+def test_a_file_without_usable_channels_is_refused_with_the_present_ones(
+    tmp_path: Path, parts: list[Part], message: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         read(written(tmp_path / "a.exr", *parts))
 
 
@@ -262,27 +254,18 @@ def test_dwa_changes_no_value_by_more_than_is_derived(tmp_path: Path, level: flo
         path = tmp_path / "a.exr"
         planes = {"P.Y": values.astype(np.float32)}
         OpenEXR.File(header | {"dwaCompressionLevel": level}, planes).write(str(path))
-        found = read_channels(path, ["P.Y"])
-        bound = uncertainty(found.planes["P.Y"], "P.Y", OpenEXR.DWAA_COMPRESSION, level)
+        read_planes = read_channels(path, ["P.Y"]).planes
+        bound = uncertainty(read_planes["P.Y"], "P.Y", OpenEXR.DWAA_COMPRESSION, level)
         assert bound is not None
-        share = np.abs(found.planes["P.Y"] - values) / bound
+        share = np.abs(read_planes["P.Y"] - values) / bound
         assert 0.05 < share.max() < 1
 
 
-def test_a_compressed_background_is_one(tmp_path: Path) -> None:
-    planes = vector("P.", points(0.0))
-    image = read(written(tmp_path / "a.exr", ("", planes), compression=OpenEXR.DWAA_COMPRESSION))
-    np.testing.assert_array_equal(image.covered, numbers() > 0)
-
-
-def test_colors_that_a_format_changed_are_said(tmp_path: Path) -> None:
-    planes = vector("", np.full((HEIGHT, WIDTH, 3), 0.3, np.float32), "RGB") | {
-        "id.triangle": numbers()
-    }
-    for compression, told in (
+def test_a_format_that_changed_colors_is_named(tmp_path: Path) -> None:
+    planes = vector("", 0.3 * WHITE, "RGB") | DATA[1]
+    for compression, storage in (
         (OpenEXR.DWAA_COMPRESSION, "OpenEXR DWAA, lossy"),
         (OpenEXR.ZIP_COMPRESSION, None),
     ):
         path = written(tmp_path / "a.exr", ("", planes), compression=compression)
-        assert read(path).storage == told
-        assert read_image(path, CAMERA).storage == told
+        assert read(path).storage == read_image(path, CAMERA).storage == storage

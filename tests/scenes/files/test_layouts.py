@@ -70,17 +70,17 @@ def test_a_plate_is_written_recognized_and_read_bit_by_bit_whole_and_row_by_row(
     rows = PlateRows(shape=shape, dtype=before.dtype, row=row)
     target = written(rows, name, tmp_path / "rows")
     assert read == [0, 1, 2]
-    files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
-    assert files == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
+    stored = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
+    assert stored == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
     names = [target.file_name(index, shape) for index in target.layout.indices(shape)]
-    assert {min(names), max(names)} == FIRST_AND_LAST[name] and set(names) == set(files)
-    found = find_files(tmp_path / "rows")
-    assert (found.layout.name, found.missing, found.strangers, found.shape) == (name, 0, 0, shape)
+    assert {min(names), max(names)} == FIRST_AND_LAST[name] and set(names) == set(stored)
+    files = find_files(tmp_path / "rows")
+    assert (files.layout.name, files.missing, files.strangers, files.shape) == (name, 0, 0, shape)
     for column, line in ((0, 0), (3, 1), (1, 2)):
-        assert np.array_equal(found.hogel(column, line).pixels, before.pixels[line, column])
+        assert np.array_equal(files.hogel(column, line).pixels, before.pixels[line, column])
     for number in (2, 0, 1):
-        assert np.array_equal(found.rows().row(number), before.row(number))
-    assert np.array_equal(found.plate.pixels, before.pixels)
+        assert np.array_equal(files.rows().row(number), before.row(number))
+    assert np.array_equal(files.plate.pixels, before.pixels)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -88,9 +88,9 @@ def test_a_plate_is_written_recognized_and_read_bit_by_bit_whole_and_row_by_row(
 def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path) -> None:
     before = plate(shape_for(name), dtype)
     written(before, name, tmp_path, ".exr")
-    found = find_files(tmp_path, shape_for(name), layouts_named(name))
-    assert found.plate.dtype == before.dtype
-    assert np.array_equal(found.plate.pixels, before.pixels)
+    files = find_files(tmp_path, shape_for(name), layouts_named(name))
+    assert files.plate.dtype == before.dtype
+    assert np.array_equal(files.plate.pixels, before.pixels)
 
 
 @pytest.mark.parametrize("name", HORIZONTAL)
@@ -143,13 +143,13 @@ def test_aperture_views_can_name_their_direction_too(tmp_path: Path) -> None:
     for file in list(tmp_path.iterdir()):
         row, column = file.stem.removeprefix("Hogel_").split("x")
         file.rename(tmp_path / f"scan_{row}_{column}_0_0.png")
-    found = find_files(tmp_path)
-    assert (found.layout.name, found.shape, found.missing) == ("burnett", shape_for("burnett"), 0)
-    assert np.array_equal(found.plate.pixels, before.pixels)
+    files = find_files(tmp_path)
+    assert (files.layout.name, files.shape, files.missing) == ("burnett", shape_for("burnett"), 0)
+    assert np.array_equal(files.plate.pixels, before.pixels)
 
 
 @pytest.mark.parametrize(
-    ("name", "suffixes", "stated", "told"),
+    ("name", "suffixes", "stated", "message"),
     [
         ("burnett", [".png"], "hocking", "not named as those of hocking; they look like burnett"),
         ("burnett", [".png"], "quilt", "not named as those of quilt; they look like burnett"),
@@ -157,12 +157,12 @@ def test_aperture_views_can_name_their_direction_too(tmp_path: Path) -> None:
     ],
 )
 def test_names_that_contradict_the_layout_or_each_other_are_refused(
-    name: str, suffixes: list[str], stated: str | None, told: str, tmp_path: Path
+    name: str, suffixes: list[str], stated: str | None, message: str, tmp_path: Path
 ) -> None:
     for suffix in suffixes:
         dtype = "float32" if suffix == ".exr" else "uint8"
         written(plate(shape_for(name), dtype), name, tmp_path, suffix)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         find_files(tmp_path, None, LAYOUTS if stated is None else layouts_named(stated))
 
 
@@ -176,10 +176,10 @@ def test_a_folder_of_other_pictures_has_no_layout(tmp_path: Path) -> None:
 def test_a_missing_view_is_named(tmp_path: Path) -> None:
     written(plate(shape_for("views")), "views", tmp_path)
     (tmp_path / "2_3.png").unlink()
-    found = find_files(tmp_path)
-    assert found.missing == 1
+    files = find_files(tmp_path)
+    assert files.missing == 1
     with pytest.raises(InputError, match=r"no file such as 2_3\.png"):
-        found.hogel(0, 0)
+        files.hogel(0, 0)
 
 
 def test_the_limit_of_pillow_is_the_host_programs_own(
