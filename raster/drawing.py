@@ -28,9 +28,11 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
-TEXELS, PLACES, DECODED = 9, 10, 11  #: bindings of storage blocks, as in texture.glsl
+#: bindings of storage blocks, as in texture.glsl
+TEXELS, PLACES, DECODED = 9, 10, 11
 
-BYTES_PER_TEXEL = 4  #: bytes of a texel: red, green, blue and alpha, of 8 bits each
+#: bytes of a texel: red, green, blue and alpha, of 8 bits each
+BYTES_PER_TEXEL = 4
 
 
 class Textures:
@@ -151,7 +153,8 @@ def single(values: list[list[float]]) -> Singles:
     return np.clip(values, -largest, largest).astype(np.float32)
 
 
-IDENTITIES, ENVIRONMENT = 0, 1  #: texture units, as in reflection.frag and environment.glsl
+#: texture units, as in reflection.frag and environment.glsl
+IDENTITIES, ENVIRONMENT = 0, 1
 
 
 class Environment:

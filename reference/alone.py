@@ -22,7 +22,8 @@ from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 CERTIFIED = "certified"  #: name of the decision that is proven for every pixel
-DECISIONS = (CERTIFIED, *TRACERS)  #: names of the ways to decide the surface of a pixel
+#: names of the ways to decide the surface of a pixel
+DECISIONS = (CERTIFIED, *TRACERS)
 
 
 class PlainReference(Reference):

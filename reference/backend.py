@@ -60,7 +60,8 @@ __all__ = [
 #: Coordinates of vectors: arrays with a lane for each vector, or numbers for all lanes
 Vector = Sequence[Any]
 
-Table = Callable[[Any], list[Any]]  #: function from indices of rows to the columns of these rows
+#: function from indices of rows to the columns of these rows
+Table = Callable[[Any], list[Any]]
 
 _KINDS = {
     np.dtype(np.float64): Float64,

@@ -29,7 +29,8 @@ CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder
 #: Oldest version in use: Dr.Jit refuses 14; its minimum and maximum abort with 15 and 16
 OLDEST_LLVM = 17
 
-TESTED_LLVM = 19  #: version that is preferred; of the others, the nearest to it
+#: version that is preferred; of the others, the nearest to it
+TESTED_LLVM = 19
 
 #: Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could
 FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"

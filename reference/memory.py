@@ -9,7 +9,8 @@ from numpy.typing import DTypeLike, NDArray
 #: Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each
 BAND_PIXELS = 1 << 19
 
-PIXEL_BYTES = 400  #: approximate memory for each pixel of a band that is being made
+#: approximate memory for each pixel of a band that is being made
+PIXEL_BYTES = 400
 
 #: Pixels of a band of an image that is kept whole: joining smaller bands would cost more time. A
 #: band adds some 80 bytes a pixel to the image's own 70.

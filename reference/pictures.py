@@ -99,7 +99,8 @@ def _overlaid(
     return certainty, np.concatenate((visible, upper.tied_triangles))
 
 
-Decided = tuple[RayBundle, FirstSurfaces]  #: lines of a camera, and first surfaces along some rows
+#: lines of a camera, and first surfaces along some rows
+Decided = tuple[RayBundle, FirstSurfaces]
 
 
 def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:

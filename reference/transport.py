@@ -239,7 +239,8 @@ def _between_texels(texel: Callable[[Any, Any], Any], down: Any, right: Any) -> 
     return dr.lerp(upper, lower, below)
 
 
-SINGLE = 2.0**-24  #: unit roundoff of float32
+#: unit roundoff of float32
+SINGLE = 2.0**-24
 
 #: Distance of rays' starts from their surface, in roundings of the scene's largest coordinate, on
 #: the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
@@ -382,7 +383,8 @@ def power(base: Any, exponent: Any) -> Any:
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)
 
 
-PATHS_AT_ONCE = 1 << 20  #: light paths of one launch, which bounds memory: 200 bytes a path
+#: light paths of one launch, which bounds memory: 200 bytes a path
+PATHS_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

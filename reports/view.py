@@ -51,17 +51,23 @@ NAMES = {
     "drawn": "the renderer's hogels",
 }
 
-SEEN_ARCMIN = 1.0  #: displacement in full color on a loss map, arc minutes: acuity of a good eye
-MAX_SHOWN_EYES = 4  #: largest number of eyes with pictures in a notebook
-CONE_DEGREES = 40.0  #: angle between the outermost views of a quilt, as of displays for quilts
-MAX_TILES = 1 << 10  #: largest number of tiles of a quilt
+#: displacement in full color on a loss map, arc minutes: acuity of a good eye
+SEEN_ARCMIN = 1.0
+#: largest number of eyes with pictures in a notebook
+MAX_SHOWN_EYES = 4
+#: angle between the outermost views of a quilt, as of displays for quilts
+CONE_DEGREES = 40.0
+#: largest number of tiles of a quilt
+MAX_TILES = 1 << 10
 
 
 class Source(Protocol):
     """Hogels of a scene by any renderer."""
 
-    name: str  #: renderer, or place of its files, for people
-    settings: DoubleFrustum | None  #: cameras of the hogels; None where unknown
+    #: renderer, or place of its files, for people
+    name: str
+    #: cameras of the hogels; None where unknown
+    settings: DoubleFrustum | None
 
     def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Yield the hogels of `parts` in order; only pixels in a hogel's part have a meaning."""
@@ -174,10 +180,14 @@ class Images:
 class EyeRecord:
     """Losses of one eye: an element of `eyes` in `view --json`."""
 
-    eye: tuple[float, float, float]  #: position, scene units
-    pixels_per_degree: float  #: resolution at the middle of its view
-    display: loss.Loss  #: loss of the true view by replaying it (A against B)
-    renderer: loss.Loss | None  #: loss by the renderer's hogels (B against C)
+    #: position, scene units
+    eye: tuple[float, float, float]
+    #: resolution at the middle of its view
+    pixels_per_degree: float
+    #: loss of the true view by replaying it (A against B)
+    display: loss.Loss
+    #: loss by the renderer's hogels (B against C)
+    renderer: loss.Loss | None
 
     @property
     def losses(self) -> dict[str, loss.Loss]:
@@ -191,9 +201,12 @@ class ViewRecord:
     """Object printed by `view --json`."""
 
     eyes: tuple[EyeRecord, ...]
-    units: str  #: unit of length of the scene
-    source: str | None  #: renderer, or place of its files; None without a renderer
-    hogels: int  #: number of hogels with a pixel in the pictures
+    #: unit of length of the scene
+    units: str
+    #: renderer, or place of its files; None without a renderer
+    source: str | None
+    #: number of hogels with a pixel in the pictures
+    hogels: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

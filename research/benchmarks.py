@@ -44,7 +44,8 @@ from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 #: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
 Record = dict[str, Any]
 
-RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fraction of the reach
+#: the near offset that all contestants draw with, as a fraction of the reach
+RELATIVE_NEAR = 1e-3
 
 
 def scene_record(scene: Scene) -> Record:

@@ -31,7 +31,8 @@ from xfrustum.tolerances import TOLERANCE_PX
 DEFAULT_FOLDER = Path("study") / "noticeable"
 #: that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
 USUAL_DISTANCE = 600.0
-SEEN_ARCSEC = 1.0  # from which on replay and closed form are compared: a twentieth of stereo acuity
+#: from which on replay and closed form are compared: a twentieth of stereo acuity
+SEEN_ARCSEC = 1.0
 
 #: Number of pixels of which one may be wrong by depth: the exact bound of Clopper and Pearson at
 #: 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. For none, 2,995 would do.
@@ -75,33 +76,45 @@ class Cell:
 class Replay:
     """Measures of a replay to two eyes; None where a cell was not replayed."""
 
-    replayed_stereo_arcsec: float | None = None  #: change of disparity
-    replayed_points: int | None = None  #: that both eyes were shown
-    replayed_wrong: float | None = None  #: share of pixels with wrong surfaces
-    replayed_depth_wrong: float | None = None  #: and with such as exact depth shows rightly
-    replayed_pixels: int | None = None  #: that these are shares of
+    #: change of disparity
+    replayed_stereo_arcsec: float | None = None
+    #: that both eyes were shown
+    replayed_points: int | None = None
+    #: share of pixels with wrong surfaces
+    replayed_wrong: float | None = None
+    #: and with such as exact depth shows rightly
+    replayed_depth_wrong: float | None = None
+    #: that these are shares of
+    replayed_pixels: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Replay, Cell):
     """A cell with its answers; lengths in millimeters."""
 
-    stereo_arcsec: float  #: largest change of disparity between two things that the viewer sees
-    crack_arcmin: float | None  #: of a surface that runs through the plate, if there is one
-    crack_hidden_arcmin: float  #: width of one that is not noticed
+    #: largest change of disparity between two things that the viewer sees
+    stereo_arcsec: float
+    #: of a surface that runs through the plate, if there is one
+    crack_arcmin: float | None
+    #: width of one that is not noticed
+    crack_hidden_arcmin: float
     crack_hidden_by: str
     #: smallest that the depth buffer orders at the farthest visible surfaces
     ordered_separation: float
-    resolved_separation: float  #: smallest that the viewer, or the display, resolves there
+    #: smallest that the viewer, or the display, resolves there
+    resolved_separation: float
     resolved_by: str
     #: p99 of displacement, pixels; None where surfaces pass through the aperture
     pixels_median: float | None
     pixels_worst: float | None
-    pixels_beyond: float  #: share of the apertures that are displaced by more than `TOLERANCE_PX`
-    asked_separation: float  #: separation required by `plan` without a viewer
+    #: share of the apertures that are displaced by more than `TOLERANCE_PX`
+    pixels_beyond: float
+    #: separation required by `plan` without a viewer
+    asked_separation: float
     #: from the eyes to the nearest surface before the plate, or to the plate
     nearest_distance: float
-    sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
+    #: the frustum is recentered, and the pivot is `aperture`
+    sheared: bool
 
     @property
     def offset_seen(self) -> bool:
@@ -121,7 +134,8 @@ class Study:
     buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
     pitches: tuple[float, ...]
     distances: tuple[float, ...]
-    replayed_nears: tuple[float, ...]  # with all depth buffers at the middle pitch and distance
+    #: with all depth buffers at the middle pitch and distance
+    replayed_nears: tuple[float, ...]
     pixels: int = PIXELS
 
     def cells(self) -> Iterator[Cell]:

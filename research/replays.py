@@ -28,14 +28,16 @@ SAME_PLACE = 2.0
 class Replayed:
     """Measures of drawn hogels in the views of two eyes."""
 
-    matched: int  #: number of surface points in both views
+    #: number of surface points in both views
+    matched: int
     #: largest difference of the changes of disparity of two points, or of one and the plate's
     #: border, from the 1st to the 99th percentile; None without points in both views
     disparity_change_arcsec: float | None
     #: share of both eyes' judged pixels with a wrong surface, and share right with exact depth
     wrong: float
     depth_wrong: float
-    judged: int  #: number of both eyes' judged pixels
+    #: number of both eyes' judged pixels
+    judged: int
 
 
 def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple[Eye, ...]:

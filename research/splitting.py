@@ -45,10 +45,13 @@ DEFAULT_FOLDER = Path("study") / "splitting"
 SIDES = (Camera.C, Camera.C_STAR)
 AS_IN_THE_PAPER: Drawing = (Pivot.APERTURE, None, Offset.PLATE)
 
-SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # distances of two sheets
-ASKED_SEPARATION = 1e-3  # distance of two surfaces at the far end that a depth buffer must order
+#: distances of two sheets
+SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+#: distance of two surfaces at the far end that a depth buffer must order
+ASKED_SEPARATION = 1e-3
 
-SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4  # along each side of the film of sheets, and of a cell
+#: along each side of the film of sheets, and of a cell
+SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
 #: heights of a sheet's cells differ so much, so that not all their depths round alike
 SHEET_PHASE = 0.05
 SHEET_HEIGHT = FARTHEST / (
@@ -59,8 +62,10 @@ SHEET_HEIGHT = FARTHEST / (
 #: of the picture, which the 99th percentile of displacement leaves out.
 NEAREST_PERCENTILE = 1
 
-MAX_SLABS = 6  # slabs on one side that are tried before a case is given up
-FIRST_CUT_PER_NEAREST = 0.99  # close under the nearest surface, so that the first slab is empty
+#: slabs on one side that are tried before a case is given up
+MAX_SLABS = 6
+#: close under the nearest surface, so that the first slab is empty
+FIRST_CUT_PER_NEAREST = 0.99
 _LEAST_NEAR, _LARGEST_NEAR = (
     1e-12,
     0.5,
@@ -174,7 +179,8 @@ class Grid:
             )
 
 
-Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest down, and grids
+#: nears, from the largest down, and grids
+Study = tuple[tuple[float, ...], tuple[Grid, ...]]
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
 #: Depth buffers of the other families: all that devices store without a fragment's help, and one
@@ -453,7 +459,8 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
 class Outcome(NamedTuple):
     """Enough settings of a case."""
 
-    nears: tuple[float, ...]  # with any of which one pair of frusta is enough, largest first
+    #: with any of which one pair of frusta is enough, largest first
+    nears: tuple[float, ...]
     #: heights of the fewest slabs that were enough; None where none were
     slabs: tuple[float, ...] | None
 

@@ -166,7 +166,8 @@ class TessellatedCar:
     """Built-in car in other triangles, and the reflective ones: the first, from the body on."""
 
     scene: Scene
-    reflective: Mask  #: (F,)
+    #: (F,)
+    reflective: Mask
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:

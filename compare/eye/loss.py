@@ -96,12 +96,16 @@ def _camera_lines(
 class DrawnHogel:
     """Image of one hogel by any renderer; None for an unknown channel."""
 
-    index: tuple[int, int]  #: column and row on the plate
+    #: column and row on the plate
+    index: tuple[int, int]
     #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
     color: NDArray[Any] | None = None
-    triangle: Numbers | None = None  #: (H, W), `NOTHING` for none
-    object: Numbers | None = None  #: (H, W), `NOTHING` for none
-    position: NDArray[np.floating] | None = None  #: (H, W, 3) surface points, scene units
+    #: (H, W), `NOTHING` for none
+    triangle: Numbers | None = None
+    #: (H, W), `NOTHING` for none
+    object: Numbers | None = None
+    #: (H, W, 3) surface points, scene units
+    position: NDArray[np.floating] | None = None
 
 
 class Collector:
@@ -229,12 +233,18 @@ def _quantiles(values: Floats) -> Quantiles | None:
 class Loss:
     """Difference of a view from its expected view, in numbers."""
 
-    judged: int  #: number of pixels without a tie
-    wrong: int | None  #: judged pixels with a wrong surface; None where the view names no surfaces
-    fraction: float | None  #: wrong over judged
-    displacement_arcmin: Quantiles | None  #: angle between shown and true place of a point
-    depth_error: Quantiles | None  #: distance in z of points of one object on a ray, scene units
-    flip: float | None  #: mean FLIP, 0 to 1, at the eye's pixels per degree; None without colors
+    #: number of pixels without a tie
+    judged: int
+    #: judged pixels with a wrong surface; None where the view names no surfaces
+    wrong: int | None
+    #: wrong over judged
+    fraction: float | None
+    #: angle between shown and true place of a point
+    displacement_arcmin: Quantiles | None
+    #: distance in z of points of one object on a ray, scene units
+    depth_error: Quantiles | None
+    #: mean FLIP, 0 to 1, at the eye's pixels per degree; None without colors
+    flip: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -268,8 +278,10 @@ class Views(ShortRepr):
 
     true: EyeImage
     replayed: EyeImage
-    drawn: EyeImage | None  #: None without a renderer
-    taken: Replay  #: pixels of hogels in B and C
+    #: None without a renderer
+    drawn: EyeImage | None
+    #: pixels of hogels in B and C
+    taken: Replay
 
     @property
     def eye(self) -> Eye:

@@ -114,7 +114,8 @@ class Viewer:
     acuity_arcmin: float = ACUITY_ARCMIN
     stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC
     eyes_apart_mm: float = EYES_APART_MM
-    pupil_mm: float = 4.0  #: diameter
+    #: diameter
+    pupil_mm: float = 4.0
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -129,12 +130,16 @@ class Display:
     """Properties of a plate that limit its sharpness, on the coarser axis."""
 
     frustum: Frustum
-    size: tuple[float, float]  #: of the plate, scene units
-    pitch: float  #: of the hogels, scene units
-    pixel: float  #: slope between the directions of neighboring pixels of a hogel
+    #: of the plate, scene units
+    size: tuple[float, float]
+    #: of the hogels, scene units
+    pitch: float
+    #: slope between the directions of neighboring pixels of a hogel
+    pixel: float
     #: wavelength over pitch; 0 where the length of the scene's unit is not known
     diffraction: float
-    millimeters: float | None  #: length of the scene's unit; None where it is not known
+    #: length of the scene's unit; None where it is not known
+    millimeters: float | None
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Display:
@@ -167,13 +172,16 @@ class DisplayLimits:
     viewer: Viewer
     #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
     pixel_arcmin: float
-    pitch_arcmin: float  #: angle under which a hogel is seen
-    diffraction_arcmin: float | None  #: no hogel holds finer angles
+    #: angle under which a hogel is seen
+    pitch_arcmin: float
+    #: no hogel holds finer angles
+    diffraction_arcmin: float | None
     #: Depths of field: distances from the plate up to which the display shows as fine as its
     #: hogels, or the viewer, allow; infinite where pixels are fine enough for any depth
     behind: float
     before: float
-    rays_per_pupil: float | None  #: pixels of a hogel that a pupil catches along an axis
+    #: pixels of a hogel that a pupil catches along an axis
+    rays_per_pupil: float | None
     #: largest near whose gap changes disparity across the plate by stereo acuity
     near_stereo: float | None
     #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a
@@ -229,7 +237,8 @@ class Content:
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
-    through: bool  #: whether a surface runs through the plate
+    #: whether a surface runs through the plate
+    through: bool
 
     @property
     def heights(self) -> Floats:

@@ -37,7 +37,8 @@ INTERNAL_FORMAT: dict[DepthFormat, int] = {
 }
 
 
-Ends = tuple[float, float]  #: clip depth over w at a camera's near and far plane
+#: clip depth over w at a camera's near and far plane
+Ends = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,8 @@ from xfrustum.raster.cameras.cameras import (
 )
 from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
 
-Record = dict[str, Any]  #: a JSON object, or a part of it
+#: a JSON object, or a part of it
+Record = dict[str, Any]
 
 #: Stored depth at distance w from a camera with near plane n and far plane f (CONVENTIONS.md,
 #: "Depth")

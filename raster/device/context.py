@@ -24,7 +24,8 @@ from xfrustum.scenes.model.scene import Scene
 
 #: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
 REQUIRED_VERSION = 450
-OLDEST_VERSION = 330  #: OpenGL 3.3: the oldest version of moderngl
+#: OpenGL 3.3: the oldest version of moderngl
+OLDEST_VERSION = 330
 
 _HELP = (
     "install an EGL driver (Debian and Ubuntu: libegl1 and libgl1-mesa-dri, which draws in "
@@ -239,7 +240,8 @@ def _extensions() -> Iterator[bytes]:
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
 
-NANOSECOND = 1e-9  #: seconds in the unit of OpenGL's timestamps
+#: seconds in the unit of OpenGL's timestamps
+NANOSECOND = 1e-9
 
 
 class GpuClock:

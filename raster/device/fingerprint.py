@@ -22,7 +22,8 @@ from xfrustum.raster.device.targets import framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
-SIZE = 64  #: pixels along each side of the pictures
+#: pixels along each side of the pictures
+SIZE = 64
 TRIANGLES, EDGES = (
     240,
     160,
@@ -31,8 +32,10 @@ UPRIGHT, FARTHEST = (
     60,
     23,
 )  #: triangles with sides along rows and columns; the largest have 2^23 pixels
-SEED = 11  #: of the random triangles; the recorded fingerprints have the same ones
-EMPTY = -9.0  #: what pixels hold at which no fragment was drawn
+#: of the random triangles; the recorded fingerprints have the same ones
+SEED = 11
+#: what pixels hold at which no fragment was drawn
+EMPTY = -9.0
 
 #: First depth that fragments write, and the step from one to the next in units in the last place
 WRITTEN = (

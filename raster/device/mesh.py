@@ -67,7 +67,8 @@ def number_triangles(faces: Indices) -> NumberedMesh:
     )
 
 
-NORMALS = 0  #: binding of the triangles' own normals, as in surface.glsl
+#: binding of the triangles' own normals, as in surface.glsl
+NORMALS = 0
 
 #: Numbers per vertex of each attribute of hogel.vert
 ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}

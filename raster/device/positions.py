@@ -12,9 +12,11 @@ from xfrustum.raster.device.programs import shader
 from xfrustum.scenes.arrays import Indices, Singles
 from xfrustum.scenes.model.scene import Scene
 
-GROUP = 256  #: pixels of a work group, as in position.comp
+#: pixels of a work group, as in position.comp
+GROUP = 256
 
-MAX_GROUPS = 65535  #: number of work groups that every device runs at a time
+#: number of work groups that every device runs at a time
+MAX_GROUPS = 65535
 
 #: Bytes of a point, three float32. Points are read in as many parts as they need storage blocks.
 BYTES_PER_POINT = 12

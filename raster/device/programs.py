@@ -20,7 +20,8 @@ SHADING = (
     Effect.SPECULAR,
 )
 
-Defines = Mapping[str, str]  #: names that a shader tests with `#ifdef`, and their text
+#: names that a shader tests with `#ifdef`, and their text
+Defines = Mapping[str, str]
 
 
 def shader(name: str) -> str:

@@ -66,7 +66,8 @@ class Boxes:
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
-WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])  #: least and largest u, then v, of a whole film
+#: least and largest u, then v, of a whole film
+WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 def clip_planes(

@@ -36,7 +36,8 @@ from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
-HOGELS_BINDING = 0  #: binding of the uniform block with the matrices of each hogel
+#: binding of the uniform block with the matrices of each hogel
+HOGELS_BINDING = 0
 
 #: Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
@@ -49,7 +50,8 @@ ROUND_BYTES = 1 << 25
 #: Largest number of hogels in a submission, and of submissions in a round; more do not save more
 #: time
 MAX_HOGELS = 4
-ROUNDS = 2  #: number of rounds: one is drawn while the one before it is read back
+#: number of rounds: one is drawn while the one before it is read back
+ROUNDS = 2
 
 PICTURE, REFLECTION = (
     0,

@@ -92,7 +92,8 @@ class FrameRequest:
         return cls(windows=windows, box=box)
 
 
-WHOLE = FrameRequest(windows=WHOLE_FILM, box=None)  #: whole films
+#: whole films
+WHOLE = FrameRequest(windows=WHOLE_FILM, box=None)
 
 
 Item = TypeVar("Item")

@@ -38,7 +38,8 @@ from xfrustum.reference.backend import (
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
-UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounded operation in double precision, u
+#: largest relative error of one rounded operation in double precision, u
+UNIT_ROUNDOFF = 2.0**-53
 
 #: Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4
 #: u for the rounding of the bound itself
@@ -48,7 +49,8 @@ ROUNDING = 12 * UNIT_ROUNDOFF
 #: bound are off by at most half a step each, 2^-1075, whatever their size; this number covers them.
 UNDERFLOW = 2.0**-1022
 
-EDGES = ((0, 1), (1, 2), (2, 0))  #: first and second corner of each edge of a triangle
+#: first and second corner of each edge of a triangle
+EDGES = ((0, 1), (1, 2), (2, 0))
 
 
 class Triangles:

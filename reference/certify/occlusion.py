@@ -54,13 +54,15 @@ from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
-HALF_CELL = 0.5  #: distance, in pixels, of a cell's sides from its center
+#: distance, in pixels, of a cell's sides from its center
+HALF_CELL = 0.5
 
 #: Room for pairs of each point at first. Most points are hidden by nothing; for more pairs, the
 #: walk is repeated with room for all of them.
 PAIRS_PER_POINT = 1 / 8
 
-MIN_PAIRS = 1 << 12  #: least room for pairs
+#: least room for pairs
+MIN_PAIRS = 1 << 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -29,7 +29,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 #: Pairs of a line and a triangle that are decided at once, about 1 kB each
 PAIRS_AT_ONCE = 1 << 19
 
-TRIANGLES_AT_ONCE = 1 << 13  #: triangles whose columns and rows are searched at once
+#: triangles whose columns and rows are searched at once
+TRIANGLES_AT_ONCE = 1 << 13
 
 #: Margin of every comparison, relative to the sum of its absolute values: more than ten thousand
 #: roundings of 1e-16, for a few dozen operations

@@ -23,7 +23,8 @@ from xfrustum.scenes.model.eye import Beam, Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
-NONE = -1  #: column or row of a ray that meets no hogel or no film
+#: column or row of a ray that meets no hogel or no film
+NONE = -1
 
 
 def eye_bundle(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle:

@@ -12,7 +12,8 @@ from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
-RAYS_PER_CALL = 1 << 20  #: rays of one call. This bounds the memory, some 100 bytes per ray.
+#: rays of one call. This bounds the memory, some 100 bytes per ray.
+RAYS_PER_CALL = 1 << 20
 
 
 def mitsuba_versions() -> dict[str, str]:

@@ -38,8 +38,10 @@ class Eye:
     position: tuple[
         float, float, float
     ]  #: center of the pupil, scene units; z > 0, before the plate
-    resolution: tuple[int, int] = RESOLUTION  #: W, H in pixels
-    pupil: float = 0.0  #: its diameter, scene units; 0 for a pinhole
+    #: W, H in pixels
+    resolution: tuple[int, int] = RESOLUTION
+    #: its diameter, scene units; 0 for a pinhole
+    pupil: float = 0.0
     #: height z, below the eye, of the plane in focus; without a pupil it has no effect
     focus: float = 0.0
     beam: Beam = Beam.BOX
@@ -110,7 +112,8 @@ class Replay(ShortRepr):
 
     #: pixels of the surfaces: nearest to the rays through the pupil's center
     shown: HogelPixels
-    colors: tuple[HogelPixels, ...]  #: pixels of the color, which is their weighted sum
+    #: pixels of the color, which is their weighted sum
+    colors: tuple[HogelPixels, ...]
 
     @property
     def hogels(self) -> tuple[tuple[int, int], ...]:
@@ -130,11 +133,14 @@ class EyeImage(SurfaceImage):
     eye: Eye
     #: surface on the ray through the pupil's center, `NOTHING` where there is none
     triangle: Numbers
-    object: Numbers  #: likewise
-    position: Floats  #: surface point, scene units; NaN where there is none or it is not known
+    #: likewise
+    object: Numbers
+    #: surface point, scene units; NaN where there is none or it is not known
+    position: Floats
     #: linear RGB, averaged over the pupil and over beams; None if not known
     color: Singles | None = None
-    certainty: Bytes | None = None  #: uint8 `Certainty` per pixel; None where nothing was certified
+    #: uint8 `Certainty` per pixel; None where nothing was certified
+    certainty: Bytes | None = None
 
     @property
     def covered(self) -> Mask:
