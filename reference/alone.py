@@ -71,6 +71,7 @@ class PlainReference(Reference):
             )
         rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
         cameras = model_cameras(self.scene.frustum, aperture, settings)
+        # Each camera is traced by itself and overlaid, as its certified counterpart.
         layers = [
             (camera.bundle, uncertified(self.tracer, self.scene, camera.bundle, rows))
             for camera in cameras

@@ -118,10 +118,12 @@ def converged(
     ]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS
     while True:
+        # Doubling keeps all points so far: a Sobol sequence extends itself.
         for index, engine in enumerate(engines):
             points = _spread(plate, aperture, engine.random(more))
             sums[index] = sums[index] + more * mean(points)
         count += more
+        # The scatter of independent scramblings estimates the error of their mean.
         estimates = np.stack(sums) / count
         estimate = Converged(
             color=estimates.mean(axis=0),

@@ -107,6 +107,7 @@ def vectors_on_device(rows: Floats) -> list[Any]:
 
 def table(rows: NDArray[Any]) -> Table:
     """Return the function that looks up rows (N,) or (N, C) by index."""
+    # One gather per column: rows of any length have no vector type of their own.
     flat, count = on_device(rows), math.prod(rows.shape[1:])
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 

@@ -149,6 +149,7 @@ def mitsuba_backend() -> MitsubaBackend:
         llvm = ".".join(map(str, version)) + (
             "" if usable else f", not used: older than {OLDEST_LLVM}"
         )
+    # A variant set by the caller stays: objects of two variants do not mix.
     chosen = mitsuba.variant()
     if chosen is None:
         chosen = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb" if usable else "scalar_rgb"
@@ -239,6 +240,7 @@ def asked_version(library: Path) -> Version | None:
 def installed_llvms() -> list[Path]:
     """Return the LLVM libraries of the dynamic linker and of the usual folders."""
     libraries: list[Path] = []
+    # The loader's own list first; folders cover systems without one.
     ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
     if ldconfig is not None:
         listed = subprocess.run(

@@ -175,6 +175,7 @@ class Pictures:
             )
         with recording():
             number: Any = Int32(NOTHING)
+            # Layers are overlaid within one kernel: no array of a layer is stored.
             position: list[Any] = [Float64(np.nan)] * 3
             direction: list[Any] = []
             lines: dict[object, list[Any]] = {}
@@ -195,6 +196,7 @@ class Pictures:
                     dr.select(covers, *both) for both in zip(own, direction or own, strict=True)
                 ]
             covered, known = number != NOTHING, dr.maximum(number, 0)
+            # Pixels without a surface look up triangle 0, and are masked afterwards.
             (of_triangle,) = self._objects(known)
             objects = dr.select(covered, of_triangle, NOTHING)
             normal = (

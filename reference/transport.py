@@ -306,6 +306,7 @@ class LightPaths:
             light = light + dr.select(active, share * self._shown(point, transport, active), 0.0)
             direction, weight, active = self._scattered(point, sampler, active)
             share = share * weight
+            # Russian roulette: paths that go on weigh more, so that the mean is unbiased.
             chance = dr.select(count < FREE_BOUNCES, 1.0, dr.minimum(dr.max(share), MAX_CHANCE))
             active = active & (mi.Float64(sampler.next_1d()) < chance) & (count + 1 < MAX_BOUNCES)
             share = dr.select(active, share / dr.select(active, chance, 1.0), 0.0)
@@ -358,6 +359,7 @@ class LightPaths:
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
+        # Mirror or diffuse by their shares of light; the weight divides by that chance.
         both = dr.sum(diffuse) + dr.sum(mirror)
         chance = dr.sum(mirror) / dr.select(both > 0.0, both, 1.0)
         reflects = mi.Float64(sampler.next_1d()) < chance

@@ -92,6 +92,7 @@ class Reference:
         (`colored`) the image is made faster.
         """
         one_of(aperture, Aperture, "aperture")
+        # Bands of means are smaller: they hold sums of all samples of a pixel.
         if colored and averages(self.scene.sampling if sampling is None else sampling):
             image = stacked(list(self.trace_bands(aperture, sampling)))
         else:
@@ -110,6 +111,7 @@ class Reference:
         # Color is averaged over pixels' boxes and over the aperture (paper, section 6).
         apertures = sub_apertures(self.scene.plate, aperture, sampling.aperture)
         row, side = 0, points_per_side(sampling)
+        # Surfaces are those at pixel centers through the middle of the aperture.
         for band in self._bands(aperture, AVERAGED_PIXELS, colored=False):
             rows = range(row, row := row + len(band.triangle))
             color = mean_color(self.scene, self._triangles, self._shader, apertures, side, rows)
@@ -189,6 +191,7 @@ class Reference:
         cameras = model_cameras(self.scene.frustum, aperture, settings)
         camera = self._pictures.camera(aperture, settings)
         rows = list(bands(width, range(height), WHOLE_PIXELS))
+        # One certifier per camera serves all bands: its boxes are computed once.
         decided = [self._decided(each.bundle, settings.cull, rows) for each in cameras]
         return stacked(
             [
@@ -213,6 +216,7 @@ class Reference:
         if cull is Cull.NONE:
             yield from map(Certifier(self._triangles, bundle).decide, rows)
             return
+        # Culled triangles are dropped before the decision, so that surfaces behind them show.
         some = drawn_triangles(self.scene.triangles, bundle, cull)
         certifier = Certifier(Triangles(self.scene.triangles[some]), bundle)
         for band in rows:

@@ -111,6 +111,7 @@ class StoredPlate:
             raise InputError(
                 f"--plate {path}: its description is damaged; draw the plate again"
             ) from error
+        # Equal geometry with other materials makes other colors: both hashes count.
         if drawn_from != (scene.content_hash, look_hash(scene)):
             raise InputError(
                 f"--plate {path}: was drawn from another scene; draw it again with xfrustum plate"
@@ -125,6 +126,7 @@ class StoredPlate:
 
     def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Read the hogels; InputError where one is missing or unreadable."""
+        # Refuse before the first view is computed.
         missing = [i for i in parts if not self._plate.finished(self._scene.plate.aperture(*i))]
         if missing:
             raise InputError(
@@ -271,6 +273,7 @@ def view(
     # Raises for too small a view before anything is traced.
     sharpness = [loss.pixels_per_degree(scene, eye) for eye in eyes]
     reference = EyeReference(scene, effects)
+    # All eyes share one pass over the hogels, which costs most.
     takes = [reference.replay(eye) for eye in eyes]
     drawn: Sequence[EyeImage | None] = [None] * len(eyes)
     numbered, gap = False, None
@@ -362,6 +365,7 @@ def _page(seen: SceneView) -> str:
             ("renderer", "drawn", "B, C"),
         ):
             for lost in getattr(seen, name)[number : number + 1]:
+                # Share of the displacement in full color.
                 arcmin = lost.displacement_arcmin / SEEN_ARCMIN
                 marks = marked(shown(images[under]), lost.wrong, arcmin)
                 panes.append((f"loss by the {name}: {between}", address(png(marks))))
@@ -425,6 +429,7 @@ def write_quilt(
         )
     check_writable_folder(out)
     x, y, height = eye.position
+    # Displays for quilts space views evenly in angle.
     shares = np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)
     shifts = height * np.tan(np.radians(CONE_DEGREES) * shares)
     eyes = [replace(eye, position=(x + shift, y, height)) for shift in shifts.tolist()]
@@ -436,6 +441,7 @@ def write_quilt(
         images = [seen.images(number) for number in range(tiles[0])]
         for name in images[0]:
             row = np.concatenate([shown(tile[name]) for tile in images], axis=1)
+            # Tiles count from the bottom, rows of pixels from the top.
             rows.setdefault(name, []).insert(0, row)
     record = replace(
         records[0],

@@ -182,8 +182,10 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
     should count. The certified truth has no such thing: each call begins with the triangles. There
     is no `mitsuba` where it has only its scalar variant, one ray at a time.
     """
+    # Rays are aimed once, before any clock.
     origins, directions = film_rays(scene, aperture)
     embree, reference = EmbreeTracer(scene), Reference(scene)
+    # Built before the race: no clock counts acceleration structures.
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     runs: dict[str, Callable[[], object]] = {
         "embree": lambda: embree.first_hits(origins, directions),
@@ -191,6 +193,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
         "certified": lambda: list(reference.decide(aperture)),
         "truth": lambda: reference.trace(aperture),
     }
+    # The scalar variant traces one ray at a time, which is no contest.
     if not mitsuba_backend().scalar:
         runs["mitsuba"] = bare_intersection(scene, origins, directions)
     return {name: runs[name] for name in TRUTH_MEANINGS if name in runs}
@@ -309,6 +312,7 @@ def judged_plainly(
         width, height = bundle.resolution
         first = mesh.intersects_first(*film_rays(scene, aperture))
         wrong = scene.object_of_number[first] != drawn.object.ravel()
+        # Pixels without a surface have NaN places.
         with np.errstate(invalid="ignore", divide="ignore"):
             place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), bundle)
         row, column = np.divmod(np.arange(width * height), width)

@@ -183,6 +183,7 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
     nearest = (high[2] - low[2]) / (CAR_RATIO - 1)
     size = FARTHEST / (CAR_RATIO * nearest)
     to_place = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2] + nearest])
+    # The middle of the car lies on the axis, its farthest point at `FARTHEST`.
     parts = _moved(turned, lambda points: size * (points - to_place))
     corners = np.concatenate([part.vertices for part in parts])
     objects = []

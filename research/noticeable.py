@@ -154,6 +154,7 @@ class Study:
         middle = self.pitches[len(self.pitches) // 2], self.distances[len(self.distances) // 2]
         decisive, anyway = dict[object, int](), set[int]()
         for index, (cell, row) in enumerate(zip(cells, rows, strict=True)):
+            # The largest unnoticed near decides its case.
             if not row.offset_seen and row.near > rows[decisive.setdefault(cell.case, index)].near:
                 decisive[cell.case] = index
             if (cell.pitch, cell.distance) == middle and cell.near in self.replayed_nears:
@@ -213,7 +214,9 @@ def predicted(cell: Cell) -> Row:
     resolved = noticeable.finest_separation(content.farthest, cell.viewer, display)
     assert resolved is not None
     moved = _displacements(cell.scene, cell.near, cell.pivot)
+    # Infinite where a surface passes through the aperture.
     median, worst = float(np.median(moved)), float(moved.max())
+    # The depth buffer is coarsest at the farthest surface of each side.
     ordered = [0.0]
     for height in content.farthest:
         far = cell.near + frustum.reach[0 if height > 0 else 1]
@@ -254,6 +257,7 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
 def film_columns(size: tuple[float, float], pixels: int) -> int:
     """Return the fewest columns of an eye's film that give two eyes `pixels` pixels."""
     width, height = size
+    # Start just below the solution of 2 columns rows = pixels.
     columns = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
     while 2 * columns * max(1, round(columns * height / width)) < pixels:
         columns += 1
@@ -346,6 +350,7 @@ def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
         if above > 1:
             if math.isinf(above) or below == 0:
                 return low.near
+            # Power laws are lines on log scales: interpolate there.
             share = -math.log(below) / math.log(above / below)
             return math.exp((1 - share) * math.log(low.near) + share * math.log(high.near))
     return math.inf

@@ -67,6 +67,7 @@ class ReplayWorkbench:
 
     def measure(self, settings: DoubleFrustum) -> Replayed:
         """Draw the views, also with exact depth, which settings may share; judge both."""
+        # Settings that differ in depth alone share their control.
         exact = with_exact_depth(settings)
         if self._control is None or self._control[0] != exact:
             self._control = exact, self._wrong(self._drawn(exact))
@@ -78,6 +79,7 @@ class ReplayWorkbench:
         errors = errors[np.isfinite(errors)] * ARCSEC_PER_RADIAN
         change = None
         if errors.size:
+            # The border of the plate does not move: zero is one of the changes.
             low, high = np.percentile(errors, (1, 99))
             change = float(max(high, 0.0) - min(low, 0.0))
         return Replayed(

@@ -250,6 +250,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
     seen = seen_scene(cells[0])
     scene, aperture, reference = seen.scene, seen.aperture, Reference(seen.scene)
     truth = reference.trace(aperture)
+    # Depths of visible surfaces as shares of the reach, for the closed forms.
     heights = np.abs(truth.height[truth.covered].astype(np.float64)) / REACH
     sheets = _misordered(cells)
     with Rasterizer(scene) as rasterizer:
@@ -267,6 +268,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px
             assert wrong is not None and judged.surface is not None
+            # Wrong with this depth buffer and right with exact depth: charged to depth.
             by_depth = wrong & ~control_wrong
             moved = lengths(judged.maps.displacement)[drawn.off_plate]
             own = _sheets_of(cell)
@@ -275,6 +277,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 max(shares) for shares in zip(*(sheets[part] for part in own), strict=True)
             ]
             graded = zip(SEPARATIONS, misordered, strict=True)
+            # Separations fall: the last ordered one before the first failure counts.
             ordered = takewhile(lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, graded)
             yield Row(
                 **vars(cell),
@@ -416,6 +419,7 @@ def _cut(row: Row, rows: Rows, count: int) -> Cell:
         near = max(straight_nears(alike), default=min(r.near for r in alike))
         cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
     else:
+        # The first slab is empty: its near offset displaces nothing.
         near = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
         cuts = np.geomspace(near, 1.0, count + 1)[:-1]
     return part_of(row, Cell, near=near, slabs=tuple(map(float, cuts)))
@@ -441,6 +445,7 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
     """
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
     # The nearest |z| of a row belongs to its nearest hundredth.
+    # Surfaces nearer than near are clipped.
     bent = bent or (row.offset is Offset.NONE and row.nearest < row.near)
     if predicted:
         starved = row.predicted_separation > ASKED_SEPARATION
@@ -542,6 +547,7 @@ def sentence(rows: Rows) -> str:
         always = unbroken(set.intersection(*(set(outcome.nears) for outcome in own)), measured)
         enough = sum(bool(outcome.nears) for outcome in own)
         # Equally good buffers: the first that costs no early depth test.
+        # More enough cases first, then a wider range of nears.
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)

@@ -60,6 +60,7 @@ def measured_by() -> Origin:
 
 def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path) -> None:
     """Write rows of one dataclass, with versions and device as columns of constants."""
+    # Constant columns cost little in Parquet, and keep rows self-contained.
     table, common = table_of(kind, rows), table_of(Origin, [origin] * len(rows))
     for column in common.schema:
         table = table.append_column(column, common[column.name])
@@ -109,6 +110,7 @@ class Sweep(Job):
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
         key = [self.study, self.origin.decisive, *map(asdict, cells)]
+        # The name holds cells and origin: other libraries measure anew.
         digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
         return self.folder / f"{digest[:32]}.parquet"
 
@@ -148,6 +150,7 @@ class Sweep(Job):
         """Measure missing blocks of a part; return all rows, None while other parts miss some."""
         own = list(part.of(blocks))
         workers.run(self, own, sum(map(len, own)), progress=progress)
+        # Other parts of a job array may still be at work.
         if not all(map(self.finished, blocks)):
             return None
         return [row for cells in blocks for row in read_rows(self.row, self.file(cells))[0]]

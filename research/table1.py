@@ -95,6 +95,7 @@ def _row(
         taken = race(runs, repeat, bar.update)
         submitted = renderer.drawn_triangles(apertures) / len(apertures)
         device = renderer.device["renderer"]
+    # Times of a single frame.
     plate = taken["plate"].divided_by(len(apertures))
     plain, antialiased = (
         taken[name].divided_by(len(few)) for name in ("one by one", "antialiased")
@@ -182,12 +183,14 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
             f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 "
             f"may reflect; not {polygons:,} and {reflective_share}"
         )
+    # Regular subdivision as long as it fits, then single splits.
     while 4 * len(scene.faces) <= polygons:
         scene = shapes.refine(scene, 1)
     while (splits := (polygons - len(scene.faces)) // 2) > 0:
         a, b, c = np.moveaxis(scene.triangles, 1, 0)
         size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         split = np.zeros(len(size), dtype=np.bool_)
+        # The largest triangles are split; a stable sort keeps the result the same everywhere.
         split[np.argsort(-size, kind="stable")[:splits]] = True
         ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
         objects = []

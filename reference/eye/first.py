@@ -97,6 +97,7 @@ class Axis:
         if not len(self.seen):
             none = np.zeros(x.shape[1], dtype=np.int64)
             return none, none
+        # D0 and D1 of the module's argument: distance of lines and rays at the plate, per depth.
         apart = np.abs(self.place - self.eye - self.height * self.seen).max()
         spread = np.abs(self.slope - self.seen).max()
         size = np.abs(x) + abs(self.eye) + (self.height + np.abs(s)) * (1 + np.abs(self.seen).max())
@@ -104,12 +105,14 @@ class Axis:
         below = self.height + s
         near_eye = (below <= BESIDE_THE_EYE * self.height).any(axis=0)
         below = np.where(below > 0, below, 1.0)
+        # Corners beside the eye or behind it project anywhere: all lines stay.
         low = np.where(near_eye, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
         high = np.where(near_eye, np.inf, ((x + wider - self.eye) / below).max(axis=0))
         if self.seen[0] <= self.seen[-1]:
             return np.searchsorted(self.seen, low, "left"), np.searchsorted(
                 self.seen, high, "right"
             )
+        # Slopes of rows descend: search their negatives.
         down = -self.seen
         return np.searchsorted(down, -high, "left"), np.searchsorted(down, -low, "right")
 
@@ -126,6 +129,7 @@ class Axis:
             np.abs(x[k, triangle]) + np.abs(s[k, triangle] * self.slope[line]) for k in range(3)
         )
         doubt = MARGIN * size
+        # A line misses a triangle whose corners all lie surely on one side of it.
         misses = np.logical_and.reduce([a > doubt for a in aside])
         misses |= np.logical_and.reduce([a < -doubt for a in aside])
         return triangle[~misses], line[~misses]
@@ -177,9 +181,11 @@ def first_along_grid(
     kept = NO_PAIRS
     for part in crossings(triangles.corners, grid, columns, rows):
         pairs = _evaluated(triangles, grid, part)
+        # A pair behind the farthest bound of a sure pair of its line cannot be first.
         np.minimum.at(limit, pairs.pixel[pairs.sure], pairs.farthest[pairs.sure])
         kept = Pairs.joined([kept, pairs])
         kept = kept[kept.nearest <= limit[kept.pixel]]
+    # A sure pair without rivals is proven; integers decide the others.
     rivals = np.bincount(kept.pixel, minlength=len(limit))
     proven = (rivals[kept.pixel] == 1) & kept.sure
     shape = (height, width)

@@ -65,6 +65,7 @@ def _pixels_on_axis(
         scene.frustum.resolution[axis],
     )
     met = bundle.center[axis] + bundle.center[2] * slope
+    # The hogel whose cell holds the point of the plate; rows count down.
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
     # Places on the film, where centers of pixels have whole numbers; not a number beside it.
@@ -113,6 +114,7 @@ def replay(scene: Scene, eye: Eye) -> Replay:
     points = eye.pupil_points
     both: tuple[tuple[int | None, int | None], ...] = ((None, None),)
     if eye.beam is Beam.TENT:
+        # A tent weighs the two nearest pixels on each axis: four products.
         both = ((0, 0), (0, 1), (1, 0), (1, 1))
     colors = []
     for point in points:
@@ -173,6 +175,7 @@ class EyeReference:
             points = eye.pupil_points
             for point in points:
                 rays = eye_bundle(self.scene, eye, point)
+                # Surfaces belong to the center of the pupil, color to all of its points.
                 seen = decided if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
                 color += self._shader.picture(seen.triangle, places, rays.directions()) / len(
@@ -199,6 +202,7 @@ class EyeReference:
         color = None
         if shaded:
             color = np.zeros((height, width, 3))
+            # `replay` lists the parts of a beam of each point of the pupil together.
             per_point = len(taken.colors) // len(eye.pupil_points)
             for number, pixels in enumerate(taken.colors):
                 point = eye.pupil_points[number // per_point]

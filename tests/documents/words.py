@@ -42,6 +42,16 @@ CLEAN: tuple[str, ...] = (
     "reports/inspection.py",
     "scenes/representation.py",
     "scenes/labelled.py",
+    "reference",
+    "raster",
+    "research",
+    "compare/eye",
+    "reports/view.py",
+    "scenes/model/eye.py",
+    "tests/reference",
+    "tests/raster",
+    "tests/research",
+    "tests/compare/eye",
 )
 
 #: First words of no sentence.
