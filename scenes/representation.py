@@ -26,7 +26,7 @@ def percent_up(share: float) -> str:
     if share <= 0 or share >= 1:
         return f"{100 * share:.0f} %"
     step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
-    # The margin keeps a share of two digits as it is in spite of its rounding.
+    # The margin keeps a share of two digits unchanged in spite of rounding.
     return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"
 
 
