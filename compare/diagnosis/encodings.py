@@ -151,7 +151,7 @@ class IdRepair:
         aperture = plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels))
         truth = _stated(reference, self.nominal, aperture)
         pair, as_read = (
-            _Beside.from_images(truth, image, self.orientation),
+            _TruthPair.from_images(truth, image, self.orientation),
             read_again(image, self.reading),
         )
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
@@ -180,7 +180,7 @@ def _name(reading: Reading) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Beside:
+class _TruthPair:
     """The stored bytes of an image, upright, beside the truth's numbers and brightness."""
 
     rgb: Bytes  # (h, w, 3)
@@ -191,7 +191,7 @@ class _Beside:
     @classmethod
     def from_images(
         cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0
-    ) -> _Beside:
+    ) -> _TruthPair:
         """Pair an image with the truth; `lines` limits the rows and columns of both."""
         height, width = truth.triangle.shape
         step = max(1, min(height, width) // lines) if lines else 1
@@ -396,13 +396,13 @@ class _Search:
     def _best(
         self,
         damage: IdRepair,
-        matching: Callable[[_Beside], Mask] | None = None,
+        matching: Callable[[_TruthPair], Mask] | None = None,
         background: int = 0,
-    ) -> tuple[IdRepair, list[_Beside]]:
+    ) -> tuple[IdRepair, list[_TruthPair]]:
         """Return damage under the conventions in which most pixels match, and the pairs."""
-        matching = matching or partial(_Beside.explained, damage=damage)
+        matching = matching or partial(_TruthPair.explained, damage=damage)
         damage = replace(damage, nominal=self.nominal)
-        best: list[_Beside] = []
+        best: list[_TruthPair] = []
         for order, orientation in itertools.product(
             self.orders, orientations(self.scene.frustum.resolution)
         ):
@@ -411,7 +411,7 @@ class _Search:
                 truth = self.truth(
                     order.index(image.camera.aperture.index, self.scene.plate.hogels)
                 )
-                pair = _Beside.from_images(truth, image, orientation, COMPARED_LINES)
+                pair = _TruthPair.from_images(truth, image, orientation, COMPARED_LINES)
                 some = pair.triangle[0] != NOTHING
                 some |= not background and pair.lit
                 shown, matched = (
@@ -431,7 +431,7 @@ class _Search:
 
     def agreement(self, reading: Reading, kind: str = RESAMPLED) -> IdRepair:
         """Return the conventions under which most pixels store numbers of truth or neighbors."""
-        same = partial(_Beside.same, reading=reading)
+        same = partial(_TruthPair.same, reading=reading)
         return self._best(IdRepair(kind=kind, reading=reading), same, reading.background)[0]
 
     def _colors(self) -> Reading | None:

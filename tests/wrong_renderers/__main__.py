@@ -21,9 +21,9 @@ def main() -> None:
         studio = Studio(folder=Path(folder))
         sys.stdout.write(HEADER + "\n")
         for case in cases():
-            asked = (options.scene, options.renderer, options.encoding, options.group)
+            filters = (options.scene, options.renderer, options.encoding, options.group)
             has = (case.scene, case.toy, case.encoding, TOYS[case.toy].group)
-            if all(not of or value in of for of, value in zip(asked, has, strict=True)):
+            if all(not of or value in of for of, value in zip(filters, has, strict=True)):
                 sys.stdout.write(row(studio.outcome(case)) + "\n")
                 sys.stdout.flush()
         sys.stdout.write("\n" + tally(tuple(studio.done.values())) + "\n")

@@ -19,9 +19,12 @@ class Difference:
     """Shares of the pixels that show something, in truth or picture, of the worst hogel."""
 
     different: float
-    """Share of pixels that are not what they should be, by however little (colors: by more than rounding)."""
+    """Share of pixels that are not what they should be, by however little (colors: by more than
+    rounding).
+    """
     wrong: float
-    """Share of pixels whose object is another (or none, or invalid), or whose triangle their line meets
+    """Share of pixels whose object is another (or none, or invalid), or whose triangle their line
+    meets
     elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over
     `COLOR`
     apart."""
@@ -63,7 +66,9 @@ def _share(of: Mask, shown: Mask) -> float:
 
 
 def _misplaced(world: World, i: int, j: int, claims: Ints, truth: Ints) -> Mask:
-    """Return whether a claimed triangle of the right object lies beside the pixel, but not under it."""
+    """Return whether a claimed triangle of the right object lies beside the pixel, but not under
+    it.
+    """
     count = len(world.triangles)
     object_of = np.append(world.object_of, -1)
     valid = (claims > 0) & (claims <= count) & (truth > 0)

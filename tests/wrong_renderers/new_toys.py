@@ -44,7 +44,8 @@ class Slip:
 
     words: str
     names: str
-    """Names of the defect, separated by blanks, one of which `verify` must give; empty where it has no
+    """Names of the defect, separated by blanks, one of which `verify` must give; empty where it has
+    no
     name for the defect, and may give none."""
     encodings: tuple[str, ...] = ENCODINGS
     scene: str | None = None
@@ -129,7 +130,9 @@ def odd_rows(right: Picture) -> Picture:
 
 
 def three_quarters(how: Image.Resampling) -> dict[str, Callable[..., object]]:
-    """Pictures are drawn at 0.75 of the resolution; resizing them needs the film's own size, 4 to 3."""
+    """Pictures are drawn at 0.75 of the resolution; resizing them needs the film's own size, 4 to
+    3.
+    """
 
     def change(made: Picture) -> Picture:
         height, width = made.shape[:2]
@@ -150,7 +153,9 @@ def starved(world: World, i: int, j: int) -> Mistakes:
 
 
 def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
-    """An unsheared picture is rolled by whole pixels: what leaves on one side comes in on the other."""
+    """An unsheared picture is rolled by whole pixels: what leaves on one side comes in on the
+    other.
+    """
     _, _, k = ray_caster.lines(world, i, j)
     assert world.screen
     height, full = world.screen[0], world.screen[3:]
@@ -161,7 +166,9 @@ def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 BACK, MIDDLE, FRONT = "pebble crate", "band scarf", "buoy lamp"
-"""Names of the objects behind the plate, of those that pass through it, and before it, in both scenes."""
+"""Names of the objects behind the plate, of those that pass through it, and before it, in both
+scenes.
+"""
 
 COLORS = (RGB,)
 TRANSFER = "srgb-read-as-linear linear-read-as-srgb gamma wrong-transfer wrong-encoding"

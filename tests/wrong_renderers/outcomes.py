@@ -19,11 +19,14 @@ from tests.wrong_renderers.worlds import World
 LIMIT = 0.01  # `verify`'s own limit of wrong pixels in each hogel, where nobody states another
 
 BEYOND_DOUBT = 1.5 * LIMIT
-"""A renderer with more than this in its worst hogel must not pass; between it and none at all it may. Brute
+"""A renderer with more than this in its worst hogel must not pass; between it and none at all it
+may. Brute
 force counts a displaced pixel from a whole pixel on only, and colors from a tenth of white on."""
 
 MUST_EXPLAIN = 0.9
-"""Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
+"""Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is
+wrong").
+"""
 
 Sizes = dict[str, float | str]
 
@@ -57,7 +60,9 @@ SIZES: dict[str, Sizes] = {
     "stale": {"stale-hogel": "hogel 1,1 shows 0,1's image"},
     "exchanged": {"hogels-exchanged": "hogel 1,0 shows 2,0's image; hogel 2,0 shows 1,0's image"},
 }
-"""Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all scenes."""
+"""Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all
+scenes.
+"""
 
 
 def sizes_of(toy: str, world: World) -> Sizes:
@@ -101,7 +106,9 @@ class Finding:
     words: str
 
     def tells(self, size: float | str) -> bool:
-        """Whether the finding has a size: to a fiftieth of it and within its interval, or as its words."""
+        """Whether the finding has a size: to a fiftieth of it and within its interval, or as its
+        words.
+        """
         if isinstance(size, str):
             return size == self.value or size in self.words
         low, high = (size if end is None else end for end in self.interval)
@@ -134,7 +141,7 @@ class Outcome:
     def names(self) -> frozenset[str]:
         """All faults that were named, alternatives included."""
         return frozenset(
-            name for found in self.findings for name in (found.name, *found.alternatives)
+            name for finding in self.findings for name in (finding.name, *finding.alternatives)
         )
 
     @property
@@ -156,9 +163,9 @@ class Outcome:
         """Names of findings with another size than the renderer's mistake has."""
         sizes = sizes_of(self.case.toy, world_of(self.case.scene))
         return tuple(
-            one.name
-            for one in self.findings
-            if one.name in sizes and not one.tells(sizes[one.name])
+            finding.name
+            for finding in self.findings
+            if finding.name in sizes and not finding.tells(sizes[finding.name])
         )
 
     @property
@@ -167,33 +174,39 @@ class Outcome:
 
     @property
     def false_explanation(self) -> bool:
-        """Whether a reason is told, and the images corrected for it are wrong by the limit for all images."""
+        """Whether a reason is told, and the images corrected for it are wrong by the limit for all
+        images.
+        """
         return bool(self.findings) and self.left > LIMIT
 
     @property
     def whole(self) -> bool:
-        """Whether correction must mend all: a true cause beside one without a name leaves what that makes."""
+        """Whether correction must mend all: a true cause beside one without a name leaves what that
+        makes.
+        """
         return TOYS[self.case.toy].group == "classic" or self.all_named
 
     @property
     def false_causes(self) -> tuple[str, ...]:
-        """Names of findings that explain too little, or that are not the truth, where all of it is known."""
+        """Names of findings that explain too little, or that are not the truth, where all of it is
+        known.
+        """
         true = TOYS[self.case.toy].names(self.case.encoding)
         mends = not self.whole or self.residual <= (1 - MUST_EXPLAIN) * self.wrong
         known = TOYS[self.case.toy].group != "classic"
         return tuple(
-            found.name
-            for found in self.findings
+            finding.name
+            for finding in self.findings
             if not mends
-            or (found.explains or 0) < MUST_EXPLAIN
-            or (known and not matches((found.name, *found.alternatives), true))
+            or (finding.explains or 0) < MUST_EXPLAIN
+            or (known and not matches((finding.name, *finding.alternatives), true))
         )
 
 
-def matches(said: Iterable[str], names: Iterable[str]) -> bool:
+def matches(shown: Iterable[str], names: Iterable[str]) -> bool:
     """Return whether one of the names was said, or one that refines it."""
     names = tuple(names)
-    return any(one == name or one.startswith(f"{name}-") for one in said for name in names)
+    return any(entry == name or entry.startswith(f"{name}-") for entry in shown for name in names)
 
 
 SCENES = {
@@ -235,14 +248,14 @@ class Studio:
         if case not in self.done:
             pattern, made = self.pictures(case)
             truth = difference(world_of(case.scene), made, case.encoding)
-            found = xfrustum.verify(
+            result = xfrustum.verify(
                 str(self.scene_file(case.scene)), pattern, encoding=case.encoding
             )
-            self.done[case] = read(case, truth, found.summary())
+            self.done[case] = read(case, truth, result.summary())
         return self.done[case]
 
 
-def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
+def read(case: Case, truth: Difference, shown: Mapping[str, Any]) -> Outcome:
     """Read the JSON object of `verify`."""
     findings = tuple(
         Finding(
@@ -253,23 +266,23 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
             interval=(entry["low"], entry["high"]),
             words=entry["words"],
         )
-        for entry in said["diagnosis"]
+        for entry in shown["diagnosis"]
     )
-    rejected = said.get("does_not_explain") or ()
-    causes = said["corrected"].get("causes")
-    displacement = said["as_found"].get("displacement_px")
+    rejected = shown.get("does_not_explain") or ()
+    causes = shown["corrected"].get("causes")
+    displacement = shown["as_found"].get("displacement_px")
     return Outcome(
         case=case,
         truth=truth,
-        verdict=said["verdict"],
+        verdict=shown["verdict"],
         findings=findings,
         rejected=tuple(_names(rejected)) if isinstance(rejected, list | tuple) else (),
-        admits=said["explained"] is False,
-        wrong=said["as_found"]["wrong"],
-        residual=causes["unexplained"] if causes else said["corrected"]["wrong"],
+        admits=shown["explained"] is False,
+        wrong=shown["as_found"]["wrong"],
+        residual=causes["unexplained"] if causes else shown["corrected"]["wrong"],
         displacement=displacement["worst_p99"] if displacement else None,
         left=max(
-            (_left(hogel["corrected"]) for hogel in said["hogels"] if hogel["corrected"]),
+            (_left(hogel["corrected"]) for hogel in shown["hogels"] if hogel["corrected"]),
             default=0.0,
         ),
     )
@@ -315,7 +328,7 @@ def row(outcome: Outcome) -> str:
     `truly wrong` is our own count in the worst hogel, `taken away` the share that correction mends.
     """
     case = outcome.case
-    found = ", ".join(
+    result = ", ".join(
         f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "")
         for f in outcome.findings
     )
@@ -336,7 +349,7 @@ def row(outcome: Outcome) -> str:
         case.encoding,
         f"{100 * outcome.truth.wrong:.1f} %",
         outcome.verdict,
-        found or "-",
+        result or "-",
         taken,
         alternatives,
         ", ".join(outcome.rejected) or ("yes" if outcome.admits else ""),

@@ -1,4 +1,5 @@
-"""The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's first wins.
+"""The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's
+first wins.
 
 What the toys get wrong is a setting here where it concerns geometry; by default everything is
 right.
@@ -51,13 +52,18 @@ class Mistakes:
     screen_center: tuple[float, float] = (0.0, 0.0)  # Offset of the projection screen's center, mm
     shear: tuple[float, float] = (1.0, 1.0)  # Factors of the shears of C and of C*
     only: int | None = None
-    """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*."""
+    """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*.
+    """
     winner: str = "first"  # Rule for the surface that wins; `rank` has the names
     depth_bits: int = 0  # Bits of the depth buffer, standard mapping; 0 for exact depths
     cull: int = 0
-    """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for none."""
+    """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for
+    none.
+    """
     light: str = "right"
-    """Light: `right`, `not conjugated` (on C*'s wrong side) or `head` (from the viewer, without ambient)."""
+    """Light: `right`, `not conjugated` (on C*'s wrong side) or `head` (from the viewer, without
+    ambient).
+    """
     normals: str = "right"  # Normals: `right`, `flat` (the triangles' own) or `inverted`
 
 
@@ -107,7 +113,8 @@ def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
 def lines(
     world: World, i: int, j: int, wrong: Mistakes = RIGHT, camera: int = 0
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md.
+    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by
+    CONVENTIONS.md.
 
     The lines are those of C (camera 0) or of C* (camera 1), which are the same where nothing is
     wrong.
@@ -155,13 +162,17 @@ def slopes(u: Floats, v: Floats, t: Floats, wrong: Mistakes) -> tuple[Floats, Fl
 
 
 def of_camera(wrong: Mistakes, camera: int) -> Mistakes:
-    """Return the mistakes of one camera: the film, the sampling points and near are right in the other."""
+    """Return the mistakes of one camera: the film, the sampling points and near are right in the
+    other.
+    """
     right = wrong.only not in (None, camera)
     return replace(wrong, film=(1.0, 1.0), sample=(0.0, 0.0), near=0.0) if right else wrong
 
 
 def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
-    """Return all meetings of the two cameras' lines within their halves, and these lines' directions."""
+    """Return all meetings of the two cameras' lines within their halves, and these lines'
+    directions.
+    """
     center, directions, shear = lines(world, i, j, wrong)
     _, directions_star, shear_star = lines(world, i, j, wrong, 1)
     triangles = world.triangles[world.seen] * wrong.scale + wrong.move
@@ -203,7 +214,9 @@ def rank(s: Floats, winner: str) -> Floats:
 
 
 def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
-    """Return what a depth buffer stores of each s, signed as s; equal ones go to the triangle drawn first."""
+    """Return what a depth buffer stores of each s, signed as s; equal ones go to the triangle drawn
+    first.
+    """
     w = np.abs(s) + wrong.near
     far = wrong.near + np.where(s < 0, *world.reach)
     stored = np.round((2**wrong.depth_bits - 1) * far * (w - wrong.near) / (w * (far - wrong.near)))
@@ -229,7 +242,9 @@ def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> NotebookRepr:
 
 
 def met(world: World, i: int, j: int) -> Ints:
-    """Return pixel * (number of triangles + 1) + triangle, sorted, of all meetings of the right lines."""
+    """Return pixel * (number of triangles + 1) + triangle, sorted, of all meetings of the right
+    lines.
+    """
     key = ("met", i, j)
     if key not in world.drawn:
         hits, _ = all_hits(world, i, j)

@@ -1,4 +1,5 @@
-"""The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it would write.
+"""The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it
+would write.
 
 `expected` has, by encoding, the mistakes, each with the names of faults of which one must be found,
 or be among the alternatives; an encoding without names asks only that nothing false is said. Names
@@ -54,7 +55,8 @@ TWINS = {
     ("harbor", "tenth"): ("scene-scale", "pitch"),
     ("harbor", "tenfold"): ("scene-scale", "pitch"),
 }
-"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s alone: to
+"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s
+alone: to
 move all apertures is to move the scene the other way; g times as large a scene is a g times smaller plate."""
 
 
@@ -91,7 +93,9 @@ def changed(change: Callable[[Picture], Picture]) -> Draw:
 
 
 def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
-    """Return a renderer whose ids, the triangle's or the object's number + 1, are changed before packing."""
+    """Return a renderer whose ids, the triangle's or the object's number + 1, are changed before
+    packing.
+    """
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         claims = ray_caster.numbers(world, ray_caster.draw(world, i, j), encoding)

@@ -33,7 +33,9 @@ class Part:
 
     @cached_property
     def normals(self) -> Floats:
-        """(F, 3, 3), unit normals at the corners: the faces' mean, weighted by angle, of each position."""
+        """(F, 3, 3), unit normals at the corners: the faces' mean, weighted by angle, of each
+        position.
+        """
         corners = self.corners[self.faces]
         edges = np.roll(corners, -1, axis=1) - corners
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
@@ -52,7 +54,9 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """A scene as CONVENTIONS.md describes it; a centered frustum has `fov_deg`, a recentered one `screen`."""
+    """A scene as CONVENTIONS.md describes it; a centered frustum has `fov_deg`, a recentered one
+    `screen`.
+    """
 
     name: str
     size: tuple[float, float]
@@ -131,7 +135,9 @@ class World:
 def sheet(
     columns: int, rows: int, point: Callable[[Floats, Floats], tuple[Floats, ...]]
 ) -> tuple[Floats, Ints]:
-    """Return a grid of corners over the unit square, placed by `point`, and two triangles for each cell."""
+    """Return a grid of corners over the unit square, placed by `point`, and two triangles for each
+    cell.
+    """
     p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
     corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(
         -1, 3
@@ -170,7 +176,9 @@ def pebble(
 def ribbon(
     start: tuple[float, float, float], end: tuple[float, float, float], width: float
 ) -> tuple[Floats, Ints]:
-    """A twisted band from one point to another; from before the plate to behind it, it passes through it."""
+    """A twisted band from one point to another; from before the plate to behind it, it passes
+    through it.
+    """
 
     def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
         angle, across = 0.5 + 1.3 * p, width * (q - 0.45)
@@ -242,7 +250,9 @@ def attic() -> World:
 
 
 def crowd() -> World:
-    """The attic, numbered after 65,884 triangles of a wall that no line shows: numbers need 17 bits."""
+    """The attic, numbered after 65,884 triangles of a wall that no line shows: numbers need 17
+    bits.
+    """
     attic_ = attic()
     wall = sheet(181, 182, lambda p, q: (400.0 + 20 * p, -10.0 + 20 * q, np.full_like(p, -20.0)))
     return World(

@@ -1,4 +1,6 @@
-"""A fault put in on purpose is named, with the right size, and nothing else is; or what shows the same is."""
+"""A fault put in on purpose is named, with the right size, and nothing else is; or what shows the
+same is.
+"""
 
 import itertools
 import math
@@ -38,7 +40,9 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
     "covered": ({"overlaid": False}, {"not-overlaid": "back over front"}),
     "lights": ({"conjugated": False}, {}),
 }
-"""By name of a case: the faults that are put in, and the faults that must be named, with their sizes."""
+"""By name of a case: the faults that are put in, and the faults that must be named, with their
+sizes.
+"""
 
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
 """Largest errors of the named sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near."""
@@ -48,20 +52,20 @@ FEW = [(0, 0), (4, 1), (2, 3)]
 SOME = [*FEW, (1, 4), (3, 2)]
 """Hogels in each column and in each row of the plate, once; of pairs of faults all are judged."""
 OF_PAIRS = [
-    (one, other)
-    for one, other in itertools.combinations(FAULTS, 2)
+    (combination, other)
+    for combination, other in itertools.combinations(FAULTS, 2)
     # These pairs contradict each other, or one needs a part that the other takes away.
-    if not {one, other} <= {"near", "pivot", "fit"}
-    and not {one, other} <= {"fov", "aspect"}
+    if not {combination, other} <= {"near", "pivot", "fit"}
+    and not {combination, other} <= {"fov", "aspect"}
     # A fit to the screen scales the film as a field of view does: one number is not two.
-    and not {one, other} <= {"fov", "fit"}
-    and not {one, other} <= {"missing", "nearest", "covered", "lights"}
+    and not {combination, other} <= {"fov", "fit"}
+    and not {combination, other} <= {"missing", "nearest", "covered", "lights"}
     # Its film is shifted by moving the screen, which moves offset cameras aside: not a sampling
     # point alone any more. Both together are in the hogels of another renderer
     # (test_wrong_renderers).
-    and not ("corners" in (one, other) and {one, other} & {"near", "pivot", "fit"})
+    and not ("corners" in (combination, other) and {combination, other} & {"near", "pivot", "fit"})
     # The brute force of the nearest surface has the paper's two cameras only.
-    and not ("nearest" in (one, other) and {one, other} & {"pivot", "fit"})
+    and not ("nearest" in (combination, other) and {combination, other} & {"pivot", "fit"})
 ]
 
 
@@ -78,8 +82,8 @@ def verified(
         return xfrustum.verify(world, renderer, near=stated, apertures=apertures)
 
 
-def assert_named(found: Verification, *names: str) -> None:
-    named = {fault.fault: fault for fault in found.diagnosis.faults}
+def assert_named(result: Verification, *names: str) -> None:
+    named = {fault.fault: fault for fault in result.diagnosis.faults}
     expected: dict[str, float | str] = {}
     for name in names:
         expected |= FAULTS[name][1]
@@ -93,9 +97,9 @@ def assert_named(found: Verification, *names: str) -> None:
         assert value == pytest.approx(size, abs=EXACT[name.split("-")[0]])
         assert low <= value <= high
         assert low - 1e-3 * abs(size) <= size <= high + 1e-3 * abs(size)
-    assert not found.passed
-    assert found.summary()["corrected"]["fraction"] < 0.01
-    assert found.summary()["corrected"]["causes"]["unexplained"] <= 2
+    assert not result.passed
+    assert result.summary()["corrected"]["fraction"] < 0.01
+    assert result.summary()["corrected"]["causes"]["unexplained"] <= 2
 
 
 @pytest.mark.parametrize("name", ["corners", "near", "missing"])
@@ -113,9 +117,9 @@ def test_two_faults_are_told_apart(pair: tuple[str, str]) -> None:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "asymmetric"])
 def test_in_a_renderer_that_is_right_nothing_is_named(name: str) -> None:
-    found = verified(scene=oblong(name), apertures=FEW)
-    assert found.diagnosis.faults == () and found.passed
-    summary = found.summary()
+    result = verified(scene=oblong(name), apertures=FEW)
+    assert result.diagnosis.faults == () and result.passed
+    summary = result.summary()
     assert summary["verdict"] == "pass"
     assert summary["as_found"]["surface"]["fraction"] < 0.01
     assert summary["as_found"]["displacement_px"]["worst_p99"] < 0.5
@@ -129,17 +133,17 @@ def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
             xfrustum.verify(world, renderer, near=near, apertures=SOME) for near in (2.0, None, 1.0)
         )
     assert stated.passed and stated.diagnosis.faults == ()
-    for found in (unstated, wrongly):
-        assert not found.passed
-        assert [fault.fault for fault in found.diagnosis.faults] == ["near"]
-        assert math.isclose(float(found.diagnosis.faults[0].value), 2.0, rel_tol=0.02)
+    for result in (unstated, wrongly):
+        assert not result.passed
+        assert [fault.fault for fault in result.diagnosis.faults] == ["near"]
+        assert math.isclose(float(result.diagnosis.faults[0].value), 2.0, rel_tol=0.02)
 
 
 def test_one_hogel_leaves_the_order_open_and_tells_the_orientation() -> None:
     world = small(size=32)
     with Faulty(scene=world, orientation=TURNED) as renderer:
-        found = xfrustum.verify(world, renderer, apertures=[(2, 2)])
-    assert [fault.fault for fault in found.diagnosis.faults] == ["orientation"]
+        result = xfrustum.verify(world, renderer, apertures=[(2, 2)])
+    assert [fault.fault for fault in result.diagnosis.faults] == ["orientation"]
 
 
 @pytest.mark.slow
@@ -167,8 +171,8 @@ def evidence_of(
     images = [
         trace_drawn(reference, model, scene.plate.aperture(*index)) for index in apertures or FEW
     ]
-    said = [saying(image, "triangle", "object") for image in images]
-    return TestSet(reference=reference, images=said, nominal=RendererModel(near=near))
+    shown = [saying(image, "triangle", "object") for image in images]
+    return TestSet(reference=reference, images=shown, nominal=RendererModel(near=near))
 
 
 def diagnosed(evidence: TestSet) -> dict[str, Defect]:
@@ -211,13 +215,15 @@ def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear()
 
 @pytest.mark.slow
 def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() -> None:
-    """With both shears reversed, the corner hogel of this attic shows what is behind the plate alone."""
+    """With both shears reversed, the corner hogel of this attic shows what is behind the plate
+    alone.
+    """
     (case,) = chosen(names=["L3-attic-0"])
     scene = case.open()
-    found = diagnosed(
+    result = diagnosed(
         evidence_of(scene, RendererModel(recentering=Recentering.BOTH_REVERSED), (0, 0))
     )
-    assert set(found) == {"shear-sign"}
+    assert set(result) == {"shear-sign"}
 
 
 # Faults of one camera alone are named as such, and numbers that explain only together are one
@@ -236,5 +242,5 @@ def test_numbers_that_explain_only_together_are_one_finding() -> None:
     faults = [Defect(fault=name, value=1.1, alternatives=("x",)) for name in names]
     kept_one, joint = with_joint_numbers(faults, ("fov", "near"), model)
     assert (kept_one.fault, joint.fault, joint.alternatives) == ("orientation", TOGETHER, ("x",))
-    assert [one.fault for one in joint.parts] == ["fov-x", "near"]
+    assert [part.fault for part in joint.parts] == ["fov-x", "near"]
     assert with_joint_numbers(faults, (), model) == tuple(faults)

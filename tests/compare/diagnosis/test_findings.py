@@ -1,6 +1,5 @@
 """Findings explain wrong pixels, or are none; and faults that show the same images say so."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from tests.wrong_renderers.ray_caster import picture
 from tests.wrong_renderers.worlds import harbor
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
-from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import (
@@ -34,9 +32,8 @@ from xfrustum.compare.renderer_model.drawn_model import (
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
-from xfrustum.scenes import Aperture, HogelImage, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import Aperture, HogelImage, Scene, SceneObject, open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 
 SIZE = 48
 CENTERED, RECENTERED = "asymmetric", "asymmetric-recentered"
@@ -47,7 +44,9 @@ Offset = tuple[float, float, float]
 
 
 def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) -> Scene:
-    """Return the hogels of a renderer that has the scene elsewhere: the vertices themselves are moved."""
+    """Return the hogels of a renderer that has the scene elsewhere: the vertices themselves are
+    moved.
+    """
     parts = [
         replace(part, vertices=part.vertices * scale + np.asarray(offset)) for part in scene.objects
     ]
@@ -57,7 +56,7 @@ def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) ->
 def of_model(
     scene: Scene,
     model: RendererModel,
-    said: Sequence[str] = ("triangle", "object"),
+    shown: Sequence[str] = ("triangle", "object"),
     apertures: Sequence[tuple[int, int]] | None = None,
 ) -> Verification:
     """Verify what a model draws in some hogels of a scene, or in all."""
@@ -65,17 +64,17 @@ def of_model(
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
         image = trace_drawn(reference, model, aperture)
-        return saying(colored(scene, model, image) if "color" in said else image, *said)
+        return saying(colored(scene, model, image) if "color" in shown else image, *shown)
 
     return xfrustum.verify(scene, draw, apertures=apertures)
 
 
-def by_name(found: Verification) -> dict[str, Defect]:
-    return {fault.fault: fault for fault in found.diagnosis.faults}
+def by_name(result: Verification) -> dict[str, Defect]:
+    return {fault.fault: fault for fault in result.diagnosis.faults}
 
 
 @pytest.mark.parametrize(
-    ("model", "said", "name"),
+    ("model", "shown", "name"),
     [
         (RendererModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
         (RendererModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
@@ -83,27 +82,13 @@ def by_name(found: Verification) -> dict[str, Defect]:
     ],
 )
 def test_a_film_a_lens_a_shading_and_a_camera_are_named_from_few_small_hogels(
-    model: RendererModel, said: list[str], name: str
+    model: RendererModel, shown: list[str], name: str
 ) -> None:
     """The table of wrong renderers has all of them, at several times the size."""
     scene = oblong()
     smooth = replace(scene, objects=tuple(with_smooth_normals(part) for part in scene.objects))
-    found = of_model(smooth, model, said, FEW)
-    assert set(by_name(found)) == {name} and not found.passed
-
-
-def test_numbers_begin_anew_only_where_objects_beside_the_first_say_so() -> None:
-    """Where one object fills the picture, its numbers are the same either way."""
-    scene = oblong()
-    first, *others = sorted(scene.objects, key=lambda one: -np.ptp(one.vertices, axis=0).max())
-    middles = [one.vertices.mean(axis=0) for one in others]
-    smaller = [m + 0.15 * (one.vertices - m) for one, m in zip(others, middles, strict=True)]
-    objects = [replace(one, vertices=there) for one, there in zip(others, smaller, strict=True)]
-    scene = replace(
-        scene, objects=(replace(first, vertices=first.vertices * (3.0, 3.0, 1.0)), *objects)
-    )
-    model = RendererModel(shift=(0.5, 0.5))
-    assert set(by_name(of_model(scene, model, ["triangle"], FEW))) == {"shift-x", "shift-y"}
+    result = of_model(smooth, model, shown, FEW)
+    assert set(by_name(result)) == {name} and not result.passed
 
 
 @pytest.mark.slow
@@ -117,9 +102,9 @@ def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
         return saying(trace_drawn(reference, RendererModel(), aperture), "triangle")
 
-    found = xfrustum.verify(scene, draw, apertures=SOME)
-    assert not found.passed and not found.diagnosis.faults
-    shares = found.summary()["where"]["shares"]["object"]
+    result = xfrustum.verify(scene, draw, apertures=SOME)
+    assert not result.passed and not result.diagnosis.faults
+    shares = result.summary()["where"]["shares"]["object"]
     worst = max(shares, key=lambda name: shares[name]["fraction"])
     assert worst.startswith("1 (")
 
@@ -130,21 +115,21 @@ def test_what_does_not_explain_is_no_finding() -> None:
     # both.
     scene = small(CENTERED, SIZE)
     with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=SOME)
-    assert not found.passed
-    assert found.diagnosis.faults == ()
-    doubted = found.diagnosis.does_not_explain
+        result = xfrustum.verify(scene, renderer, apertures=SOME)
+    assert not result.passed
+    assert result.diagnosis.faults == ()
+    doubted = result.diagnosis.does_not_explain
     assert {fault.fault for fault in doubted} >= {"fov-x", "fov-y"}
     for fault in doubted:
         assert fault.explains is not None
         assert fault.explains < MIN_EXPLAINED_FRACTION
-    summary = found.summary()
+    summary = result.summary()
     assert summary["diagnosis"] == []
-    told = {one["fault"]: one["words"] for one in summary["does_not_explain"]}
-    assert all("would explain only" in words for words in told.values())
+    phrase = {entry["fault"]: entry["words"] for entry in summary["does_not_explain"]}
+    assert all("would explain only" in words for words in phrase.values())
     assert summary["corrected"] == summary["as_found"]
-    assert "no known fault explains" in table(found)
-    assert "No known fault explains what is wrong" in render_page(found)
+    assert "no known fault explains" in table(result)
+    assert "No known fault explains what is wrong" in render_page(result)
 
 
 @pytest.mark.parametrize(
@@ -171,32 +156,14 @@ def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(
     part = SceneObject(name="flat", vertices=vertices, faces=np.arange(9).reshape(-1, 3))
     flat = replace(small(CENTERED, 32), objects=(part,))
     with Faulty(scene=flat, near=5.0, shown=shown) as renderer:
-        found = xfrustum.verify(flat, renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
-    assert len(found.diagnosis.faults) == 2
-    for fault in found.diagnosis.faults:
+        result = xfrustum.verify(flat, renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
+    assert len(result.diagnosis.faults) == 2
+    for fault in result.diagnosis.faults:
         assert fault.fault in ("fov-x", "fov-y")
         assert fault.value == pytest.approx(7 / 6, abs=0.01)
         assert fault.alternatives == ("near",)
-    told = "; ".join(one["words"] for one in found.defects())
-    assert f"or near: {witnesses} cannot tell" in told
-
-
-@pytest.mark.slow
-def test_highlights_that_a_picture_clips_do_not_move_it(tmp_path: Path) -> None:
-    """In 7 % of the pixels of one of the pictures radiance exceeds one, which is all that integers store."""
-    scene = small(CENTERED, 96)
-    lights = tuple(replace(light, color=(2.2, 2.2, 2.2)) for light in scene.appearance.lights)
-    scene = replace(scene, appearance=replace(scene.appearance, lights=lights))
-    reference, model, images = Reference(scene), RendererModel(shift=(0.3, 0.2)), []
-    for index in FEW:
-        aperture, path = scene.plate.aperture(*index), tmp_path / "{}-{}.png".format(*index)
-        color = colored(scene, model, trace_drawn(reference, model, aperture)).color
-        assert color is not None
-        Image.fromarray(np.rint(255 * np.clip(color, 0, 1)).astype(np.uint8)).save(path)
-        images.append(read_foreign(path, reference.camera(aperture), Encoding.RGB))
-    assert register(reference, images, RendererModel()).model.shift == pytest.approx(
-        (0.3, 0.2), abs=0.01
-    )
+    words = "; ".join(defect["words"] for defect in result.defects())
+    assert f"or near: {witnesses} cannot tell" in words
 
 
 @pytest.mark.slow
@@ -222,12 +189,14 @@ def test_whatever_the_offset_its_interval_contains_it(
         [],
     )
     for index in SOME:
-        asked = scene.plate.aperture(*index)
+        options = scene.plate.aperture(*index)
         there = (
-            replace(asked, x=asked.x + x, y=asked.y - x) if which == "aperture-offset" else asked
+            replace(options, x=options.x + x, y=options.y - x)
+            if which == "aperture-offset"
+            else options
         )
         image = reference.trace(there)
-        images.append(replace(image, camera=replace(image.camera, aperture=asked)))
+        images.append(replace(image, camera=replace(image.camera, aperture=options)))
     fit = fit_geometry(claims_of(scene, images), RendererModel())
     nominal = RendererModel().parameters
     off = np.flatnonzero((fit.low > nominal) | (fit.high < nominal))
@@ -236,17 +205,6 @@ def test_whatever_the_offset_its_interval_contains_it(
     assert np.all(fit.low <= expected.parameters + 1e-12)
     assert np.all(fit.high >= expected.parameters - 1e-12)
     assert set(off) <= set(np.flatnonzero(expected.parameters != nominal))
-
-
-@pytest.mark.parametrize("hogels", [pytest.param((5, 1), marks=pytest.mark.slow), (1, 1)])
-def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int]) -> None:
-    whole = oblong(width=SIZE)
-    scene = replace(whole, plate=Plate(size=(whole.plate.size[0], 12.0), hogels=hogels))
-    with Faulty(scene=moved(scene, offset=(1.0, 0.0, 0.0))) as renderer:
-        found = xfrustum.verify(scene, renderer)
-    assert "aperture-offset-x" in by_name(found)["scene-offset-x"].alternatives
-    # Numbers that are left open are null in JSON, and never NaN.
-    json.dumps(found.summary(), allow_nan=False)
 
 
 # Findings rest on wrong pixels: none without them, and all findings together must explain them.
@@ -268,11 +226,11 @@ def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(
         RendererModel(culled=Culled.COUNTERCLOCKWISE),
         RendererModel(front=Front.NEAREST),
     ):
-        found = of_model(scene, model)
-        (fault,) = found.diagnosis.faults
+        result = of_model(scene, model)
+        (fault,) = result.diagnosis.faults
         assert fault.fault == "front-nearest"
         assert fault.alternatives == ("culling",)
-        assert "or culling: images cannot tell" in found.defects()[0]["words"]
+        assert "or culling: images cannot tell" in result.defects()[0]["words"]
 
 
 def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
@@ -290,41 +248,34 @@ def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "options",
     [
         *(
             {name: "x"}
             for name in ("max_wrong", "max_displacement_px", "max_color", "near", "accept")
         ),
         *({"near": True}, {"encoding": "banana"}, {"compare": "banana"}),
-        *({"apertures": [one]} for one in ("x", (0, "x"), 3)),
+        *({"apertures": [entry]} for entry in ("x", (0, "x"), 3)),
     ],
 )
-def test_options_that_mean_nothing_are_refused(asked: dict[str, Any]) -> None:
+def test_options_that_mean_nothing_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        xfrustum.verify(oblong(), "none_{i}_{j}.png", **asked)
-
-
-@pytest.mark.slow
-def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> None:
-    scene = small(CENTERED, 32)
-    assert of_model(scene, RendererModel(culled=Culled.CLOCKWISE)).passed
-    found = of_model(scene, RendererModel(culled=Culled.COUNTERCLOCKWISE))
-    assert [fault.fault for fault in found.diagnosis.faults] == ["culling"]
-    assert found.summary()["corrected"]["causes"]["unexplained"] == 0
+        xfrustum.verify(oblong(), "none_{i}_{j}.png", **options)
 
 
 @pytest.mark.slow
 def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     first, *others = (scene := oblong()).objects
     mixed = replace(scene, objects=(with_smooth_normals(first), *others))
-    found = of_model(mixed, RendererModel(normals=Normals.INVERTED), ["color"])
-    assert set(by_name(found)) == {"inverted-normals"}
+    result = of_model(mixed, RendererModel(normals=Normals.INVERTED), ["color"])
+    assert set(by_name(result)) == {"inverted-normals"}
 
 
 @pytest.mark.slow
 def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
-    """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them named."""
+    """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them
+    named.
+    """
     scene = oblong()
     scene = replace(scene, plate=replace(scene.plate, hogels=(9, 7)))
     reference, exchanged = Reference(scene), {(3, 2): (7, 5), (7, 5): (3, 2)}
@@ -334,9 +285,9 @@ def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
         image = saying(trace_drawn(reference, RendererModel(), shown), "triangle")
         return replace(image, camera=reference.camera(aperture))
 
-    found = xfrustum.verify(scene, draw)
-    assert not found.passed and not found.diagnosis.faults
-    assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(found)
+    result = xfrustum.verify(scene, draw)
+    assert not result.passed and not result.diagnosis.faults
+    assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(result)
     again = xfrustum.verify(scene, draw, apertures=[(3, 2), (7, 5), *BESIDE])
     assert set(by_name(again)) == {"hogels-exchanged"}
 
@@ -353,9 +304,9 @@ def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> 
             np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
         )
         Image.fromarray(broken).save(tmp_path / f"{i}-{j}.png")
-    found = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
-    where = found.summary()["where"]
-    assert not found.diagnosis.faults
+    result = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
+    where = result.summary()["where"]
+    assert not result.diagnosis.faults
     assert where["shares"]["column"]["0"]["wrong"] == where["shares"]["row"]["1"]["wrong"] == 0
     wrong = where["shares"]["row"]["0"]["wrong"]
     assert where["shares"]["column"]["2"]["wrong"] == sum(where["sides"].values()) == wrong > 0
@@ -367,5 +318,5 @@ def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> 
     assert where["hogels"] == [
         [wrong if (i, j) == (2, 0) else 0 for i in range(3)] for j in range(2)
     ]
-    assert "wrong by column of hogels: 2 " in table(found)
-    assert "by column of hogels: 2 " in render_page(found)
+    assert "wrong by column of hogels: 2 " in table(result)
+    assert "by column of hogels: 2 " in render_page(result)

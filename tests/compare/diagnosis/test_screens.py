@@ -27,7 +27,9 @@ CENTER_X = -26.0  #: of the screen, mm
 
 
 def recentered(folder: Path, hogels: tuple[int, int], resolution: tuple[int, int]) -> Scene:
-    """Return a torus before the plate and a sphere behind it, seen through a screen beside the middle."""
+    """Return a torus before the plate and a sphere behind it, seen through a screen beside the
+    middle.
+    """
     text = named("beside", "mm") + (
         f"[plate]\nsize = [30.0, 30.0]\nhogels = {list(hogels)}\n[frustum]\nresolution = {list(resolution)}\n"
         f"screen = {{ height = -100.0, center = [{CENTER_X}, 0.0], size = [200.0, 120.0] }}\n"
@@ -41,11 +43,11 @@ def recentered(folder: Path, hogels: tuple[int, int], resolution: tuple[int, int
 
 def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
     """Return pictures of triangle numbers of all hogels, as a renderer draws them."""
-    found: list[HogelImage] = []
+    result: list[HogelImage] = []
     for aperture in reference.scene.plate.apertures():
         shown = trace_drawn(reference, model, aperture)
         numbers = StoredPixels(rgb=bytes_of(shown.triangle + 1))
-        found.append(
+        result.append(
             ForeignImage(
                 camera=reference.camera(aperture),
                 triangle=shown.triangle,
@@ -54,15 +56,15 @@ def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
                 stored=numbers,
             )
         )
-    return found
+    return result
 
 
 def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
     """A single hogel is all there is: a shear of the other sign would show the same."""
     reference = Reference(recentered(tmp_path, (1, 1), (80, 48)))
     images = stored(reference, RendererModel(screen_center=(-2 * CENTER_X, 0.0)))
-    found = diagnose(TestSet(reference=reference, images=images, nominal=RendererModel()))
-    (fault,) = found.diagnosis.faults
+    result = diagnose(TestSet(reference=reference, images=images, nominal=RendererModel()))
+    (fault,) = result.diagnosis.faults
     assert fault.fault == "screen-center-x"
     assert fault.value == pytest.approx(-CENTER_X, rel=0.02)
     assert fault.explains == 1.0

@@ -1,4 +1,5 @@
-"""No false pass, no false reason: what `verify` says of renderers that are wrong in ways that people are.
+"""No false pass, no false reason: what `verify` says of renderers that are wrong in ways that
+people are.
 
 The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong
 they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of
@@ -44,7 +45,9 @@ QUICK = {
     ("attic", "rgb"): ("right",),
     ("harbor", "triangle-id"): ("right",),
 }
-"""Renderers that run every time; all else is slow. To register plain pictures takes seconds, numbers less."""
+"""Renderers that run every time; all else is slow. To register plain pictures takes seconds,
+numbers less.
+"""
 
 
 NOT_YET_NAMED = frozenset(
@@ -58,7 +61,9 @@ NOT_YET_NAMED = frozenset(
         "three-quarters-bilinear",
     ]
 ) | {"+".join(pair) for pair in PAIRS if "flat-normals" not in pair}
-"""Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""
+"""Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are
+named.
+"""
 
 
 def is_quick(case: Case) -> bool:
@@ -131,8 +136,8 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert outcome.findings or case.encoding != "triangle-id"
         assert not outcome.findings or any(finding.ambiguous for finding in outcome.findings), names
         both = all(outcome.named([name]) for name in TWINS[case.scene, case.toy])
-        told = any(finding.alternatives for finding in outcome.findings)
-        assert both or not told or case.encoding != "triangle-id", names
+        words = any(finding.alternatives for finding in outcome.findings)
+        assert both or not words or case.encoding != "triangle-id", names
 
 
 def test_those_that_are_not_yet_named_exist() -> None:
@@ -163,9 +168,9 @@ def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
     case = Case(scene="attic", toy=toy, encoding="triangle-id")
     status, written = verify_by_command(studio, case, "--json")
     assert status == 1
-    said, text = json.loads(written), verify_by_command(studio, case)[1]
-    assert said["diagnosis"]
-    for entry in said["diagnosis"]:
+    shown, text = json.loads(written), verify_by_command(studio, case)[1]
+    assert shown["diagnosis"]
+    for entry in shown["diagnosis"]:
         assert entry["words"].split(",")[0] in text
 
 
@@ -197,7 +202,9 @@ def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> Non
 
 @pytest.mark.slow
 def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(studio: Studio) -> None:
-    """A half that is missing is as black: the verdict stays, and the text says what the renderer can do."""
+    """A half that is missing is as black: the verdict stays, and the text says what the renderer
+    can do.
+    """
     case = Case(scene="attic", toy="headlight", encoding="rgb")
     status, text = verify_by_command(studio, case, "--compare", "geometry")
     assert status == 1
@@ -224,8 +231,8 @@ def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, add: int, noth
         channel = np.where(triangle < 0, nothing, triangle + add).astype(np.uint32)
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         OpenEXR.File(header, {"id.triangle": channel}).write(str(tmp_path / f"{i}-{j}.exr"))
-    found = xfrustum.verify(str(studio.scene_file("attic")), str(tmp_path / "{i}-{j}.exr"))
-    assert found.passed is ((add, nothing) == (1, 0))
+    result = xfrustum.verify(str(studio.scene_file("attic")), str(tmp_path / "{i}-{j}.exr"))
+    assert result.passed is ((add, nothing) == (1, 0))
 
 
 # Hogels of a public double-frustum renderer about which nothing is known in advance.
@@ -241,8 +248,8 @@ def test_conventions_and_offset_of_another_renderer_are_found(
 ) -> None:
     folder = shared_data / "data" / "foreign"
     pattern = str(folder / name / "Hogel_{i}x{j}.png")
-    found = xfrustum.verify(str(folder / "scene.toml"), pattern, encoding="triangle-id")
-    named = {fault.fault: fault for fault in found.diagnosis.faults}
+    result = xfrustum.verify(str(folder / "scene.toml"), pattern, encoding="triangle-id")
+    named = {fault.fault: fault for fault in result.diagnosis.faults}
     near = named.pop("near", None)
     assert set(named) == {"orientation", "aperture-order", "shift-x", "shift-y"}
     assert named["orientation"].value == "turned by 180 degrees"
@@ -253,11 +260,11 @@ def test_conventions_and_offset_of_another_renderer_are_found(
         assert near.value == pytest.approx(offset, rel=0.02)
         assert near.low is not None and near.high is not None
         assert near.low <= offset <= near.high
-    summary = found.summary()
+    summary = result.summary()
     assert summary["as_found"]["fraction"] > 0.9
     assert summary["corrected"]["fraction"] < 0.01
     charged = summary["corrected"]["causes"]
     assert sum(charged.values()) == summary["corrected"]["wrong"]
     assert charged["unexplained"] == 0
-    assert not found.passed
-    assert len(found.hogels) == 25
+    assert not result.passed
+    assert len(result.hogels) == 25

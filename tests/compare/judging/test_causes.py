@@ -29,7 +29,9 @@ FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2,
 CENTER = at(0.3, -0.2)
 
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
-"""Places of the corners on the film, px from its left and upper border; one corner lies below the film."""
+"""Places of the corners on the film, px from its left and upper border; one corner lies below the
+film.
+"""
 
 Pictures = tuple[Scene, RendererModel, HogelImage, HogelImage]
 
@@ -81,7 +83,9 @@ def pictures() -> Pictures:
 
 
 def distances(exact: HogelImage) -> tuple[Floats, Floats]:
-    """Return how far sampling points are from the nearest side, and from the nearest diagonal, (H, W)."""
+    """Return how far sampling points are from the nearest side, and from the nearest diagonal, (H,
+    W).
+    """
     column, row = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
     points = np.stack((column + 0.5 + SHIFT[0], row + 0.5 + SHIFT[1]), axis=-1).reshape(-1, 2)
     side, diagonal = (distance_to_segments(points, lines).reshape(SIZE, SIZE) for lines in cut())
@@ -93,18 +97,18 @@ def test_a_hole_inside_a_triangle_is_not_explained(pictures: Pictures) -> None:
     side, diagonal = distances(exact)
     inside = (side > CLEAR_PX) & (diagonal > CLEAR_PX)
     assert inside.sum() > 1000
-    found = causes(scene, model, exact, lost, inside)
-    assert found == {"edge": 0, "order": 0, "lost": 0, "unexplained": inside.sum()}
+    result = causes(scene, model, exact, lost, inside)
+    assert result == {"edge": 0, "order": 0, "lost": 0, "unexplained": inside.sum()}
 
 
 def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, diagonal = distances(exact)
     split = (side > CLEAR_PX) & (diagonal < 0.9 * SNAP_PX)
-    beside = (side > CLEAR_PX) & (diagonal > 1.1 * SNAP_PX)
+    pair = (side > CLEAR_PX) & (diagonal > 1.1 * SNAP_PX)
     assert split.sum() > 5
-    found = causes(scene, model, exact, lost, split | beside)
-    assert found == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": beside.sum()}
+    result = causes(scene, model, exact, lost, split | pair)
+    assert result == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": pair.sum()}
 
 
 def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
@@ -127,13 +131,13 @@ def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     edges, left = [], []
     for device in (replace(LLVMPIPE, subpixel_bits=0), LLVMPIPE):
-        asked = reference, RendererModel(), moved
+        options = reference, RendererModel(), moved
         judging = Judging(device=device)
         points = np.full((*truth.triangle.shape, 3), np.nan)
-        found = judge(*asked, points, judging, explained=True).numbers.causes
-        assert found is not None
-        edges += [found["edge"]]
-        left += [wrong_pixels(*asked, judging, explained=True)[1].sum()]
+        result = judge(*options, points, judging, explained=True).numbers.causes
+        assert result is not None
+        edges += [result["edge"]]
+        left += [wrong_pixels(*options, judging, explained=True)[1].sum()]
     assert edges[0] > 2 * edges[1]
     assert left[0] < left[1]
 
@@ -158,7 +162,8 @@ def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
-    """Two sheets before the plate, and two behind it, a tenth of their height apart: both depths are known.
+    """Two sheets before the plate, and two behind it, a tenth of their height apart: both depths
+    are known.
 
     The near half is C*'s, and the other C's: the camera of the other half, behind which they lie,
     has depths of them, too, by its matrix alone.
@@ -169,6 +174,6 @@ def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
     exact = trace_drawn(Reference(scene), RendererModel(), CENTER)
     covered = exact.triangle != NOTHING
     other = replace(exact, triangle=np.where(covered, 1 - exact.triangle, NOTHING).astype(np.int32))
-    found = causes(scene, RendererModel(), exact, other, covered)
-    assert found["order"] == found["lost"] == 0
-    assert found["unexplained"] > 0.9 * covered.sum() > 0
+    result = causes(scene, RendererModel(), exact, other, covered)
+    assert result["order"] == result["lost"] == 0
+    assert result["unexplained"] > 0.9 * covered.sum() > 0

@@ -1,4 +1,6 @@
-"""Many hogels drawn and judged at once: the numbers that each has alone, in order, and threads that end."""
+"""Many hogels drawn and judged at once: the numbers that each has alone, in order, and threads that
+end.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -45,7 +47,9 @@ def endless(scene: Scene) -> Iterator[Aperture]:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "grating"])
 def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
-    """To the last bit, whatever ran at the same time. `grating` says how it looks: colors are compared."""
+    """To the last bit, whatever ran at the same time. `grating` says how it looks: colors are
+    compared.
+    """
     scene = replace(view(name, FILM), sampling=Sampling())
     shaded = name == "grating"
     apertures = apertures_of(scene)[:4]

@@ -1,4 +1,5 @@
-"""Pictures of one mesh that fills the film, in another light: right ones do not fail, no wrong one passes.
+"""Pictures of one mesh that fills the film, in another light: right ones do not fail, no wrong one
+passes.
 
 Such a film has no border of an object, but outlines of parts that stand before others.
 """
@@ -72,9 +73,11 @@ def lit(reference: Reference, shown: HogelImage) -> HogelImage:
 
 
 def verdicts(scene: Scene, apertures: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
-    """Return each renderer's hogels: the verdict, and which share of the pixels shows another triangle."""
+    """Return each renderer's hogels: the verdict, and which share of the pixels shows another
+    triangle.
+    """
     reference, limits = Reference(scene), Limits(judging=Judging(compared=Compared.GEOMETRY))
-    found: dict[str, list[tuple[str, float]]] = {}
+    result: dict[str, list[tuple[str, float]]] = {}
     for name, model in ({"right": RendererModel(), ONE_FOR_ALL: RendererModel()} | WRONG).items():
         for index in apertures:
             aperture = scene.plate.aperture(*index)
@@ -93,13 +96,13 @@ def verdicts(scene: Scene, apertures: list[tuple[int, int]]) -> dict[str, list[t
                 aperture=aperture, as_found=figures.numbers, checks=limits.checks(figures)
             )
             wrong = float((shown.triangle != truth.triangle).mean())
-            found.setdefault(name, []).append((hogel.verdict, wrong))
-    return found
+            result.setdefault(name, []).append((hogel.verdict, wrong))
+    return result
 
 
-def check(found: dict[str, list[tuple[str, float]]]) -> None:
+def check(result: dict[str, list[tuple[str, float]]]) -> None:
     """Require that right pictures do not fail, and that wrong ones do not pass."""
-    for name, hogels in found.items():
+    for name, hogels in result.items():
         for verdict, wrong in hogels:
             assert name != "right" or verdict in ("pass", Outcome.NOT_JUDGED), (name, verdict)
             assert wrong <= 1.5 * MAX_WRONG or verdict != "pass", f"{name}: {wrong:.0%} are wrong"
@@ -124,13 +127,13 @@ def grate(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(grate: Scene) -> None:
-    found = verdicts(grate, [(2, 2), (3, 1)])
-    check(found)
+    result = verdicts(grate, [(2, 2), (3, 1)])
+    check(result)
     assert all(
-        min(share for _, share in found[name]) > 1.5 * MAX_WRONG for name in (*WRONG, ONE_FOR_ALL)
+        min(share for _, share in result[name]) > 1.5 * MAX_WRONG for name in (*WRONG, ONE_FOR_ALL)
     )
     for name in ("back only", ONE_FOR_ALL):
-        assert {verdict for verdict, _ in found[name]} == {"fail"}
+        assert {verdict for verdict, _ in result[name]} == {"fail"}
 
 
 @pytest.mark.slow
@@ -158,8 +161,8 @@ def test_wrong_pictures_of_a_spider_that_fills_the_film_fail(shared_data: Path) 
     """Pictures of another program, in which 69 % of the surfaces are wrong."""
     folder = shared_data / "data" / "foreign" / "tried-4"
     scene, pattern = str(folder / "spider42.toml"), str(folder / "lit/h_{i}x{j}.png")
-    found = xfrustum.verify(
+    result = xfrustum.verify(
         scene, pattern, encoding="srgb", compare="geometry", apertures=[(30, 15)]
     )
-    assert found.verdict == "fail"
-    assert not found.diagnosis.faults
+    assert result.verdict == "fail"
+    assert not result.diagnosis.faults

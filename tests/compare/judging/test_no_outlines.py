@@ -1,4 +1,6 @@
-"""Displacement of images that name objects: 0 where no pixel differs, and not asked for without outlines."""
+"""Displacement of images that name objects: 0 where no pixel differs, and not asked for without
+outlines.
+"""
 
 from pathlib import Path
 
@@ -29,7 +31,9 @@ LEFT = np.arange(SIDE)[None, :] < np.full((SIDE, 1), SIDE // 2)
 
 
 def box_at(folder: Path, x: float) -> Scene:
-    """Return a box of 100 mm, 20 mm behind the plate; at x = 0 it fills the film, at -50 mm its left half."""
+    """Return a box of 100 mm, 20 mm behind the plate; at x = 0 it fills the film, at -50 mm its
+    left half.
+    """
     file = folder / "scene.toml"
     file.write_text(named("box", "mm") + FILM + part("box", 100.0, (x, 0.0, -70.0)))
     return open_scene(str(file))
@@ -49,21 +53,21 @@ def verified(scene: Scene, covered: Mask, max_wrong: float = MAX_WRONG) -> Verif
 
 def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path) -> None:
     """Whatever a renderer of this box does wrong, its pictures name the box everywhere."""
-    found = verified(box_at(tmp_path, 0.0), FILLED)
-    numbers = found.hogels[0].as_found
+    result = verified(box_at(tmp_path, 0.0), FILLED)
+    numbers = result.hogels[0].as_found
     assert numbers is not None
     assert (numbers.wrong, numbers.displacement_px) == (0, None)
     assert numbers.displacement_by is MeasuredBy.NO_OUTLINES
-    assert (found.passed, found.verdict, found.summary()["verdict"]) == (
+    assert (result.passed, result.verdict, result.summary()["verdict"]) == (
         False,
         Outcome.NOT_JUDGED,
         "not judged",
     )
-    assert [(check.figure, check.held) for check in found.checks][-1] == ("displacement", None)
-    assert sentence(found).startswith(
+    assert [(check.figure, check.held) for check in result.checks][-1] == ("displacement", None)
+    assert sentence(result).startswith(
         "Not judged, neither right nor wrong: in the hogel the truth has no"
     )
-    assert found.explained is None
+    assert result.explained is None
     assert verified(box_at(tmp_path, 0.0), ~FILLED).verdict == "fail"
     half = sentence(verified(box_at(tmp_path, 0.0), LEFT))
     assert half == "Not right: the hogel exceeds a limit: at worst wrong surfaces 50 % (limit 1 %)."
@@ -71,13 +75,13 @@ def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path
 
 def test_one_straight_edge_in_its_place_has_not_moved(tmp_path: Path) -> None:
     """The edge has 32 steps, fewer than registration needs."""
-    found = verified(box_at(tmp_path, -50.0), LEFT)
-    numbers = found.hogels[0].as_found
+    result = verified(box_at(tmp_path, -50.0), LEFT)
+    numbers = result.hogels[0].as_found
     assert numbers is not None
     assert numbers.wrong == 0
     assert numbers.displacement_px is not None
     assert numbers.displacement_px.max == 0
-    assert found.passed
+    assert result.passed
 
 
 @pytest.mark.parametrize("columns", thinned([1, -3, 3], 3))
@@ -85,9 +89,9 @@ def test_an_outline_that_has_moved_and_cannot_be_registered_keeps_no_limit(
     tmp_path: Path, columns: int
 ) -> None:
     moved = np.arange(SIDE)[None, :] < np.full((SIDE, 1), SIDE // 2 + columns)
-    found = verified(box_at(tmp_path, -50.0), moved, max_wrong=1.0)
-    assert not found.passed
-    assert "displacement unknown (limit 0.5 px)" in sentence(found)
+    result = verified(box_at(tmp_path, -50.0), moved, max_wrong=1.0)
+    assert not result.passed
+    assert "displacement unknown (limit 0.5 px)" in sentence(result)
 
 
 @pytest.mark.parametrize(("brighter", "right"), thinned([(0.0, True), (0.1, False)], 2))
@@ -105,8 +109,8 @@ def test_a_film_of_one_color_is_judged_by_its_colors_alone(
         position=np.full((*FILLED.shape, 3), np.nan),
         color=true.color + np.float32(brighter),
     )
-    found = xfrustum.verify(scene, lambda _, __: image)
-    assert found.passed is right
-    assert [check.figure for check in found.checks if not check.held] == (
+    result = xfrustum.verify(scene, lambda _, __: image)
+    assert result.passed is right
+    assert [check.figure for check in result.checks if not check.held] == (
         [] if right else ["wrong colors"]
     )

@@ -41,11 +41,11 @@ def test_a_level_of_the_file_bounds_what_rounding_loses(
 
 def test_inverted_normals_are_lit_as_by_reversed_lights_where_nothing_is_glossy() -> None:
     plain = oblong()
-    objects = tuple(replace(one, material="dull") for one in plain.objects)
+    objects = tuple(replace(part, material="dull") for part in plain.objects)
     dull = replace(plain.appearance, materials={"dull": Material()})
     reversed_lights = tuple(
-        replace(one, direction=(-x, -y, -z))
-        for one, (x, y, z) in ((of, of.direction) for of in dull.lights)
+        replace(entry, direction=(-x, -y, -z))
+        for entry, (x, y, z) in ((of, of.direction) for of in dull.lights)
     )
     scene = replace(plain, objects=objects, appearance=dull)
     turned = replace(scene, appearance=replace(dull, lights=reversed_lights))

@@ -1,4 +1,6 @@
-"""Verifications whose measures are chosen, so that nothing has to be traced; and small repositories."""
+"""Verifications whose measures are chosen, so that nothing has to be traced; and small
+repositories.
+"""
 
 import subprocess
 from collections.abc import Mapping
@@ -28,7 +30,9 @@ def scene() -> Scene:
 
 
 def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hogel:
-    """Return a hogel with so many wrong surfaces, twice as many wrong triangles; missing where None."""
+    """Return a hogel with so many wrong surfaces, twice as many wrong triangles; missing where
+    None.
+    """
     aperture: Aperture = scene().plate.aperture(*place)
     if wrong is None:
         return Hogel(aperture=aperture, problem="no such file")
@@ -79,7 +83,9 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 def commit(folder: Path, subject: str) -> str:
-    """Commit what is there, if anything, and return the commit's name; the first makes the repository."""
+    """Commit what is there, if anything, and return the commit's name; the first makes the
+    repository.
+    """
     if not (folder / ".git").exists():
         git(folder, "init", "--quiet", "--initial-branch=main")
     git(folder, "add", "--all")

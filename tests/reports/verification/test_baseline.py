@@ -63,7 +63,9 @@ def test_over_five_commits_a_regression_is_named_and_approved(tmp_path: Path) ->
 
 
 def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) -> None:
-    """`git status` is the control: it runs the monitor, the hook and the filter of the same repository."""
+    """`git status` is the control: it runs the monitor, the hook and the filter of the same
+    repository.
+    """
     folder, ran = tmp_path / "repository", tmp_path / "ran"
     folder.mkdir()
     (folder / ".gitattributes").write_text("*.txt filter=foreign\n")
@@ -102,9 +104,9 @@ def test_new_missing_and_other_hogels_and_devices_are_not_compared(tmp_path: Pat
     fine = held(tmp_path, {(0, 0): 3, (1, 0): 0, (3, 0): 2})
     note = "note: Not compared: 1 hogel not accepted before; 1 hogel accepted, and not judged now."
     assert fine.passed and note in lines(fine)
-    found = held(tmp_path, {**RIGHT, (3, 0): 900, (4, 0): None, (5, 0): 1})
-    assert found.change is Change.SAME and not found.passed
-    assert (found.new_hogels, found.new_beyond_limits, found.not_judged_hogels) == (3, 2, 0)
+    result = held(tmp_path, {**RIGHT, (3, 0): 900, (4, 0): None, (5, 0): 1})
+    assert result.change is Change.SAME and not result.passed
+    assert (result.new_hogels, result.new_beyond_limits, result.not_judged_hogels) == (3, 2, 0)
     gone = held(tmp_path, {**RIGHT, (2, 0): None})
     assert "missing hogels of hogel 2,0: 0 accepted, 1 now" in lines(gone)
     for wrong, passed in ((2, True), (3, False)):
@@ -135,8 +137,8 @@ def test_json_and_the_summary_for_github_name_the_changes(
     summary.write_text("another step\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
     held(tmp_path, RIGHT, approve=True)
-    found = held(tmp_path, WORSE, p99=0.3)
-    assert append_step_summary(found) is None
+    result = held(tmp_path, WORSE, p99=0.3)
+    assert append_step_summary(result) is None
     text = summary.read_text()
     assert text.startswith("another step\n### xfrustum verify\n\n```\nasymmetric: ")
     assert "  worse: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text.splitlines()
@@ -144,8 +146,8 @@ def test_json_and_the_summary_for_github_name_the_changes(
     assert append_step_summary(held(tmp_path, WORSE, device="a```b <img src=x>")) is None
     assert summary.read_text().removeprefix(text).count("```") == 2
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "nowhere" / "summary.md"))
-    assert "was not written" in (append_step_summary(found) or "")
-    data = json.loads(json.dumps(found.summary(), allow_nan=False))
+    assert "was not written" in (append_step_summary(result) or "")
+    data = json.loads(json.dumps(result.summary(), allow_nan=False))
     assert (data["change"], data["approved"]) == ("worse", False)
     values = {"accepted": 0.0, "limit": 0.0, "now": 8.0, "change": "worse"}
     assert data["changes"][0] == {"measure": "wrong_surfaces", "aperture": [1, 0]} | values
@@ -157,7 +159,9 @@ LINE = ["verify", "scene.toml", "hogels/{i}x{j}.png", "--encoding", "triangle-id
 def test_the_exit_status_follows_the_accepted_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The verification is a stand-in, so that nothing is traced; one hogel in three exceeds a limit."""
+    """The verification is a stand-in, so that nothing is traced; one hogel in three exceeds a
+    limit.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     sphere = part("sphere", 14.0, (4.0, 2.0, 22.0))
@@ -189,7 +193,7 @@ def test_the_command_line_of_the_action_is_one_that_verify_accepts(tmp_path: Pat
     action = yaml.safe_load((CHECKOUT / "action.yml").read_text())
     (step,) = [step for step in action["runs"]["steps"] if step.get("name") == "Verify"]
     assert step["shell"] == "python"
-    values = {name: str(one.get("default", "")) for name, one in action["inputs"].items()}
+    values = {name: str(entry.get("default", "")) for name, entry in action["inputs"].items()}
     values |= {"scene": "scene.toml", "device": "Linux-X64", "renderer": "mine; rm -rf"}
     values |= {"command": "build/r --x {x} --out {out}", "tolerance": "5%", "apertures": "0,0;2,1"}
     values |= {"approve": "true", "arguments": "--timeout '20'"}

@@ -57,8 +57,8 @@ def asked(scene: Scene, place: Path, layout: str | None = None) -> Verification:
     return verify(scene, str(place), encoding="triangle-id", layout=layout)
 
 
-def faults(found: Verification) -> set[str]:
-    return {fault.fault for fault in found.diagnosis.faults}
+def faults(result: Verification) -> set[str]:
+    return {fault.fault for fault in result.diagnosis.faults}
 
 
 slow = pytest.mark.slow
@@ -77,9 +77,9 @@ slow = pytest.mark.slow
 )
 def test_a_true_plate_is_right_in_every_layout(name: str, shape: str, tmp_path: Path) -> None:
     scene, plate = plated(shape)
-    found = asked(scene, written(plate, name, tmp_path), name if shape == "horizontal" else None)
-    assert found.passed
-    assert f"layout {name}" in found.source
+    result = asked(scene, written(plate, name, tmp_path), name if shape == "horizontal" else None)
+    assert result.passed
+    assert f"layout {name}" in result.source
 
 
 def tiles_upside_down(folder: Path, rows: int) -> None:
@@ -145,33 +145,37 @@ FAST = ("views as hogels",)
     "case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD]
 )
 def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
-    shape, layout, change, read, named, told = MISREAD[case]
+    shape, layout, change, read, named, words = MISREAD[case]
     scene, plate = plated(shape)
     of_plate = change in (exchanged, mirrored)
     written(change(plate) if of_plate else plate, layout, tmp_path)
     if change is not None and not of_plate:
         change(tmp_path)
     if read is not None and read.startswith("/"):
-        found = verify(scene, f"{tmp_path}{read}", encoding="triangle-id")
+        result = verify(scene, f"{tmp_path}{read}", encoding="triangle-id")
     else:
-        found = asked(scene, tmp_path, read)
-    assert found.passed == (not named)
-    assert faults(found) == named
-    assert told in "; ".join(f"{one['words']}; {one['value']}" for one in found.defects())
+        result = asked(scene, tmp_path, read)
+    assert result.passed == (not named)
+    assert faults(result) == named
+    assert words in "; ".join(
+        f"{defect['words']}; {defect['value']}" for defect in result.defects()
+    )
     if case == "views as hogels":
-        assert [fault.value for fault in found.diagnosis.faults] == ["views"]
+        assert [fault.value for fault in result.diagnosis.faults] == ["views"]
         assert all(
-            hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels
+            hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in result.hogels
         )
 
 
 def sheared_views(scene: Scene, factor: float) -> PlateRows:
-    """Return a plate of views by eyes on the screen, each sheared by a factor of what the plate needs."""
+    """Return a plate of views by eyes on the screen, each sheared by a factor of what the plate
+    needs.
+    """
     screen = scene.frustum.screen
     assert screen is not None
     (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
     apertures = [scene.plate.aperture(i, j) for j in range(rows) for i in range(columns)]
-    centers = np.array([(one.x, one.y, 0.0) for one in apertures])
+    centers = np.array([(aperture.x, aperture.y, 0.0) for aperture in apertures])
     pixels = np.zeros((rows, columns, 1, width, 3), dtype=np.uint8)
     for c in range(width):
         # On a screen before the plate the film is mirrored.
@@ -185,13 +189,15 @@ def sheared_views(scene: Scene, factor: float) -> PlateRows:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 0.83])
 def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
-    """A vendor's sample shears by 0.83 of what its focal plane needs at its default angle, 45 degrees."""
+    """A vendor's sample shears by 0.83 of what its focal plane needs at its default angle, 45
+    degrees.
+    """
     scene = scene_of((48, 1), (7, 7))
     screen = Screen(height=150.0, center=(0.0, 0.0), size=(80.0, 2.0))
     scene = replace(scene, frustum=replace(scene.frustum, screen=screen))
-    found = asked(scene, written(sheared_views(scene, factor), "quilt", tmp_path))
-    assert found.passed == (factor == 1.0)
-    named = [(fault.fault, round(float(fault.value), 2)) for fault in found.diagnosis.faults]
+    result = asked(scene, written(sheared_views(scene, factor), "quilt", tmp_path))
+    assert result.passed == (factor == 1.0)
+    named = [(fault.fault, round(float(fault.value), 2)) for fault in result.diagnosis.faults]
     assert named == ([] if factor == 1.0 else [("view-shear", factor)])
 
 
@@ -200,8 +206,8 @@ def test_openexr_files_keep_their_numbers_points_and_turns(tmp_path: Path) -> No
     truth = Reference(scene).trace(scene.plate.aperture(2, 0))
     arrays = {name: getattr(truth, name)[::-1, ::-1] for name in ("triangle", "object", "position")}
     write_image(tmp_path / "Hogel_0x2.exr", HogelImage(camera=truth.camera, **arrays))
-    found = verify(scene, str(tmp_path), layout="burnett", apertures=[(2, 0)])
-    assert found.passed and found.as_found is not None and found.as_found.wrong == 0
+    result = verify(scene, str(tmp_path), layout="burnett", apertures=[(2, 0)])
+    assert result.passed and result.as_found is not None and result.as_found.wrong == 0
 
 
 def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_layout(
@@ -211,13 +217,15 @@ def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_la
     (written(plate, "views", tmp_path) / "3_4.png").unlink()
     with pytest.raises(InputError, match="cannot be read in the layout hocking"):
         asked(scene, tmp_path, "hocking")
-    found = asked(scene, tmp_path)
-    assert {hogel.problem for hogel in found.hogels} == {f"{tmp_path}: has no file such as 3_4.png"}
+    result = asked(scene, tmp_path)
+    assert {hogel.problem for hogel in result.hogels} == {
+        f"{tmp_path}: has no file such as 3_4.png"
+    }
 
 
 def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:
     plate = PlateRows.from_pixels(np.zeros((3, 3, 8, 8, 3), np.uint8))
-    found = asked(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
-    [line] = [line for line in table(found).splitlines() if "the scene says" in line]
-    told = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), and the scene says 5 x 5"
-    assert line.startswith(f"25 hogels: read as hogels, {told} hogels of 16 x 16")
+    result = asked(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
+    [line] = [line for line in table(result).splitlines() if "the scene says" in line]
+    words = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), and the scene says 5 x 5"
+    assert line.startswith(f"25 hogels: read as hogels, {words} hogels of 16 x 16")

@@ -86,14 +86,14 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[
 def test_right_files_pass_and_leave_page_json_and_junit(
     pattern: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status, found = run(
+    status, result = run(
         capsys, pattern, "--encoding", "triangle-id", "--out", "out", "--junit", "junit.xml"
     )
-    assert (status, found["verdict"], found["diagnosis"]) == (0, "pass", [])
-    assert [hogel["aperture"] for hogel in found["hogels"]] == [
+    assert (status, result["verdict"], result["diagnosis"]) == (0, "pass", [])
+    assert [hogel["aperture"] for hogel in result["hogels"]] == [
         [i, j] for j in (0, 1) for i in (0, 1, 2)
     ]
-    assert json.loads(Path("out/verification.json").read_text()) == found
+    assert json.loads(Path("out/verification.json").read_text()) == result
     page = Path("out/index.html").read_text()
     assert "Right: all 6 hogels" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -110,12 +110,12 @@ def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
     Path("0-1.png").write_text("no picture")
     Path("1-1.png").unlink()
     Path("1-1.png").mkdir()
-    status, found = run(capsys, pattern, "--encoding", "triangle-id", "--junit", "junit.xml")
+    status, result = run(capsys, pattern, "--encoding", "triangle-id", "--junit", "junit.xml")
     assert status == 1
     words = ("no such file", "damaged", "31 x 32", "not an image", "is a folder")
-    for hogel, told in zip(found["hogels"], words, strict=False):
-        assert told in hogel["problem"]
-    assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 5 + ["pass"]
+    for hogel, phrase in zip(result["hogels"], words, strict=False):
+        assert phrase in hogel["problem"]
+    assert [hogel["verdict"] for hogel in result["hogels"]] == ["missing"] * 5 + ["pass"]
     assert ElementTree.parse("junit.xml").getroot().get("errors") == "5"
 
 
@@ -145,32 +145,34 @@ def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
 ) -> None:
     Path("renderer.py").write_text(RENDERER)
     command = f"{sys.executable} renderer.py {{i}} {{j}} {{out}} '{Path.cwd()}'"
-    status, found = run(capsys, "--command", command, "--encoding", "triangle-id", "--timeout", "5")
-    assert status == 1 and found["hogels"][0]["verdict"] == "pass"
+    status, result = run(
+        capsys, "--command", command, "--encoding", "triangle-id", "--timeout", "5"
+    )
+    assert status == 1 and result["hogels"][0]["verdict"] == "pass"
     words = ("longer than 5 s", "exit status 7", "wrote no file", "not an image", "wrote no file")
-    for hogel, told in zip(found["hogels"][1:], words, strict=True):
-        assert told in hogel["problem"]
-    assert "no such lens" in found["hogels"][2]["problem"]
+    for hogel, phrase in zip(result["hogels"][1:], words, strict=True):
+        assert phrase in hogel["problem"]
+    assert "no such lens" in result["hogels"][2]["problem"]
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "words"),
     [
         ("{python} tell.py --x {{x}} {{i}} {{j}} '$HOME; ls' {{out}}", "--x {x!r} 2 0 $HOME; ls"),
         ("{python} tell.py {{x:.6f}} {{y:.3e}} {{i:03d}} {{j:d}} {{out}}", "{x:.6f} {y:.3e} 002 0"),
     ],
 )
 def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
-    world: Scene, command: str, told: str, capsys: pytest.CaptureFixture[str]
+    world: Scene, command: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A wrong field is answered with `{i:03d}` and `{x:.6f}` as examples: these work."""
     Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
-    status, found = run(
+    status, result = run(
         capsys, "--command", command.format(python=sys.executable), "--apertures", "2,0"
     )
     assert status == 1
     aperture = world.plate.aperture(2, 0)
-    assert told.format(x=aperture.x, y=aperture.y) in found["hogels"][0]["problem"]
+    assert words.format(x=aperture.x, y=aperture.y) in result["hogels"][0]["problem"]
 
 
 def test_a_program_that_is_not_there_is_told_before_anything_is_run(world: Scene) -> None:
@@ -189,21 +191,21 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(world: Sce
                 return None  # as strangers do
             return (other if aperture.index == (2, 0) else rasterizer).render(aperture, NEAR)
 
-        found = xfrustum.verify(world, renderer)
-    assert [hogel.problem for hogel in found.hogels[:4]] == [
+        result = xfrustum.verify(world, renderer)
+    assert [hogel.problem for hogel in result.hogels[:4]] == [
         "renderer raised ValueError: no memory of that",
         "renderer returned NoneType, not a HogelImage",
         "renderer returned an image that is not 32 x 32",
         None,
     ]
-    assert not found.passed and found.hogels[3].passed
+    assert not result.passed and result.hogels[3].passed
 
 
 def test_a_renderer_that_shows_nothing_of_nothing_is_right(world: Scene) -> None:
     empty = replace(world, objects=())
     with Rasterizer(empty) as rasterizer:
-        found = xfrustum.verify(empty, lambda scene, aperture: rasterizer.render(aperture, NEAR))
-    assert found.passed and found.diagnosis.faults == ()
+        result = xfrustum.verify(empty, lambda scene, aperture: rasterizer.render(aperture, NEAR))
+    assert result.passed and result.diagnosis.faults == ()
 
 
 @pytest.mark.parametrize("kept", ["triangle", "object", "position"])
@@ -225,11 +227,11 @@ def test_any_subset_of_an_exr_files_channels_is_judged(
             write_image(
                 tmp_path / f"{aperture.column}{aperture.row}.exr", replace(empty, **channel)
             )
-    found = xfrustum.verify(
-        world, str(tmp_path / "{i}{j}.exr"), apertures=[one.index for one in chosen]
+    result = xfrustum.verify(
+        world, str(tmp_path / "{i}{j}.exr"), apertures=[entry.index for entry in chosen]
     )
-    assert found.passed
-    assert found.diagnosis.faults == ()
+    assert result.passed
+    assert result.diagnosis.faults == ()
 
 
 # What a verification says: of refuted faults, of guesses, and of displacement that is not known.
@@ -244,29 +246,29 @@ SHIFT = Defect(
 )
 
 
-@pytest.mark.parametrize(("alternatives", "told"), [(("near",), True), ((), False)])
+@pytest.mark.parametrize(("alternatives", "phrase"), [(("near",), True), ((), False)])
 @pytest.mark.parametrize(("left", "named"), [((0, 200), False), ((0, 20), False), ((0, 0), True)])
 def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
-    left: tuple[int, int], named: bool, alternatives: tuple[str, ...], told: bool
+    left: tuple[int, int], named: bool, alternatives: tuple[str, ...], phrase: bool
 ) -> None:
     """100 pixels of each of two hogels are wrong, and after correction some of the second one's."""
-    found = verification({(0, 0): 100, (1, 0): 100})
+    result = verification({(0, 0): 100, (1, 0): 100})
     other = verification({(i, 0): wrong for i, wrong in enumerate(left)})
     hogels = tuple(
         replace(mine, corrected=its.as_found, left=wrong, mended=its.passed)
-        for mine, its, wrong in zip(found.hogels, other.hogels, left, strict=True)
+        for mine, its, wrong in zip(result.hogels, other.hogels, left, strict=True)
     )
     fault = replace(SHIFT, alternatives=alternatives)
-    found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(fault,)))
-    tested = with_tested_diagnosis(found)
+    result = replace(result, hogels=hogels, diagnosis=replace(result.diagnosis, faults=(fault,)))
+    tested = with_tested_diagnosis(result)
     text, page = table(tested), render_page(tested)
     assert (tested.diagnosis.faults == (fault,)) is tested.explained is named
     assert ("explained: 100 %" in text) is named
     for words in (text, page):
         assert ("o single fault that was tried explains all hogels" in words) is (
-            told and not named
+            phrase and not named
         )
-        assert ("o known fault explains what is wrong" in words) is (not told and not named)
+        assert ("o known fault explains what is wrong" in words) is (not phrase and not named)
     if not named:
         (guess,) = tested.guesses()
         assert guess["explains"] == pytest.approx(1 - sum(left) / 200)
@@ -275,55 +277,55 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
 
 
 def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> None:
-    found = verification({(0, 0): 100})
-    (hogel,) = found.hogels
+    result = verification({(0, 0): 100})
+    (hogel,) = result.hogels
     assert hogel.as_found is not None
     blind = replace(
         hogel.as_found, by="outlines", surface=None, displacement_by=MeasuredBy.NO_OUTLINES
     )
     hogel = replace(hogel, corrected=replace(blind, wrong=0), mended=False)
-    diagnosis = replace(found.diagnosis, faults=(SHIFT,))
-    tested = with_tested_diagnosis(replace(found, hogels=(hogel,), diagnosis=diagnosis))
+    diagnosis = replace(result.diagnosis, faults=(SHIFT,))
+    tested = with_tested_diagnosis(replace(result, hogels=(hogel,), diagnosis=diagnosis))
     assert [guess.explains for guess in tested.diagnosis.does_not_explain] == [0.0]
     assert not tested.diagnosis.guesses
 
 
 def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -> None:
-    found = verification({(0, 0): 2, (1, 0): 4})
-    assert found.passed and "  nothing found\n" in table(found)
+    result = verification({(0, 0): 2, (1, 0): 4})
+    assert result.passed and "  nothing found\n" in table(result)
     causes = {"edge": 5, "order": 0, "lost": 0, "unexplained": 3}
-    first, other = found.hogels
+    first, other = result.hogels
     assert other.as_found is not None
     other = replace(other, as_found=replace(other.as_found, causes=causes))
-    told = "nothing found; 3 pixels are wrong by no rounding, most in hogel 1,0"
-    assert told in table(replace(found, hogels=(first, other)))
+    words = "nothing found; 3 pixels are wrong by no rounding, most in hogel 1,0"
+    assert words in table(replace(result, hogels=(first, other)))
 
 
-@pytest.mark.parametrize(("explains", "told"), [(0.0, False), (0.004, False), (0.3, True)])
-def test_a_guess_is_told_where_it_explains_anything(explains: float, told: bool) -> None:
-    found = verification({(0, 0): 900, (1, 0): 0})
+@pytest.mark.parametrize(("explains", "phrase"), [(0.0, False), (0.004, False), (0.3, True)])
+def test_a_guess_is_told_where_it_explains_anything(explains: float, phrase: bool) -> None:
+    result = verification({(0, 0): 900, (1, 0): 0})
     guess = replace(SHIFT, value=1.5, explains=explains, alternatives=())
-    found = replace(found, diagnosis=replace(found.diagnosis, does_not_explain=(guess,)))
+    result = replace(result, diagnosis=replace(result.diagnosis, does_not_explain=(guess,)))
     words = "pixels are sampled 1.500 px to the right of their centers (images upright)"
-    assert "no known fault explains what is wrong" in table(found)
-    assert (f"{words}: would explain only" in table(found)) is told
-    assert (f"{words}: would explain only" in render_page(found)) is told
-    (one,) = found.summary()["does_not_explain"]
-    assert one["words"].startswith(f"{words}: would explain only")
+    assert "no known fault explains what is wrong" in table(result)
+    assert (f"{words}: would explain only" in table(result)) is phrase
+    assert (f"{words}: would explain only" in render_page(result)) is phrase
+    (entry,) = result.summary()["does_not_explain"]
+    assert entry["words"].startswith(f"{words}: would explain only")
 
 
 def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None:
-    found = verification({(0, 0): 0, (1, 0): 30, (0, 1): 900, (1, 1): None})
-    drawn = plate_map(found)
+    result = verification({(0, 0): 0, (1, 0): 30, (0, 1): 900, (1, 1): None})
+    drawn = plate_map(result)
     assert drawn is not None
-    cells = {one["words"]: one["cells"] for one in drawn["classes"]}
+    cells = {entry["words"]: entry["cells"] for entry in drawn["classes"]}
     assert cells == {
         "keeps to the limits": [[0, 0]],
         "exceeds a limit": [[0, 1]],
         "half or more is wrong": [[1, 0]],
         "missing or not judged": [[1, 1]],
     }
-    assert "Which hogels fail" in render_page(found)
+    assert "Which hogels fail" in render_page(result)
     assert plate_map(verification({(0, 0): 0, (1, 0): 0})) is None
 
 
@@ -352,7 +354,7 @@ def test_every_fault_is_in_the_table() -> None:
     known = {
         value for name, value in vars(defects).items() if name.isupper() and isinstance(value, str)
     }
-    known |= {one.fault for one in HYPOTHESES} | set(drawn_model.FAULT_NAMES)
+    known |= {entry.fault for entry in HYPOTHESES} | set(drawn_model.FAULT_NAMES)
     for side, name in itertools.product((-1, 1), drawn_model.FAULT_NAMES):
         known.add(defects.one_camera_name(name, RendererModel(one_camera=OneCamera(side))))
     assert len(known) >= 50
@@ -382,8 +384,8 @@ def test_hogels_that_cannot_be_judged_refute_no_fault(
         )
 
     monkeypatch.setattr(Limits, "checks", checks)
-    found, corrected = (SimpleNamespace(kept=kept, rounded=0) for kept in (before, after))
-    assert Limits().mends(found, corrected, RendererModel()) is mended  # type: ignore[arg-type]
+    result, corrected = (SimpleNamespace(kept=kept, rounded=0) for kept in (before, after))
+    assert Limits().mends(result, corrected, RendererModel()) is mended  # type: ignore[arg-type]
 
 
 def test_a_plain_picture_shows_what_is_not_black() -> None:
@@ -421,10 +423,10 @@ def samples() -> list[Defect]:
         "layout": "views",
     }
     made = [Defect(fault=name, value=value, stated="rgb") for name, value in coded.items()]
-    made = [replace(one, details=("GBR",)) for one in made]
+    made = [replace(entry, details=("GBR",)) for entry in made]
     made += [Defect(fault=name, value="1 hogels", details=hogels) for name in ("stale-hogel",)]
-    made += [Defect(fault=one.fault, value=one.value) for one in HYPOTHESES]
-    numbers = {*ENCODING_FAULTS, "resampled", "view-shear"} - {one.fault for one in made}
+    made += [Defect(fault=entry.fault, value=entry.value) for entry in HYPOTHESES]
+    numbers = {*ENCODING_FAULTS, "resampled", "view-shear"} - {entry.fault for entry in made}
     numbers -= set(defects_of_transfer)
     for name in (*numbers, *drawn_model.FAULT_NAMES):
         made.append(Defect(fault=name, value=2.0, stated=1.0, unit="share"))

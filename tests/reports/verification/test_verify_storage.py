@@ -1,4 +1,6 @@
-"""`verify` judges positions in OpenEXR as exactly as files hold them, and says what formats have changed."""
+"""`verify` judges positions in OpenEXR as exactly as files hold them, and says what formats have
+changed.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -57,8 +59,8 @@ def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
     assert judged(tmp_path, of, points, stored).passed
     center = np.array((aperture.x, aperture.y, 0.0))
     for name, wrong in WRONG.items():
-        found = judged(tmp_path, of, wrong(points, center), stored)
-        assert not found.passed, name
+        result = judged(tmp_path, of, wrong(points, center), stored)
+        assert not result.passed, name
     with Rasterizer(of) as rasterizer:
         offset = judged(
             tmp_path, of, rasterizer.render(aperture, DoubleFrustum(near=1.0)).position, stored
@@ -83,11 +85,11 @@ def test_files_of_other_programs_are_read_as_they_are_meant(
     of = scene()
     (tmp_path / "h_2x2.exr").symlink_to(TRIED / f"{name}.exr")
     # The beauty part of one of them is black all over.
-    found = xfrustum.verify(
+    result = xfrustum.verify(
         of, str(tmp_path / "h_{i}x{j}.exr"), apertures=[(2, 2)], compare="geometry"
     )
-    assert found.passed == right
-    numbers = found.as_found
+    assert result.passed == right
+    numbers = result.as_found
     assert numbers is not None and numbers.surface is not None
     assert (numbers.surface.fraction <= 0.002) == right
 
@@ -95,8 +97,8 @@ def test_files_of_other_programs_are_read_as_they_are_meant(
 def test_files_whose_format_changes_pixels_are_said_in_text_and_json(tmp_path: Path) -> None:
     of = open_scene("hard/only-behind")
     Image.new("RGB", of.frustum.resolution, (90, 90, 90)).save(tmp_path / "h_0x0.jpg")
-    found = xfrustum.verify(
+    result = xfrustum.verify(
         of, str(tmp_path / "h_{i}x{j}.jpg"), encoding="srgb", apertures=[(0, 0)]
     )
-    assert found.summary()["storage"] == {"JPEG, lossy": 1}
-    assert "stored as: JPEG, lossy (1 of 1 hogels)" in found.table()
+    assert result.summary()["storage"] == {"JPEG, lossy": 1}
+    assert "stored as: JPEG, lossy (1 of 1 hogels)" in result.table()

@@ -104,8 +104,8 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
     module.write_text("exit 3\n")
     capsys.readouterr()
     assert verified(right_path, out, *words, "--part", "1/1") == 1
-    found = json.loads(capsys.readouterr().out)
-    assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 6
+    result = json.loads(capsys.readouterr().out)
+    assert [hogel["verdict"] for hogel in result["hogels"]] == ["missing"] * 6
 
 
 def test_a_command_runs_in_the_folder_of_the_caller(
