@@ -6,7 +6,6 @@ import math
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,11 +14,9 @@ from typing import Any
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
@@ -192,16 +189,11 @@ def cost(
             upload_s[name] = time.perf_counter() - begun
         device = drawers["auto"].device
         ways = {one: [*_drawn(scene, one, drawers), *_traced(one, tracers)] for one in apertures}
-        # All are judged by their first picture, which is not timed; those of the first aperture are
-        # timed.
+        # All are judged by their first picture, which is not timed; the first aperture is timed.
         timed = ways[apertures[0]]
-        errors = [(0.0, 0.0) for _ in timed]
-        with progress_bar(
-            len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress
-        ) as bar:
-            for number, (p99, wrong) in _errors(ways, tracers["embree"]):
-                errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
-                bar.update()
+        pictures = len(timed) * (len(ways) + repeat)
+        with progress_bar(pictures, "cost", "picture", shown=progress) as bar:
+            errors = _errors(ways, tracers["embree"], bar.update)
             seconds = _seconds(timed, repeat, bar.update)
     options = [
         Option(
@@ -227,11 +219,6 @@ def cost(
     )
 
 
-_Error = tuple[
-    int, tuple[float, float]
-]  #: number of a way, its displacement (p99, px) and wrong share
-
-
 @dataclass(frozen=True, kw_only=True)
 class Way:
     """One way to make a picture."""
@@ -245,26 +232,23 @@ class Way:
 _Made = tuple[Way, Callable[[], HogelImage | Drawn]]  #: a way, and what makes a picture so
 
 
-def _errors(ways: Mapping[Aperture, list[_Made]], reference: Reference) -> Iterator[_Error]:
-    """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
-
-    def error(number: int, way: Way, truth: HogelImage, image: HogelImage) -> _Error:
-        judged = compare_images(truth, image, reference, radiance=False)
-        assert judged.surface is not None, "the reference has the scene at hand"
-        p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
-        return number, (p99, judged.surface.fraction)
-
-    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, tuple[float, float]]]]:
-        for aperture, those in ways.items():
-            truth = reference.trace(aperture)
-            for number, (way, make) in enumerate(those):
-                made = make()
-                image = made.image if isinstance(made, Drawn) else made
-                yield pool.submit(error, number, way, truth, image)
-
-    most = images_under_way(math.prod(reference.scene.frustum.resolution))
-    with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-        yield from in_order(tasks(pool), most)
+def _errors(
+    ways: Mapping[Aperture, list[_Made]], reference: Reference, done: Callable[[], object]
+) -> list[tuple[float, float]]:
+    """Return displacement (p99, px) and wrong share of each way, at the worst of the apertures."""
+    errors = [(0.0, 0.0)] * max(map(len, ways.values()))
+    for aperture, those in ways.items():
+        truth = reference.trace(aperture)
+        for number, (way, make) in enumerate(those):
+            made = make()
+            image = made.image if isinstance(made, Drawn) else made
+            judged = compare_images(truth, image, reference, radiance=False)
+            assert judged.surface is not None, "the reference has the scene at hand"
+            p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
+            worst, wrong = errors[number]
+            errors[number] = max(worst, p99), max(wrong, judged.surface.fraction)
+            done()
+    return errors
 
 
 def _seconds(
@@ -357,10 +341,6 @@ COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` 
 STRICTER_FRACTION = 0.2
 """Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
 
-MAX_NAMED_OPTIONS = (
-    3  #: largest number of options that a sentence names one by one; more are counted
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Option(Way):
@@ -449,103 +429,72 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
 def answers(
     options: Sequence[Option], tolerance_px: float = TOLERANCE_PX
 ) -> tuple[FastestWithin, ...]:
-    """Return what a tolerance costs, and what a fifth of it would cost, in words."""
+    """Return the fastest options within a tolerance and within a fifth of it, with sentences."""
     loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))
+    more = _ratio(loose, strict) if loose.ranked and strict.ranked else ""
     return replace(loose, sentence=_fastest(loose)), replace(
-        strict, sentence=_stricter(loose, strict)
+        strict, sentence=f"{_fastest(strict)}{more}"
     )
 
 
 def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
-    """Return the sentence that ends it: which option to take, and whether anything speaks against others."""
+    """Return the option to take, in one sentence."""
     ranking, under = rank(options, tolerance_px), f"within {digits(tolerance_px)} px"
-    allowed = [one for one in options if one.keeps(tolerance_px)]
-    taken = ranking.option
-    if taken is None:
-        return f"Nothing here stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
-    if len(allowed) == 1:
-        return f"Nothing else stays {under}: take {taken.label}."
-    if not ranking.ranked:
-        few = f"times are ranked from {FEWEST_REPETITIONS} repetitions on (--repeat {FEWEST_REPETITIONS})"
-        return f"Take {taken.label}, which has the least error {under}; {few}."
-    if len(ranking.fastest) == len(allowed):
-        return f"Nothing here {under} differs by more than the noise: take {taken.label}, of the least error."
-    if len(ranking.fastest) == 1:
-        return f"{taken.label} is the fastest {under}: take it."
-    return (
-        f"Of {len(allowed)} ways {under} {len(ranking.fastest)} are the fastest, and they differ by no more "
-        f"than the noise: take {taken.label}, of the least error."
-    )
+    count, tied = sum(one.keeps(tolerance_px) for one in options), len(ranking.fastest)
+    if ranking.option is None:
+        return (
+            f"Nothing stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
+        )
+    why = f"the fastest {under}"
+    if count == 1:
+        why = f"the only way {under}"
+    elif not ranking.ranked:
+        why = (
+            f"the least error {under}; times are ranked from {FEWEST_REPETITIONS} repetitions on "
+            f"(--repeat {FEWEST_REPETITIONS})"
+        )
+    elif tied > 1:
+        why = f"the least error of the {tied} of {count} ways {under} that are equally fast"
+    return f"Take {ranking.option.label}: {why}."
 
 
 def _fastest(ranking: FastestWithin) -> str:
     under, count = f"under {digits(ranking.tolerance_px)} px", len(ranking.fastest)
-    if not count:
-        return f"Nothing that was measured stays {under} with at most {percent(MAX_WRONG)} of wrong surfaces."
+    if ranking.option is None:
+        return f"No measured way stays {under} with at most {percent(MAX_WRONG)} wrong surfaces."
+    best = _described(ranking.option)
     if count == 1:
-        return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
+        return f"The fastest way to stay {under}: {best}."
+    medians = sorted(1000 * one.time_s.median for one in ranking.fastest)
+    times = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (medians[0], medians[-1])))
+    apart = f"are not ranked by time, which takes {FEWEST_REPETITIONS} repetitions"
     if ranking.ranked:
-        return f"The fastest way to stay {under} is one of these {count}, {_tie(ranking)}"
-    return (
-        f"{count} ways stay {under}, {_milliseconds(ranking)} a picture; they are not ranked by time, which "
-        f"takes {FEWEST_REPETITIONS} repetitions. {_least(ranking)}"
-    )
-
-
-def _stricter(loose: FastestWithin, strict: FastestWithin) -> str:
-    if not (loose.ranked and strict.ranked):
-        return _fastest(strict)
-    asked, count = f"{digits(strict.tolerance_px)} px would cost", len(strict.fastest)
-    one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
-    cost = "nothing more that can be told"
-    if one.told_below(other):
-        low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
-        cost = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
-    elif loose.fastest == strict.fastest:
-        same = "configuration keeps" if count == 1 else f"{count} configurations keep"
-        return f"{asked} nothing more: the same {same} it."
-    if count > 1:
-        return f"{asked} {cost}: one of these {count} keeps it fastest, {_tie(strict)}"
-    said = f"{asked} {cost}: {_described(strict.fastest[0])}."
-    return said if one.told_below(other) else f"{said} {_least(strict)}"
-
-
-def _tie(ranking: FastestWithin) -> str:
-    """Say of several options how long they take, which they are, and which one is to be taken."""
-    counts = sorted({one.time_s.repetitions for one in ranking.fastest})
-    repetitions = " to ".join(dict.fromkeys(map(str, (counts[0], counts[-1])))) + " repetitions"
-    named = "; ".join(option.label for option in ranking.fastest)
-    if len(ranking.fastest) > MAX_NAMED_OPTIONS:
         families = Counter(option.family for option in ranking.fastest)
         named = ", ".join(f"{count} of {family}" for family, count in families.items())
-    times = f"{_milliseconds(ranking)} a picture"
-    return f"{times}, which {repetitions} do not tell apart: {named}. {_least(ranking)}"
+        apart = f"are equally fast within the noise of their repetitions ({named})"
+    return f"{count} ways to stay {under}, {times} ms a picture, {apart}. Least error: {best}."
 
 
-def _least(ranking: FastestWithin) -> str:
-    assert ranking.option is not None, "there are several options"
-    return f"The least error among them is that of {_described(ranking.option)}."
+def _ratio(loose: FastestWithin, strict: FastestWithin) -> str:
+    """Return the time of a stricter tolerance over that of a loose one."""
+    if not strict.fastest:
+        return ""
+    one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
+    if not one.told_below(other):
+        return " It costs no more time."
+    low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
+    return f" It costs {other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time."
 
 
 def _described(option: Option) -> str:
     """Write an option with its time and the interval of its median, and its error."""
-    low, high = option.time_s.interval
-    spread = (
-        f" ({1000 * low:.3g} to {1000 * high:.3g})"
-        if option.time_s.repetitions > 1
-        else ", taken once,"
-    )
+    low, high = (1000 * end for end in option.time_s.interval)
+    spread = f" ({low:.3g} to {high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
     return (
         f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
         f"{where_it_lies(option.displacement_p99_px)}, "
         f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
     )
-
-
-def _milliseconds(ranking: FastestWithin) -> str:
-    """Write the least and the largest median of the fastest options."""
-    medians = sorted(1000 * one.time_s.median for one in ranking.fastest)
-    return " to ".join(dict.fromkeys(f"{one:.3g}" for one in (medians[0], medians[-1]))) + " ms"
 
 
 FILES = PAGE, DATA = "index.html", "cost.json"

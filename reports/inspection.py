@@ -15,8 +15,8 @@ from xfrustum.compare.metrics.error_maps import displacement, judged_pixels, len
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import images
+from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.notebook import by_height, map_of, png
-from xfrustum.reports.scout import plate_cells
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING

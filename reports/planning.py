@@ -46,10 +46,10 @@ from xfrustum.reports.common.provenance import (
     versions,
 )
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.heat_map import MARK, plate_cells, plate_map
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.plan_text import DEPTH, EYE, MEASURES, NOTHING, NOTICED, PIXELS
 from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of

@@ -23,8 +23,8 @@ from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.reports.error_report.request import geometry_of
 from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.error_report.words import geometry_names
+from xfrustum.reports.heat_map import map_figures
 from xfrustum.reports.scene_check.checking import scene_fit
-from xfrustum.reports.scout import map_figures
 from xfrustum.reports.text import CERTAINTY_LABELS, SENTENCES, sentences
 from xfrustum.scenes import Aperture, DoubleFrustum, Offset
 

@@ -27,9 +27,9 @@ from xfrustum.reports.error_report.best import (
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.request import ReportOptions, settings_of
 from xfrustum.reports.error_report.sweep import LEFT_OUT, Sweep, sweep
+from xfrustum.reports.heat_map import scout_record
 from xfrustum.reports.inspection import Inspection, PlateMap
 from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.scout import scout_record
 from xfrustum.scenes import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import digits

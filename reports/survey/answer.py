@@ -16,9 +16,9 @@ from xfrustum.reports.common.figure_style import log_axis, look, styled
 from xfrustum.reports.common.outputs import Staging, json_object
 from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.heat_map import MARK, mark, plate_map
 from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.notebook import Figure, NotebookRepr, map_of, png
-from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.representation import digits, percent, percent_up

@@ -24,9 +24,9 @@ from xfrustum.reports.blocks import Job, device_index
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, picture
+from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import ParquetParts
-from xfrustum.reports.scout import plate_cells
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats
 

@@ -38,8 +38,8 @@ from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.budget import auto_budget
 from xfrustum.reports.displays import DISPLAYED, display, first_png, html
+from xfrustum.reports.heat_map import auto_apertures
 from xfrustum.reports.notebook import MAX_SIDE_PX, Figure, NotebookRepr, png
-from xfrustum.reports.scout import auto_apertures
 from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored

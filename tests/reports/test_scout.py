@@ -9,7 +9,7 @@ import pytest
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.reports import cost as cost_module
-from xfrustum.reports.scout import auto_apertures
+from xfrustum.reports.heat_map import auto_apertures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)

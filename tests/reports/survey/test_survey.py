@@ -27,8 +27,8 @@ from xfrustum import (
 from xfrustum.cli.main import main
 from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
 from xfrustum.reports.blocks import Engine, device_index
+from xfrustum.reports.heat_map import plate_map
 from xfrustum.reports.parts import ParquetParts
-from xfrustum.reports.scout import plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.survey import survey
 from xfrustum.scenes import Plate
