@@ -12,8 +12,8 @@ import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import TOLERANCE_PX
 
 FILM_PIXELS = 24
 """Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is six."""
@@ -240,75 +239,62 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
     return PlateScan(scene=scene, looks=tuple(looks))
 
 
-@dataclass(frozen=True, kw_only=True)
+class Criterion(StrEnum):
+    """Respect in which a chosen aperture is the worst of those scanned."""
+
+    MIDDLE = "middle"  #: the middle of the plate
+    DISPLACEMENT = "displacement"  #: largest 99th percentile of displacement
+    NEAREST = "nearest"  #: surface nearest to the plate
+    OUTLINES = "outlines"  #: longest outlines
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ChosenAperture:
-    """An aperture, and the reason in words for which it was chosen."""
+    """An aperture, and the criteria by which it was chosen."""
 
     aperture: Aperture
-    why: str
+    criteria: tuple[Criterion, ...]
+    view: CoarseView | None  #: None where the aperture sees nothing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AutoApertures:
-    """The apertures that `auto` takes: the middle one, then the worst one in each of three respects.
+    """Apertures that `auto` chooses: the middle one, then the worst one by each criterion.
 
-    These are the 99th percentile of displacement, the nearest surface, and outlines: more
-    apertures, beside the worst, would be as bad for the same reason. `blocked` is the number of
-    scouted apertures in which a surface lies: no settings draw more than a hundredth of their
-    picture. They are chosen only where there are no others.
+    More apertures than the worst would be as bad for the same reason.
     """
 
     scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
+    #: number of scanned apertures in which a surface lies: no settings draw more than a hundredth of
+    #: their picture, and they are chosen only where there are no others
     blocked: int
 
     @property
     def apertures(self) -> tuple[Aperture, ...]:
         """The apertures alone, in the order of `chosen`."""
-        return tuple(one.aperture for one in self.chosen)
-
-    @property
-    def record(self) -> list[dict[str, Any]]:
-        """The chosen apertures as they are written."""
-        return [{"aperture": one.aperture.index, "why": one.why} for one in self.chosen]
+        return tuple(choice.aperture for choice in self.chosen)
 
     @classmethod
     def from_scan(cls, scout: PlateScan) -> AutoApertures:
-        """Choose apertures from what a scout has seen."""
-        units, middle = scout.scene.units, scout.scene.plate.middle
+        """Choose apertures of a scan."""
+        middle = scout.scene.plate.middle
         seeing = {look.aperture: look for look in scout.looks if math.isfinite(look.nearest)}
         free = [look for look in seeing.values() if math.isfinite(look.pixels_per_near)]
-        reasons: dict[Aperture, list[str]] = {}
+        criteria: dict[Aperture, list[Criterion]] = {}
         if not seeing or middle in seeing:
-            reasons[middle] = ["the middle of the plate"]
-        # Of equally bad ones the first is taken: the middle, so that no other is measured for the
-        # same.
+            criteria[middle] = [Criterion.MIDDLE]
+        # Of equally bad ones the middle comes first, so that no other is measured for the same.
         ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
         if ordered:
-            moved = max(ordered, key=lambda look: look.pixels_per_near)
-            nearest = min(ordered, key=lambda look: look.nearest)
-            outlined = max(ordered, key=lambda look: look.outline_widths)
-            over = "none at any near"
-            if moved.pixels_per_near:
-                near = f"{TOLERANCE_PX / moved.pixels_per_near:.2g}".replace("e-0", "e-")
-                over = f"over {TOLERANCE_PX:g} px from near {near} {units} on"
-            for look, reason in (
-                (moved, f"largest displacement ({over})"),
-                (nearest, "surface nearest to the plate"),
-                (
-                    outlined,
-                    f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)",
-                ),
+            for look, criterion in (
+                (max(ordered, key=lambda look: look.pixels_per_near), Criterion.DISPLACEMENT),
+                (min(ordered, key=lambda look: look.nearest), Criterion.NEAREST),
+                (max(ordered, key=lambda look: look.outline_widths), Criterion.OUTLINES),
             ):
-                reasons.setdefault(look.aperture, []).append(reason)
-        for aperture, parts in reasons.items():
-            sees = (
-                f"nearest visible |z| {seeing[aperture].nearest:.2g} {units}"
-                if aperture in seeing
-                else ""
-            )
-            parts.append(sees or "nothing seen")
+                criteria.setdefault(look.aperture, []).append(criterion)
         chosen = (
-            ChosenAperture(aperture=one, why="; ".join(parts)) for one, parts in reasons.items()
+            ChosenAperture(aperture=aperture, criteria=tuple(some), view=seeing.get(aperture))
+            for aperture, some in criteria.items()
         )
         return cls(scout=scout, chosen=tuple(chosen), blocked=len(seeing) - len(free))

@@ -26,6 +26,7 @@ from xfrustum.reports.common.provenance import aperture_option, scene_command, s
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
+from xfrustum.reports.heat_map import why
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as png_of
 from xfrustum.reports.scene_check.sight import require_seen
@@ -147,7 +148,7 @@ def auto_budget(
     budgets = [
         replace(
             budget(scene, settings, choice.aperture, progress=progress, device=device),
-            why=choice.why,
+            why=why(choice, scene.units),
         )
         for choice in auto.chosen
     ]

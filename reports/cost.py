@@ -24,6 +24,7 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
 from xfrustum.reports.error_report.words import where_it_lies
+from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import aligned
@@ -103,7 +104,7 @@ class CostReport(NotebookRepr):
             {
                 "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
                 "aperture": self.aperture.index,
-                "apertures": self.auto and self.auto.record,
+                "apertures": self.auto and choices(self.auto),
                 "rows": [
                     {
                         "renderer": one.renderer,
@@ -514,6 +515,7 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
     """Write index.html and cost.json to a folder, all or nothing; InputError where that cannot be."""
     values = {
         "cost": measured,
+        "chosen": () if measured.auto is None else choices(measured.auto),
         "confidence": CONFIDENCE,
         "rows": _ascending(measured.options),
         "figure": trade_off_figure(measured.options, measured.tolerance_px),

@@ -1,4 +1,4 @@
-"""What people see of the scout of a plate: chosen apertures with their reasons, and a map; maps of plates."""
+"""Heat maps of plates, and the apertures that a scan of a plate chooses, with their reasons."""
 
 import math
 from collections.abc import Sequence
@@ -8,12 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 
-from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, scout
+from xfrustum.compare.scout import (
+    FILM_PIXELS,
+    MAX_APERTURES,
+    AutoApertures,
+    ChosenAperture,
+    Criterion,
+    scout,
+)
 from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.representation import digits
+from xfrustum.tolerances import TOLERANCE_PX
 
 MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
@@ -30,6 +38,32 @@ def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
         return AutoApertures.from_scan(scout(scene, bar.update))
 
 
+def why(choice: ChosenAperture, units: str) -> str:
+    """Return the reason for which an aperture was chosen."""
+    view, parts = choice.view, []
+    for criterion in choice.criteria:
+        if criterion is Criterion.MIDDLE or view is None:
+            parts.append("the middle of the plate")
+        elif criterion is Criterion.DISPLACEMENT:
+            over = "none at any near"
+            if view.pixels_per_near:
+                near = f"{TOLERANCE_PX / view.pixels_per_near:.2g}".replace("e-0", "e-")
+                over = f"over {TOLERANCE_PX:g} px from near {near} {units} on"
+            parts.append(f"largest displacement ({over})")
+        elif criterion is Criterion.NEAREST:
+            parts.append("surface nearest to the plate")
+        else:
+            parts.append(f"longest outlines ({view.outline_widths:.2g} widths of the picture)")
+    seen = "nothing seen" if view is None else f"nearest visible |z| {view.nearest:.2g} {units}"
+    return "; ".join([*parts, seen])
+
+
+def choices(auto: AutoApertures) -> list[dict[str, Any]]:
+    """Return the chosen apertures with their reasons, as JSON has them."""
+    units = auto.scout.scene.units
+    return [{"aperture": one.aperture.index, "why": why(one, units)} for one in auto.chosen]
+
+
 def notes(auto: AutoApertures) -> list[str]:
     """Say in a sentence each how the apertures were chosen, and which and why."""
     hogels, looks = math.prod(auto.scout.scene.plate.hogels), len(auto.scout.looks)
@@ -42,7 +76,8 @@ def notes(auto: AutoApertures) -> list[str]:
             f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no settings draw"
         )
     every = (
-        f"auto: aperture {one.aperture.column},{one.aperture.row}: {one.why}" for one in auto.chosen
+        f"auto: aperture {one['aperture'][0]},{one['aperture'][1]}: {one['why']}"
+        for one in choices(auto)
     )
     return [*lines, *every]
 
@@ -56,7 +91,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
         "scouted": len(looks),
         "blocked": auto.blocked,
         "lines": FILM_PIXELS**2,
-        "chosen": auto.record,
+        "chosen": choices(auto),
         "looks": [
             {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names}
             for one in looks
@@ -77,7 +112,7 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     places = [one.index for one in auto.scout.apertures]
     nearest, looked = plate_cells(plate.hogels, places, nearest, np.fmin)
     outlines, _ = plate_cells(plate.hogels, places, outlines)
-    marks = [(one.aperture.index, one.why) for one in auto.chosen]
+    marks = [(one["aperture"], one["why"]) for one in choices(auto)]
     title = f"nearest visible |z|, {auto.scout.scene.units}"
     heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
     heights["data"][0] |= {"colorscale": "Viridis", "reversescale": True}

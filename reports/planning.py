@@ -46,7 +46,7 @@ from xfrustum.reports.common.provenance import (
     versions,
 )
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.heat_map import MARK, plate_cells, plate_map
+from xfrustum.reports.heat_map import MARK, choices, plate_cells, plate_map
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.plan_text import DEPTH, EYE, MEASURES, NOTHING, NOTICED, PIXELS
 from xfrustum.reports.scene_check.sight import require_seen
@@ -170,7 +170,7 @@ class PlanReport(NotebookRepr):
                 "predicted": made.predicted or unknown,
                 "measured": made.measured or unknown,
                 "plate": self._plate(),
-                "apertures": self.auto and self.auto.record,
+                "apertures": self.auto and choices(self.auto),
                 "buffers": () if limits is None else limits.buffers,
                 "hogels": {f"{q:g}": np.quantile(hogels, q) for q in QUANTILES if hogels.size},
                 "device_model": made.device_model,

@@ -13,7 +13,6 @@ WORDED = {
     "compare/diagnosis/defects.py",
     "compare/judging/verdict.py",
     "compare/renderer_model/conventions.py",
-    "compare/scout.py",
     "raster/cameras/description.py",
     "raster/device/context.py",
     "reference/llvm.py",

@@ -23,7 +23,7 @@ from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.reports.error_report.request import geometry_of
 from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.error_report.words import geometry_names
-from xfrustum.reports.heat_map import map_figures
+from xfrustum.reports.heat_map import choices, map_figures
 from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.text import CERTAINTY_LABELS, SENTENCES, sentences
 from xfrustum.scenes import Aperture, DoubleFrustum, Offset
@@ -273,6 +273,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "command": command,
         "confidence": CONFIDENCE,
         "scouted_lines": FILM_PIXELS**2,
+        "chosen": choices(sweep.auto) if sweep.auto else (),
         "settings_count": len({row.settings for row in sweep.rows}),
         "certainty": {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)},
         "certainty_labels": {kind.name.lower(): label for kind, label in CERTAINTY_LABELS.items()},
