@@ -1,20 +1,21 @@
-"""The judge: displacement, surface, triangle and height, each in numbers and as an image.
+"""Errors of images against the truth: measured, predicted, explained, and judged.
 
-attribution/     The error budget: wrong pixels charged to links of the chain beyond           When
-a hogel is beyond a tolerance: the one definition diagnosis/       What a foreign renderer does
-otherwise than asked, and whether that explains its errors eye/              What a viewer sees: the
-display's loss, the renderer's, and the scene that a near offset
-                  replays
-extent           Where the objects of a scene lie, and which apertures see them; the same in words
-judging/         One hogel of a foreign renderer judged metrics/         Truth against image: what
-is measured, pixel by pixel and in numbers planning/        The planner: settings to draw with, the
-fewest slabs, then the largest margin prediction/      Closed forms of every error, from the truth's
-geometry alone renderer_model/  A model of somebody else's renderer: conventions, geometry, what it
-draws rounding/        The bounds of a rasterizer's rounding, and the classifier of causes (edge,
-order, lost) run              Many hogels drawn and judged: the one loop behind reports, surveys,
-plans and plates sampling        Samples of a plate's hogels, and what they bound: the share of all
-hogels with a property scout           Which apertures of a plate decide the error: a look through
-many, before any is measured selfcheck/       The truth against brute force in integers
+attribution/     Error budget: wrong pixels charged to links of the chain
+beyond           Definition of a hogel beyond a tolerance
+device/          Rounding of an OpenGL device, from fingerprints and recorded frames
+diagnosis/       Defects of a foreign renderer that explain its errors
+eye/             Views of eyes: loss of the display and of the renderer
+extent           Extents of objects, and the apertures that see them
+judging/         Hogels of a foreign renderer judged
+metrics/         Truth against image, pixel by pixel and in numbers
+planning/        Settings to draw with: the fewest slabs, then the largest margin
+prediction/      Closed forms of every error, from the geometry of the truth alone
+renderer_model/  Model of a foreign renderer: conventions, geometry, pictures
+rounding/        Bounds of a rasterizer's rounding, and the classifier of causes
+run              Evaluator of many hogels, behind reports, surveys, plans and plates
+sampling         Samples of the hogels of a plate, and bounds for all hogels
+scout            Apertures of a plate that decide the error, from coarse views
+selfcheck/       Truth against brute force in integers
 """
 
 import lazy_loader

@@ -19,7 +19,7 @@ from xfrustum.raster.device.context import (
 )
 from xfrustum.raster.device.fingerprint import draw_fingerprint
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
-from xfrustum.reports.common.outputs import progress_bar, write_files
+from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.text import aligned
 from xfrustum.scenes.arrays import Floats
@@ -47,13 +47,13 @@ def measure_device() -> Measured:
         # Without a folder to keep it in, other commands take the model that holds for any device.
         with suppress(OSError, InputError):
             kept.parent.mkdir(parents=True, exist_ok=True)
-            write_file(kept, json.dumps(measured.as_json()).encode())
+            write_file(kept, json.dumps(json_object(measured.record)).encode())
     return measured
 
 
 def table(measured: Measured) -> str:
     """Return the measurements as aligned lines, with the number of trials."""
-    record = measured.as_json()
+    record = json_object(measured.record)
     tried = record["tried"]
     pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
     noise = "?" if record["plane_noise"] is None else f"{record['plane_noise']:.2f}"
@@ -121,8 +121,9 @@ def _steps(steps: tuple[float, float]) -> str:
 
 def write_device(measured: Measured, out: Path) -> tuple[Path, ...]:
     """Write the page and device.json to a folder; InputError where they cannot be written."""
-    values = {"found": measured.as_json(), "table": table(measured), "figures": figures(measured)}
-    return write_files(out, {PAGE: html_page("device.html.j2", values), DATA: measured.as_json()})
+    record = measured.record
+    values = {"found": record, "table": table(measured), "figures": figures(measured)}
+    return write_files(out, {PAGE: html_page("device.html.j2", values), DATA: record})
 
 
 def figures(measured: Measured) -> dict[str, Figure]:

@@ -1,9 +1,8 @@
 """`xfrustum trace`: the truth of one aperture to a file, in the memory of one band."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,16 @@ LARGE_PIXELS = 1 << 23
 
 FILE_BYTES, VARIANCE_BYTES = 52, 12
 """Bytes of a pixel before compression: 13 channels of 32 bits, 3 more for variance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraceRecord:
+    """Record that `trace --json` prints."""
+
+    file: Path
+    decided_by: str  #: `certified`, or the name of a tracer
+    certainty: dict[str, int]  #: pixels by class
+    alone: dict[str, int] | None  #: judged pixels, and errors of each tracer alone
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:
@@ -50,7 +59,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     return "; ".join(parts)
 
 
-def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> dict[str, Any]:
+def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> TraceRecord:
     """Write the unexamined picture of a tracer in single precision as EXR.
 
     InputError where the file cannot be written: it appears complete, or not at all.
@@ -59,12 +68,9 @@ def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> d
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
     certainty = {Certainty.UNEXAMINED.name.lower(): image.triangle.size}
-    return {
-        "file": Path(path),
-        "decided_by": reference.tracer_name,
-        "certainty": certainty,
-        "alone": None,
-    }
+    return TraceRecord(
+        file=Path(path), decided_by=reference.tracer_name, certainty=certainty, alone=None
+    )
 
 
 def trace_to_file(
@@ -74,12 +80,11 @@ def trace_to_file(
     *,
     compared: bool = False,
     progress: bool = False,
-) -> dict[str, Any]:
+) -> TraceRecord:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
     `compared` counts the errors of each tracer alone, too. InputError where
-    the file cannot be written: it appears complete, or not at all. Returns the object that `trace
-    --json` prints.
+    the file cannot be written: it appears complete, or not at all.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
@@ -104,7 +109,7 @@ def trace_to_file(
     names = ("judged", "embree", "mitsuba")
     certainty = {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty}
     numbers = None if alone is None else {name: counted[name] for name in names}
-    return {"file": Path(path), "decided_by": "certified", "certainty": certainty, "alone": numbers}
+    return TraceRecord(file=Path(path), decided_by="certified", certainty=certainty, alone=numbers)
 
 
 def trace_transported(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -67,6 +67,36 @@ class Within:
         """Count pixels (N,) inside of the bounds; the share is 1 without pixels."""
         share = float(np.median(ratio)) if len(inside) else 1.0
         return cls(pixels=len(inside), within=int(inside.sum()), share_of_safe=share)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthSteps:
+    """Lowest and highest stored minus exact depth of a format, in steps."""
+
+    written_steps: Range
+    interpolated_steps: Range
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceRecord:
+    """Measurements of a device: the record of `device --json`, and of `device.json`."""
+
+    renderer: str
+    version: str
+    software: bool
+    subpixel_bits: int
+    snaps_depth: bool
+    depth: dict[str, DepthSteps]
+    filter_bits: int | None
+    plane_noise: float | None
+    ties: dict[str, int]
+    viewport: dict[str, int]
+    cut_from_px: float | None
+    cuts: dict[str, float]
+    varyings: dict[str, float]
+    tried: dict[str, Any]  #: numbers of trials
+    within: dict[str, Within]
+    model: dict[str, Any]  #: model by which pixels are explained
 
 
 class Measured:
@@ -254,44 +284,47 @@ class Measured:
         )
         return Within.from_ratio(np.abs(filtered - exact) <= bound, bound / safe)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return `device.json`: the measurements, and the model by which pixels are explained."""
-        device, depths = self.fingerprint.device, {}
-        for depth in DepthFormat:
-            steps = {"written_steps": self.written_steps(depth)}
-            depths[depth.value] = {**steps, "interpolated_steps": self.interpolated_steps(depth)}
-        return {
-            "renderer": device["renderer"],
-            "version": device["version"],
-            "software": is_software(device["renderer"]),
-            "subpixel_bits": self.subpixel_bits,
-            "snaps_depth": self.snaps_depth,
-            "depth": depths,
-            "filter_bits": self.filter_bits,
-            "plane_noise": self.plane_noise if np.isfinite(self.plane_noise) else None,
-            "ties": self.ties,
-            "viewport": self.viewport,
-            "cut_from_px": self.cut_from_px,
-            "cuts": self.cuts,
-            "varyings": self.varyings(),
-            "tried": {
-                "triangles": len(self.fingerprint.vertices),
-                "pixels": int(self.fingerprint.drawn.sum()),
-                "edges": len(self.fingerprint.edge_vertices),
+    @property
+    def record(self) -> DeviceRecord:
+        """The measurements, and the model by which pixels are explained."""
+        device, fingerprint = self.fingerprint.device, self.fingerprint
+        within = {depth.value: self.within(self.known, depth) for depth in DepthFormat}
+        within |= {
+            "varyings": self.varyings_within(self.known),
+            "filter": self.filtered_within(self.known),
+        }
+        return DeviceRecord(
+            renderer=device["renderer"],
+            version=device["version"],
+            software=is_software(device["renderer"]),
+            subpixel_bits=self.subpixel_bits,
+            snaps_depth=self.snaps_depth,
+            depth={
+                depth.value: DepthSteps(
+                    written_steps=self.written_steps(depth),
+                    interpolated_steps=self.interpolated_steps(depth),
+                )
+                for depth in DepthFormat
+            },
+            filter_bits=self.filter_bits,
+            plane_noise=self.plane_noise if np.isfinite(self.plane_noise) else None,
+            ties=self.ties,
+            viewport=self.viewport,
+            cut_from_px=self.cut_from_px,
+            cuts=self.cuts,
+            varyings=self.varyings(),
+            tried={
+                "triangles": len(fingerprint.vertices),
+                "pixels": int(fingerprint.drawn.sum()),
+                "edges": len(fingerprint.edge_vertices),
                 "edges_in_window": int((self._reach <= SIZE / 2).sum()),
                 "reach_px": float(self._reach.max()),
-                "written": {
-                    d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()
-                },
-                "filtered": len(self.fingerprint.filtered),
+                "written": {d.value: len(wrote) for d, (wrote, _) in fingerprint.written.items()},
+                "filtered": len(fingerprint.filtered),
             },
-            "within": {
-                **{depth.value: asdict(self.within(self.known, depth)) for depth in DepthFormat},
-                "varyings": asdict(self.varyings_within(self.known)),
-                "filter": asdict(self.filtered_within(self.known)),
-            },
-            "model": self.known.as_json(),
-        }
+            within=within,
+            model=self.known.as_json(),
+        )
 
     @cached_property
     def _planes(self) -> Planes:

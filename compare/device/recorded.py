@@ -56,6 +56,21 @@ class RecordedFrame:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReplayRecord:
+    """Record that `device --replay --json` prints."""
+
+    frames: int
+    wrong: int  #: pixels that differ from exact cameras; the next four are its parts
+    edge: int
+    order: int
+    lost: int
+    unexplained: int
+    device: str
+    device_model: str
+    frames_unexplained: dict[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Replayed:
     """Causes of the differences of recorded frames from their exact cameras."""
 
@@ -70,16 +85,17 @@ class Replayed:
         """Number of pixels that differ."""
         return sum(self.counts.values())
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the record that `device --replay --json` prints."""
-        return {
-            "frames": self.frames,
-            "wrong": self.wrong,
+    @property
+    def record(self) -> ReplayRecord:
+        """The numbers without the model."""
+        return ReplayRecord(
+            frames=self.frames,
+            wrong=self.wrong,
             **self.counts,
-            "device": self.device,
-            "device_model": self.model.name,
-            "frames_unexplained": self.unexplained,
-        }
+            device=self.device,
+            device_model=self.model.name,
+            frames_unexplained=self.unexplained,
+        )
 
 
 class _Device(BaseModel):

@@ -222,7 +222,7 @@ def device(asked: _Device) -> int:
     options.check_out(asked.out, measuring.FILES)
     if asked.replay is not None:
         replayed = measuring.replayed(asked.replay, asked.device, progress=asked.progress)
-        asked.tell(replayed.as_json, lambda: measuring.replay_table(replayed))
+        asked.tell(lambda: replayed.record, lambda: measuring.replay_table(replayed))
         return options.LIMIT_EXCEEDED if replayed.counts["unexplained"] else 0
     if asked.listed:
         found = measuring.listed()
@@ -231,5 +231,5 @@ def device(asked: _Device) -> int:
     measured = measuring.measure_device()
     if asked.out is not None:
         measuring.write_device(measured, asked.out)
-    asked.tell(measured.as_json, lambda: measuring.table(measured))
+    asked.tell(lambda: measured.record, lambda: measuring.table(measured))
     return 0
