@@ -1,10 +1,11 @@
 """The second answer: the paper's double frustum, drawn with OpenGL.
 
-cameras/    The two cameras as matrices, their passes, and their depth formats device/     The
-OpenGL device: context, room, targets, programs, meshes, time plate/      Many hogels at once: the
-same pictures in fewer submissions shaders/    The shaders, in GLSL drawing     A scene on the GPU:
-materials, lights, textures, reflections, and its drawing by the passes rasterizer  The paper's
-double frustum: C, then C* over it (paper, sections 3 to 6), and means of color
+* cameras: the two cameras as matrices, their passes, and their depth formats
+* device: the OpenGL device: context, room, targets, programs, meshes, time
+* plate: many hogels in one submission, with the same bits
+* shaders: the shaders, in GLSL
+* drawing: a scene on the GPU: materials, lights, textures, reflections, and its passes
+* rasterizer: the double frustum: C, then C* over it (paper, sections 3 to 6), and means of color
 """
 
 import os

@@ -1,6 +1,6 @@
 """Noticeable effects of a near offset and of a depth buffer on an eye, in closed form.
 
-By the theorem of docs/method.md, "What the near offset looks like to a viewer", all lines on which
+By the theorem of docs/method.md, "The near offset as a viewer perceives it", all lines on which
 hogels replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and
 P - m (kx, ky, -1) before it, at the distance D = |z| + m from the plate:
 
@@ -67,7 +67,7 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
 
 #: Acuity of a good eye, arc minutes; stereo acuity of an ordinary observer, arc seconds (the best
 #: have a tenth of it); distance of two eyes, mm
-#: (docs/noticeable.md, "Which viewer")
+#: (docs/noticeable.md, "The viewer")
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
 
 #: Length of the units that are known by name

@@ -1,4 +1,4 @@
-"""Truth against raster, pixel by pixel and in numbers (docs/method.md, "What is compared")."""
+"""Truth against raster, pixel by pixel and in numbers (docs/method.md, "Comparison")."""
 
 from __future__ import annotations
 

@@ -167,3 +167,15 @@ def test_the_tests_that_the_makefile_names_are_there() -> None:
     ):
         assert (CHECKOUT / path).exists(), path
         assert not name or f"def {name}(" in (CHECKOUT / path).read_text(), name
+
+
+def test_the_places_of_decisions_are_in_the_code() -> None:
+    text = (CHECKOUT / "docs" / "how-it-is-built.md").read_text(encoding="utf-8")
+    places = re.findall(r"`(\w+)` in `([\w/]+\.py)`", text)
+    assert len(places) > 9
+    missing = [
+        f"{path}: {name}"
+        for name, path in places
+        if not re.search(rf"\b{name}\b", (CHECKOUT / path).read_text(encoding="utf-8"))
+    ]
+    assert missing == []
