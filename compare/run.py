@@ -252,6 +252,7 @@ class Evaluator:
             one_of(setting, DoubleFrustum, "settings")
             setting.check_against(self.scene.frustum)
         # In groups of the same cameras; groups of one near follow one another.
+        # Sorting is stable: settings of one near keep their order.
         nears = list(dict.fromkeys(setting.near for setting in settings))
         cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
         for setting in sorted(
@@ -269,7 +270,11 @@ class Evaluator:
     ) -> Generator[JudgedFrame, None, None]:
         """Trace and draw in this thread, judge in others, and yield the frames in order."""
         pixels = math.prod(self.scene.frustum.resolution)
+        # A task holds all frames of its cameras. With fewer than two tasks, drawing and judging
+        # would take turns instead of overlapping.
         most = max(2, images_under_way(pixels) // max(map(len, groups)))
+        # NumPy and the tracers release the interpreter lock in their large loops: threads scale,
+        # and images need not be copied to other processes.
         pool = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
 
         def tasks() -> Iterator[Future[list[JudgedFrame]]]:
@@ -285,6 +290,7 @@ class Evaluator:
                 for frames in judged:
                     yield from frames
         finally:
+            # A closed generator or an error leaves tasks behind, whose results are not needed.
             pool.shutdown(cancel_futures=True)
 
     def _truths(
@@ -323,6 +329,7 @@ class Evaluator:
                 start: tuple[HogelImage, ...] = ()
                 if request.causes:
                     exact = with_exact_depth(settings[0])
+                    # The frame with exact depth may be among the requested frames.
                     last = frames.get(exact) or self._draw(hogel.aperture, exact, color=False)
                     models = traced_models(
                         self.reference, hogel.aperture, exact, traced, shaded=False
@@ -396,12 +403,14 @@ def judge_frames(
             perceptual=request.perceptual,
             cached_errors=cached,
         )
+        # Without causes the first frame stands in for R0: the others differ from it at few pixels.
         cached = cached or comparison.errors
         compared = time.perf_counter()
         prediction, budget, causes_s = None, None, 0.0
         if start is not None:
             prediction = predictions[place][0]
             budget = charged(start, comparison.errors, predictions[place])
+            # Every frame bears its share of the work that the frames have in common.
             causes_s = time.perf_counter() - compared + shared_s / len(settings)
         judged.append(
             JudgedFrame(

@@ -194,6 +194,7 @@ def budget_of(
     """Trace and draw the chain of one aperture, and charge wrong pixels to links."""
     require_seen(scene, [aperture])
     # The links of geometry are about what pixels' centers show.
+    # Averages over samples mix triangles: only single samples can be charged.
     once = replace(scene, sampling=Sampling())
     reference = Reference(once)
     with Rasterizer(once, model=device) as rasterizer:
@@ -281,6 +282,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
     named: dict[str, Reason] = {}
     for link in numbers.links:
         reasons = link.prediction_reasons
+        # A prediction of zero is exact for links without effect.
         if reasons.displacement and link.predicted_displacement_rms_px != 0:
             named.setdefault("moves by", Reason(reasons.displacement))
         if reasons.surface == Reason.FEW and link.surface >= MIN_PIXELS:
@@ -366,6 +368,7 @@ def causes(
     `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of
     their own.
     """
+    # Right pixels keep an outline of the scene, readable on light and dark paper.
     pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)
     colors = np.array([(*images.rgb(color), LEVELS) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]

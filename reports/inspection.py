@@ -132,6 +132,7 @@ def inspected_figures(
     """Return a hogel of another renderer, judged as it was found and after correction."""
     words = f"{as_found.numbers.limited_figure} {percent(as_found.numbers.judged_fraction)}"
     answer, image = as_found.answer, as_found.image
+    # Ties have no true triangle, so that no renderer can be wrong there.
     tie = ~judged_pixels(answer)
     classes: dict[str, Classes] = {
         "Right or wrong": {"wrong": as_found.error, "tie, not judged": tie}
@@ -157,6 +158,7 @@ def _inspected(
     """Return the panes of truth and image, of classes of errors, and of displacement."""
     (truth, image), (caption, classes, moved) = pair, errors
     height, width = truth.triangle.shape
+    # Rounded up: no pane is longer than the limit.
     reduction = -(-max(width, height) // MAX_SIDE_PX)
     panes = [
         Pane(caption="Truth", content=_picture(truth, reduction)),
@@ -173,6 +175,7 @@ def _inspected(
     listed = dict.fromkeys(
         number for mask in wrong for number in np.flatnonzero(mask)[:MAX_LISTED_PIXELS].tolist()
     )
+    # A pixel in two classes is listed once.
     numbers = np.array(list(listed)[:MAX_LISTED_PIXELS], dtype=np.int64)
     labels = {name: _labels(masks, numbers) for name, masks in classes.items()}
     values = {
@@ -204,9 +207,11 @@ def _picture(image: HogelImage, reduction: int) -> bytes:
 def _classes_pane(caption: str, masks: Classes, reduction: int) -> Pane:
     """Return a pane with a color for each class that has pixels."""
     index = np.zeros(next(iter(masks.values())).shape, dtype=np.uint8)
+    # The first of overlapping classes is painted last.
     for number, mask in reversed(list(enumerate(masks.values(), start=1))):
         index[mask] = number
     colors = [COLORS[place % len(COLORS)] for place in range(len(masks))]
+    # Counted after painting, so that the numbers of a legend add up.
     counts = np.bincount(index.reshape(-1), minlength=len(masks) + 1)[1:].tolist()
     legend = tuple(
         Legend(label=label, color=color, pixels=count)

@@ -54,6 +54,7 @@ CERTAINTY_LABELS = {
 def aligned(rows: Sequence[Sequence[str]], others: Callable[[str, int], str] = str.rjust) -> str:
     """Return rows of cells as lines: the first column to the left, the others by `others`."""
     first, *rest = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    # Names to the left, numbers to the right, unless the other columns are words.
     cells = ([row[0].ljust(first), *map(others, row[1:], rest)] for row in rows)
     return "\n".join("  ".join(line).rstrip() for line in cells)
 

@@ -42,6 +42,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     pixels = width * height
     kind, each = ("light paths", scene.transport.samples) if transported else ("samples", 1)
     each *= sampling.aperture * (1 if transported else points_per_side(sampling) ** 2)
+    # Small images take seconds: a forecast would only be noise.
     if pixels * each < LARGE_PIXELS:
         return None
 
@@ -49,6 +50,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     if each > 1:
         parts.append(f"each is the mean of {each:,} {kind}")
     else:
+        # Memory is bounded by one band, whatever the height of the film.
         rows = min(height, max(1, BAND_PIXELS // width))
         memory = in_words(PIXEL_BYTES * rows * width)
         parts.append(
@@ -64,6 +66,7 @@ def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> T
 
     InputError where the file cannot be written: it appears complete, or not at all.
     """
+    # The proposal of the tracer, before certification.
     image = reference.propose(aperture)
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
@@ -94,6 +97,7 @@ def trace_to_file(
         image_writer(path, camera, ("normal", "color", "certainty"), rendering) as write,
         progress_bar(height, "trace", "row", shown=progress) as bar,
     ):
+        # Bands go to the file as they come: no array has the size of the film.
         for band in reference.trace_bands(aperture):
             write(band)
             assert band.certainty is not None, "the truth is certified"
@@ -123,6 +127,7 @@ def trace_transported(
     """
     scene = reference.scene
     with progress_bar(1 + scene.sampling.aperture, "trace", "image", shown=progress) as bar:
+        # One certified line through each pixel's center; light paths spread over the pixel.
         image = reference.trace(aperture, Sampling())
         bar.update()
         estimate = transported(scene, aperture, scene.transport, done=bar.update)

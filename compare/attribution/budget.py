@@ -119,6 +119,7 @@ def _size(steps: Floats | None, known: Mask) -> Size:
     """Return the size of steps (H, W) where known; None stands for steps that are all 0."""
     if not known.any():
         return None, None
+    # A link without effect has zero length wherever the others are defined.
     if steps is None:
         return 0.0, 0.0
     with np.errstate(invalid="ignore"):
@@ -163,10 +164,12 @@ class ChainStart(ShortRepr):
         changing = [
             link for link, (before, after) in enumerate(pairwise(images)) if after is not before
         ]
+        # Later links overwrite earlier ones: the last change counts.
         charge = np.full(truth.triangle.shape, RIGHT, dtype=np.int8)
         for link in changing:
             charge[images[link].triangle != images[link + 1].triangle] = link
 
+        # Images hash by identity: links without effect share one array, and their step is None.
         shift_of: dict[HogelImage, Floats] = {drawn: exact.shift}
         for image in images[:-1]:
             if image not in shift_of:
@@ -193,6 +196,7 @@ class ChainStart(ShortRepr):
             steps=steps,
             known=known,
             sizes=tuple(_size(step, known) for step in steps),
+            # The last traced model and R0 differ by rounding alone.
             rounding=explain(reference.scene, images[-2], drawn, device),
             shear=shear_numbers(images[PIVOT + 1], reference.scene.frustum),
         )
@@ -328,14 +332,18 @@ def charged(
     # A pixel that R0 shows rightly goes wrong by depth, whatever the images before it show.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     surface_charge = np.where(errors.surface, by_surface, np.int8(RIGHT))
+    # Pixels that R0 changed but depth changed again are charged to depth, and explained there.
     rounding = start.rounding
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
+    # R0 and R1 share cameras and edges: only depth can exchange their triangles.
     swapped = explain(start.reference.scene, exact, drawn, start.device, np.flatnonzero(by_depth))
 
     last, known, sizes = None, start.known, start.sizes
+    # Equal frames share their arrays: then the depth link adds nothing.
     if errors.shift is not start.exact.shift:
         last = np.hypot(*(errors.shift - start.exact.shift))
         known = start.known & np.isfinite(last)
+        # A depth buffer that loses surfaces leaves fewer pixels at which all links are defined.
         if not np.array_equal(known, start.known):
             sizes = tuple(_size(step, known) for step in start.steps)
     links = zip(links_of(settings), (*sizes, _size(last, known)), predicted[1], strict=True)
@@ -413,6 +421,7 @@ def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
     settings, shown = model.camera.settings, model.off_plate
     assert settings is not None, "a model says whose cameras it shows"
     sheared = (
+        # Without an offset or without a shear both pivots draw the same.
         settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE and frustum.recentered
     )
     if not sheared or not shown.any():

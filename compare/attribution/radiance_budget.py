@@ -131,6 +131,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
 
     def shaded(image: HogelImage, lines: Floats) -> Floats:
         # A point in the plate lies on every line, the line of its pixel included.
+        # The line through the aperture and a point in the aperture is undefined.
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
         return averaged(shader.picture(image.triangle, image.position.astype(np.float64), lines))
 
@@ -154,6 +155,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         colors = np.concatenate((averaged, drawn.color[None].astype(np.float64)))
         links.append(AVERAGING)
     if scene.sampling.aperture > 1:
+        # Band limiting comes before the geometry: it changes the question, not the cameras.
         links.insert(0, BAND_LIMITING)
         converged = Reference(scene).converged(aperture)
         done()
@@ -161,9 +163,11 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         colors = np.concatenate((converged.color[None], colors))
     if scene.transport.simulated:
         left_out = measure_left_out(scene, aperture, done).difference
+        # Light paths are sampled: the link has the noise of the difference of two truths.
         errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
         links.insert(0, TRANSPORT)
         colors = np.concatenate((colors[:1] + left_out.mean, colors))
+    # Output clips first and rounds then, as the display does.
     clipped = np.clip(colors[-1:], 0.0, 1.0)
     judged, numbers = judged_pixels(truth), np.stack([image.triangle for image in chain.images])
     return RadianceBudget(
@@ -198,6 +202,7 @@ def averaged_colors(
             f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
     frustum = replace(scene.frustum, resolution=(side * width, side * height))
+    # A finer film stands for supersampling: its pixels are the samples, in the same places.
     fine = replace(scene, frustum=frustum, sampling=Sampling())
     reference, total = Reference(fine), np.zeros(())
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)

@@ -154,6 +154,7 @@ class Measured:
         whole triangle. None where no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
+        # Only triangles that reach out of the window can be cut there.
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
         return float(cut.min()) if len(cut) else None
 
@@ -169,6 +170,7 @@ class Measured:
         )
         slopes = np.linalg.norm(planes.weights[..., :2], axis=-1) * 2 / SIZE
         sides = np.einsum("knc,nc->kn", planes.weights[:, which], points)
+        # Pixels within a pixel of an edge may be uncovered by snapping, which is no cut.
         inside = (sides > slopes[:, which]).all(axis=0)
         which, points, drawn = which[inside], points[inside], drawn[~planes.uncut].ravel()[inside]
         depth, slope = planes.exact(which, points), planes.gradient[which, :2] * 2 / SIZE
@@ -185,6 +187,7 @@ class Measured:
     def snaps_depth(self) -> bool:
         """True where stored depths are nearer to planes through snapped corners than to others."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
+        # Medians: slivers have errors of any size on both kinds of planes.
         return bool(np.median(off[1]) < np.median(off[0]))
 
     @cached_property
@@ -200,6 +203,8 @@ class Measured:
             # From a half on the spacing of float32 is 2^-24.
             here = (which == number) & (stored >= 0.5)
             if (count := int(here.sum())) >= LEAST_OF_PLANE:
+                # Whatever plane the device interpolates is removed by the fit; its rounding
+                # remains.
                 rest = np.linalg.lstsq(points[here], off[here], rcond=None)[1]
                 roundings.append(12 * float(rest.sum()) / (count - 3))
         return float(np.median(roundings)) if roundings else np.inf
@@ -209,6 +214,8 @@ class Measured:
         """Bits of the weights of a bilinear filter; None where they are finer than the search."""
         for bits in range(MOST_FILTER_BITS + 1):
             scaled = self.fingerprint.filtered.astype(np.float64) * 2.0**bits
+            # Weights on a grid of 2^-bits are integers after scaling; the coarsest such grid
+            # counts.
             if np.array_equal(scaled, np.round(scaled)):
                 return bits
         return None
@@ -255,6 +262,7 @@ class Measured:
             model.stored(depth),
             safe_model(model.subpixel_bits),
         )
+        # Storing in float32 rounds once more.
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
@@ -332,6 +340,7 @@ class Measured:
         from_zero = self.fingerprint.zero_to_one[:, None]
         w, z = corners[..., 3], corners[..., 2]
         value = np.where(from_zero, z, (z + w) / 2)
+        # The recorded clip coordinates are float32 already: they bear these roundings.
         moved = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * np.abs(corners)
         return Planes(
             vertices=corners[..., (0, 1, 3)],
@@ -401,6 +410,7 @@ class Measured:
         off = np.concatenate((stored, kept[valid])) - values * LARGEST[depth]
         product = FLOAT32_ROUNDING * values * LARGEST[depth]
         low, high = float((off + product).min()), float((off - product).max())
+        # Rounded outward: the model must contain all measurements.
         sixteenths = np.ceil(np.array([-low, high]) / SIXTEENTH - 2.0**-10) * SIXTEENTH
         return min(-0.5, -float(sixteenths[0])), max(0.5, float(sixteenths[1]))
 
@@ -432,6 +442,7 @@ class Measured:
         places = ROUNDED[rounding]((corners + 1) / 2 * SIZE * grid) / grid
         rows, columns = np.mgrid[0:SIZE, 0:SIZE] + 0.5
         (x, y), (right, up) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
+        # Clockwise triangles are turned around; triangles without area cover nothing.
         turned = np.sign(x * up - y * right)[:, None]
         covers = dict.fromkeys(
             TIES, np.broadcast_to(turned[..., None] != 0, self.fingerprint.covered.shape)

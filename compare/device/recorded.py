@@ -142,6 +142,7 @@ def replay(
     device, frames = recording
     model = model or model_of(device)
     counts, unexplained = Counter(dict.fromkeys(HEADINGS, 0)), {}
+    # A recording has few scenes and many frames of each.
     references: dict[tuple[str, tuple[int, ...]], Reference] = {}
     traced: dict[tuple[str, tuple[int, ...], float, tuple[int, int]], HogelImage] = {}
     for frame in frames:
@@ -215,15 +216,18 @@ def recorded_image(
     first, last = map(drawn.each, film.planes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = plane * drawn.each(side / film.volume)
+        # A surface beyond a cut plane is not drawn: the nearest depth between the planes stands in.
         w = np.clip(1 / inverse, first, last)
         inside = edges * drawn.each(
             side * np.sign(film.volume) / per_pixel(film.lines, film.resolution)
         )
         beyond = drawn.each(np.abs(film.volume) / per_pixel(film.plane, film.resolution))
         least = np.minimum(np.minimum(inside.min(axis=0), 0.0), -beyond * np.abs(1 / w - inverse))
+    # Points behind the camera, and triangles seen edge-on, belong to no camera.
     least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf).reshape(len(cameras), -1)
     forward = (drawn.each(side) * w).reshape(least.shape)
     best, point = np.full(len(rows), -np.inf), np.full((len(rows), 3), np.nan)
+    # C* is drawn last and wins where both cameras may have drawn the pixel.
     for place, drawing in reversed(list(enumerate(cameras))):
         taken = (least[place] > best + OUTSIDE_PX) | np.isnan(point[:, 2])
         line = np.stack(

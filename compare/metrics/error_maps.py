@@ -205,6 +205,7 @@ def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
             moved[..., axis] = (
                 pixels_per_slope * (doubt[..., axis] + doubt[..., 2] * slope) / height
             )
+    # A displacement within the rounding of storage is none.
     return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - moved, 0.0))
 
 
@@ -241,13 +242,19 @@ def surface_errors(
         located = columns, rows
     # Flat numbers need rows that are contiguous in memory.
     wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
+    # Points in the plate have no line of their own: they are right only where the truth shows one,
+    # too.
     wrong |= in_plate(raster) & ~in_plate(truth)
+    # The occlusion test traces a line per point. Points that equal the certified truth need none.
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
+    # A certified point lies on the film by construction, whatever its rounding.
     beyond = _beyond_film(points, located, bundle, scene) & ~seen
     outside = np.zeros_like(wrong)
     outside.reshape(-1)[points.pixels[beyond]] = True
     wrong |= outside
     doubtful = points.at(np.flatnonzero(~seen & ~wrong.reshape(-1)[points.pixels]))
+    # Each doubtful point is traced on its own true line, not on the line of the pixel that shows
+    # it.
     hidden = reference.hidden(truth.camera.aperture, doubtful.surface_points(scene))
     wrong.reshape(-1)[doubtful.pixels[hidden]] = True
     return SurfaceErrors(wrong=wrong, outside=outside)
@@ -268,6 +275,7 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
     Where an image names neither object nor triangle, the expected object stands for its own.
     """
+    # Without any name the expected object is assumed: then only hits and misses are compared.
     objects = np.where(shown.object != NOTHING, shown.object, expected.object)
     unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
     number = existing_triangles(shown.triangle.ravel()[unnamed], scene)
@@ -303,6 +311,7 @@ def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: 
     A point with an error bound has on the film this bound over w t, with w its
     depth from the center of the lines: |z| for the true frustum.
     """
+    # Projection divides by the depth: an error e of a point moves it by e / (w t) film units.
     tolerance = points.surface_points(scene).tolerance / np.abs(
         points.coordinates[2] - bundle.center[2]
     )
@@ -355,6 +364,7 @@ def floating_pixels(
     far = np.flatnonzero(~(np.abs(position - true).max(axis=1, initial=0.0) <= room))
     # s = -z about the center: lines run toward larger s on both sides of it.
     moved = offset * (1.0 - share[:, None] * np.sign(offset[:, 2:]))
+    # An edge may be snapped past the point: its neighbors decide, too.
     for across, up in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
         if len(far):
             pixels = np.multiply(2 * SNAPPED_PX, lines.half_extent) / lines.resolution
@@ -380,6 +390,7 @@ def turned_away(truth: HogelImage) -> Mask:
 def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
     """Return the pixels (H, W) whose true surface is culled; None without culling."""
     settings = raster.camera.settings
+    # Foreign images have no settings: culling by other renderers is a defect, not a choice.
     if settings is None or settings.cull is Cull.NONE or truth.normal is None:
         return None
     return turned_away(truth)
@@ -478,6 +489,7 @@ def _updated_errors(
     judged = cached.judged.reshape(-1)[pixels][None]
     places = film_places(after, truth.camera)
     errors = surface_errors(before, after, reference, places) if reference else None
+    # The places are on the whole film, the images hold single rows of pixels.
     row, column = np.divmod(pixels, cached.judged.shape[1])
     shift = cached.shift.copy()
     shift.reshape(2, -1)[:, pixels] = places[:, 0] - (column, row)
@@ -588,5 +600,7 @@ def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """
     if only_here <= only_there:
         return False
+    # The upper tail of the binomial distribution, without the second that scipy.stats takes to
+    # load.
     by_chance = scipy.special.bdtrc(only_here - 1, only_here + only_there, 0.5)
     return bool(by_chance < (1 - CONFIDENCE) / comparisons)

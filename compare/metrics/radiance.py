@@ -99,10 +99,13 @@ def compare_with_noise(
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
     variance = np.asarray(estimate.variance_of_mean, dtype=np.float64)[tested]
     allowed = np.broadcast_to(rounding, picture.shape)[tested]
+    # Rounding is subtracted from the difference before noise is tested.
     excess = np.sign(difference) * np.maximum(np.abs(difference) - allowed, 0.0)
     noisy = variance > 0
+    # Where no sample varies any excess is infinitely significant.
     scaled = np.where(excess == 0, 0.0, np.copysign(np.inf, excess))
     np.divide(excess, np.sqrt(variance), out=scaled, where=noisy)
+    # Two-sided: a picture may be too dark or too bright.
     chance = 2 * scipy.special.stdtr(estimate.samples - 1, -np.abs(scaled))
     differs = np.zeros(tested.shape, dtype=np.bool_)
     differs[tested] = (chance < single_level(ALPHA, chance.size)).any(axis=-1)
@@ -174,6 +177,7 @@ def transported(
     for number, point in enumerate(points):
         part = tracer.render(point, transport, seed=seed + number)
         mean = mean + part.mean / len(points)
+        # Sub-apertures are sampled independently: their variances add.
         variance = variance + part.variance_of_mean / len(points) ** 2
         done()
     # The mean of several estimates is nearer to normal than each of them.
@@ -233,6 +237,7 @@ def perceptual_difference(
     """Return the perceptual difference of two pictures (H, W, 3) of linear RGB."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
+    # The evaluator takes displayed values in sRGB, float32 and contiguous.
     flip_map, _, _ = flip_evaluator.evaluate(
         *shown,
         "LDR",
@@ -242,6 +247,7 @@ def perceptual_difference(
     )
     flip_map = np.asarray(flip_map, dtype=np.float32)[..., 0]
     ssim = None
+    # SSIM is undefined for pictures smaller than its window.
     if min(flip_map.shape) >= SSIM_WINDOW_PX:
         window = {"gaussian_weights": True, "sigma": SSIM_SIGMA_PX, "use_sample_covariance": False}
         ssim = float(structural_similarity(*shown, data_range=1.0, channel_axis=-1, **window))
@@ -357,6 +363,7 @@ def compare_radiance(
         return None
     inside = np.flatnonzero(judged & away_from_edges(truth, raster))
     looks = perceptual_difference(truth.color, raster.color) if perceptual else None
+    # A truth without light paths has no noise to test against.
     noise, paths = None, truth.camera.light_paths
     if truth.variance is not None and paths is not None:
         mean, variance = (values.astype(np.float64) for values in (truth.color, truth.variance))

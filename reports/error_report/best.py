@@ -229,6 +229,7 @@ def _is_worse(
         return False
     there = next(row for row in others if row.aperture == here.aperture)
     both = kind in here.wrong and kind in there.wrong
+    # Pixels wrong in both pictures cancel in a paired test.
     shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
     return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
 
@@ -254,6 +255,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
         candidates = [
             group for group in candidates if not _is_worse(group, least, kind, comparisons)
         ]
+    # Below the visible threshold all settings are equal; above it, ties within measurement error.
     limit = max(min(map(_displaced, candidates)) + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
     return {group[0].settings for group in candidates if _displaced(group) <= limit}
 
@@ -285,6 +287,7 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     middle = (window.low * window.high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     near = min(reversed(nears), key=lambda near: round(max(near / middle, middle / near), 12))
+    # All apertures of the chosen setting: the worst one gives the numbers.
     chosen = [row for row in rows if row.settings == replace(cameras, near=near)]
     shaded = all("radiance" in row.wrong for row in chosen)
     worst = max(chosen, key=lambda row: (row.surface_fraction, row.displacement_p99_px))

@@ -108,6 +108,7 @@ def measure_light(
     steps = len(nears) + 2 * len(lit) * scene.sampling.aperture
     with progress_bar(steps, "light", "measurement", shown=progress) as bar:
         if nears:
+            # Single samples: averages would mix the eye vectors of several points.
             once, shader = replace(scene, sampling=Sampling()), Shader(scene)
             surfaces = Reference(once).trace(first)
             with Rasterizer(once) as rasterizer:
@@ -129,6 +130,7 @@ def measure_light(
         for aperture in lit:
             left_out = measure_left_out(scene, aperture, bar.update)
             truth = Reference(scene).trace(aperture, Sampling())
+            # The truth with transport is the sum of the measured parts: nothing is traced twice.
             full = (left_out.without + left_out.difference.mean).astype(np.float32)
             missed.append(
                 MissedLight(

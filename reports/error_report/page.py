@@ -65,6 +65,7 @@ def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure
         def error(row: Measurement, key: str = key) -> float | None:
             return getattr(row.comparison.radiance, key, None) or None
 
+        # The script finds plots by these names.
         name = "radiance" if key == "rms" else key
         figures[name] = grouped_figure(_by_depth(rows), reach, error, title)
     return figures
@@ -263,6 +264,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     shear_of = {
         (row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear
     }
+    # Row order follows the sweep: geometry first; readers expect apertures first.
     order = sorted(shear_of, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     values = {
         "sweep": sweep,
@@ -299,6 +301,7 @@ def _page_data(sweep: Sweep) -> dict[str, Any]:
     pictures: dict[str, str] = {}
 
     def keep(encoded: bytes) -> str:
+        # 64 bits: a collision among some thousand pictures has a chance of 1e-13.
         key = hashlib.sha256(encoded).hexdigest()[:16]
         if key not in pictures:
             pictures[key] = address(encoded)

@@ -123,6 +123,7 @@ def sweep(
     decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
     width, height = scene.frustum.resolution
     pixels = width * height * len(apertures) * len(settings)
+    # Pictures shrink along both sides, so that their number of pixels shrinks by the square.
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
     reference = alone.open_reference(scene, decision, effects)
     with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
@@ -137,6 +138,7 @@ def sweep(
         shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
         inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
         seconds["inspection"] = time.perf_counter() - since
+        # The names are read before the context is freed.
         opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     since = time.perf_counter()
     light = measure_light(
@@ -183,11 +185,13 @@ def _measure(
         ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
         closing(judge.frames(apertures, settings, request)) as frames,
     ):
+        # Pictures are encoded in threads of their own while the evaluator judges the next frames.
         tasks = (pool.submit(_measured, scene, reduction, latest, frame) for frame in frames)
         for row, truth, pictures_s in in_order(tasks, most):
             aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
             rows[aperture, row.settings] = row
             stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
+            # All frames of an aperture carry the time of its truth; it counts once.
             if aperture in truths:
                 stages["trace"] = 0.0  # all frames of an aperture have the time of its truth
             else:
@@ -222,11 +226,13 @@ def _measured(
             [list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8
         )
         is_wrong, charge = budget.surface_charge >= 0, budget.surface_charge.copy()
+        # Links of a chain with culling are not numbered as the palette is: places translate.
         charge[is_wrong] = places[charge[is_wrong]]
         charge[budget.explanation.unexplained & is_wrong] = len(images.CAUSE_COLORS)
     scale = reach, images.height_range(scene, reach)
     if comparison.errors.surface is not None:
         wrong["surface"] = PixelSet.from_mask(comparison.errors.surface)
+    # Colors of pixels that are not judged are NaN, and count as right.
     if comparison.colors is not None:
         with np.errstate(invalid="ignore"):
             wrong["radiance"] = PixelSet.from_mask(
