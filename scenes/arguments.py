@@ -1,7 +1,7 @@
 """Arguments of the public dataclasses, taken as numbers, names and programs.
 
-What is no number becomes NaN, and what is no count becomes a number below all counts, so that the
-class's own test refuses both, with a message that shows what was given.
+A value that is no number becomes NaN, and a value that is no count a number below all counts, so
+that the test of the class refuses both with a message that shows the value.
 """
 
 import math
@@ -31,9 +31,9 @@ def real(value: object) -> float:
 
 
 def reals(values: object, length: int | None = None) -> tuple[float, ...]:
-    """Return numbers as floats; one NaN where they are no sequence, or not as many as are needed."""
-    found = _items(values, length)
-    return (math.nan,) if found is None else tuple(map(real, found))
+    """Return numbers as floats; one NaN for no sequence, or for another length."""
+    items = _items(values, length)
+    return (math.nan,) if items is None else tuple(map(real, items))
 
 
 def whole(value: object) -> int:
@@ -43,8 +43,8 @@ def whole(value: object) -> int:
 
 def wholes(values: object, length: int) -> tuple[int, ...]:
     """Return whole numbers as ints; one `NO_COUNT` where they are not as many as are needed."""
-    found = _items(values, length)
-    return (NO_COUNT,) if found is None else tuple(map(whole, found))
+    items = _items(values, length)
+    return (NO_COUNT,) if items is None else tuple(map(whole, items))
 
 
 def check_program(command: str, folder: Path | None = None) -> None:
@@ -56,27 +56,28 @@ def check_program(command: str, folder: Path | None = None) -> None:
     # A name with a folder in it is not looked for in PATH.
     if shutil.which((folder or Path()).resolve() / name if os.sep in name else name) is None:
         raise InputError(
-            f"--command {command!r}: {name} is no program that can be run; name one in this folder with ./"
+            f"--command {command!r}: {name} is no program that can be run; name one in this "
+            "folder with ./"
         )
 
 
 def _items(values: object, length: int | None) -> tuple[object, ...] | None:
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         return None
-    found = tuple(values)
-    return found if length in (None, len(found)) else None
+    items = tuple(values)
+    return items if length in (None, len(items)) else None
 
 
 def choice(kind: type[Choice], value: object, name: str) -> Choice:
-    """Return a member of an enumeration, given as such or by its value; InputError where it is neither."""
+    """Return the member of an enumeration, by itself or by its value; else InputError."""
     try:
-        return kind(value)  # type: ignore[arg-type]  # an enumeration takes anything, and refuses it
+        return kind(value)  # type: ignore[arg-type]  # an enumeration refuses other values
     except ValueError as error:
         raise InputError(f"{name} must be one of {', '.join(kind)}, not {value!r}") from error
 
 
 def switch(value: object, name: str) -> bool:
-    """Return a truth value; InputError where the value is none."""
+    """Return a truth value; InputError at other values."""
     if value is True or value is False:
         return value
     raise InputError(f"{name} must be True or False, not {value!r}")

@@ -1,4 +1,4 @@
-"""Arrays by what they hold: the one place that names their types."""
+"""Types of arrays, named by their content."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -2,4 +2,4 @@
 
 
 class InputError(Exception):
-    """Bad input: one line that says what is wrong, where, and what to do. The command ends with status 2."""
+    """Bad input, in one line: the fault, the value, the remedy. Commands exit with status 2."""

@@ -63,5 +63,6 @@ def _builder(text: str) -> Callable[[str], Scene] | None:
     nearest = difflib.get_close_matches(text, [*builtin.names(), *hard_cases.names()], n=1)
     meant = f" (did you mean {nearest[0]}?)" if nearest else ""
     raise InputError(
-        f"no scene file and no built-in scene is called {text!r}{meant}; `xfrustum scenes` lists all"
+        f"no scene file and no built-in scene is called {text!r}{meant}; `xfrustum scenes` "
+        "lists all"
     )

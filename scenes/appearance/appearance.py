@@ -1,4 +1,4 @@
-"""Phong materials, lights and an environment; both answers have formulas of their own (CONVENTIONS.md)."""
+"""Phong materials, lights and an environment (formulas: CONVENTIONS.md, "Light")."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ LARGEST_COEFFICIENT = 1e15
 MAX_RADIANCE = 1e30
 
 
-def _color(name: str, given: object) -> Color:
+def _color(name: str, value: object) -> Color:
     """Return coefficients as linear RGB; InputError where one lies outside its range."""
-    color = reals(given, 3)
+    color = reals(value, 3)
     if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
         raise InputError(
-            f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {given!r}"
+            f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {value!r}"
         )
     return color[0], color[1], color[2]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """A Phong material with a mirror over it (paper, section 3, figure 3); coefficients are linear RGB.
+    """A Phong material under a mirror (paper, section 3, figure 3); linear RGB.
 
     Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1,
     is the share of the environment's radiance that is added. Raises InputError outside the ranges.
@@ -89,7 +89,7 @@ DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Environment:
-    """Radiance from all directions, as a latitude-longitude map of linear RGB, (H, W, 3), row 0 on top.
+    """Radiance from all directions: a latitude-longitude map (H, W, 3), row 0 on top.
 
     The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle
     follows +x, then +z at both ends. It is seen only in reflections: a line that meets nothing
@@ -123,7 +123,8 @@ class Environment:
             raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
         if strength * float(radiance.max()) > MAX_RADIANCE:
             raise InputError(
-                f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
+                f"{self.name}: strength {self.strength} makes the map brighter than 32-bit "
+                "images can hold; "
                 f"at most {MAX_RADIANCE:.0e} in all"
             )
         radiance.flags.writeable = False
@@ -136,7 +137,7 @@ class Environment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Appearance:
-    """Materials by the name that objects refer to, lights, and an environment to be reflected, if any."""
+    """Materials by name, lights, and an environment to be reflected, if any."""
 
     materials: Mapping[str, Material] = field(default_factory=dict)
     lights: tuple[DirectionalLight, ...] = (DEFAULT_LIGHT,)
@@ -155,7 +156,7 @@ class Appearance:
             one_of(self.environment, Environment, "environment")
 
     def material(self, name: str | None) -> Material:
-        """Return the material that an object names, the default for None; InputError where it is missing."""
+        """Return a material by name, the default for None; InputError at unknown names."""
         if name is not None and name not in self.materials:
             known = ", ".join(self.materials) or "none"
             raise InputError(f"there is no material {name!r}; the appearance has {known}")

@@ -1,4 +1,4 @@
-"""How pictures are shown on all pages and in notebooks: clipped to 0..1, sRGB, 8 bits, nothing else."""
+"""Radiance as pages and notebooks show it: clipped to 0..1, sRGB, 8 bits."""
 
 from typing import TypeVar
 
@@ -22,7 +22,7 @@ def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
 
 
 def encoded(radiance: NDArray[np.floating]) -> Floats:
-    """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve; black for NaN."""
+    """Return sRGB values of linear radiance clipped to 0..1; NaN becomes black."""
     return encoding_curve(
         np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
     )

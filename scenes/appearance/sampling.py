@@ -17,22 +17,21 @@ MAX_SAMPLES = 1 << 16  #: largest count of samples of any kind
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """Samples per pixel and per aperture, 1 to `MAX_SAMPLES`; only color is averaged. Else InputError."""
+    """Samples of color per pixel and per aperture, 1 to `MAX_SAMPLES`; else InputError."""
 
     supersample: int = 1  #: points along each side of a pixel, on a regular grid (box filter)
-    multisample: int = (
-        1  #: coverage samples of the rasterizer; the reference averages over the same box
-    )
-    aperture: int = (
-        1  #: sub-apertures over which the image is averaged (paper, section 6: band limiting)
-    )
+    #: coverage samples of the rasterizer; the reference averages over the same box
+    multisample: int = 1
+    #: sub-apertures over which the image is averaged (paper, section 6: band limiting)
+    aperture: int = 1
 
     def __post_init__(self) -> None:
         for name in ("supersample", "multisample", "aperture"):
             count = whole(getattr(self, name))
             if not 1 <= count <= MAX_SAMPLES:
                 raise InputError(
-                    f"{name} must be a count between 1 and {MAX_SAMPLES}, not {getattr(self, name)!r}"
+                    f"{name} must be a count between 1 and {MAX_SAMPLES}, not "
+                    f"{getattr(self, name)!r}"
                 )
             settle(self, **{name: count})
 
@@ -60,7 +59,7 @@ class Transport:
 
     @property
     def simulated(self) -> bool:
-        """Whether any light transport is simulated."""
+        """True if any light transport is simulated."""
         return self.shadows or self.interreflection
 
 
@@ -70,7 +69,7 @@ PLASTIC = 1.32471795724474602596
 
 
 def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Aperture, ...]:
-    """Return points spread evenly over one hogel pitch about an aperture (paper, section 6); one is itself.
+    """Return points spread evenly over one hogel pitch about an aperture (paper, section 6).
 
     They follow the additive recurrence of Roberts, "The unreasonable effectiveness of quasirandom
     sequences" (2018): the error of a smooth integrand falls as 1 / count.
@@ -87,7 +86,7 @@ def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Apertur
 
 def additive_recurrence(count: int) -> Floats:
     """Return (count, 2) points in [0, 1), centered: their mean tends to one half."""
-    import numpy as np  # noqa: PLC0415 - counts of samples are checked, and scenes listed, without it
+    import numpy as np  # noqa: PLC0415 - scenes are listed without it
 
     steps = np.arange(count, dtype=np.float64)[:, None]
     return np.asarray((0.5 + (steps + 0.5) * [1 / PLASTIC, 1 / PLASTIC**2]) % 1.0)

@@ -1,7 +1,6 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-What can be checked without the files that it names is checked before NumPy and what reads meshes is
-loaded.
+All checks that need no other file run before NumPy and the readers of meshes are loaded.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{
 
 
 def _gray(value: Any) -> Any:
-    """Return three times one number, which stands for gray; anything else as it is."""
+    """Return a number three times, as gray; other values unchanged."""
     return [value] * 3 if isinstance(value, int | float) else value
 
 
@@ -166,7 +165,7 @@ class _SceneTables(_Table):
 
 
 def read_scene(path: Path) -> Scene:
-    """Read a scene file, its meshes and its map; InputError names the file, the key, and the fault."""
+    """Read a scene file, its meshes and its map; InputError names file, key and fault."""
     file, plate, frustum = checked(path)
     from xfrustum.scenes.model.scene import Scene  # noqa: PLC0415 - loads NumPy
 
@@ -185,7 +184,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
-    """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
+    """Return the tables of a scene file, its plate and its frustum, without reading meshes."""
     try:
         content = input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE)
         text = content.decode(
@@ -194,7 +193,8 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
         if long := _LONG_KEY.search(_COMMENT.sub(r"\1", text)):
             line = 1 + long.string.count("\n", 0, long.start())
             raise InputError(
-                f"{path}: line {line}: the key {long[0][:40]}.. has more than {MAX_KEY_PARTS} parts; "
+                f"{path}: line {line}: the key {long[0][:40]}.. has more than {MAX_KEY_PARTS} "
+                "parts; "
                 "keys of scene files have at most three"
             )
         tables = tomllib.loads(text)
@@ -252,7 +252,7 @@ def named(path: Path, key: str) -> Iterator[None]:
 
 
 def described(error: ValidationError, tables: type[BaseModel]) -> str:
-    """Return the wrong key, and what pydantic says of its value, in one line; unknown keys come first."""
+    """Return the wrong key and the reason in one line; unknown keys come first."""
     problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     problem, location = problems[0], problems[0]["loc"]
     key = dotted(location)
@@ -289,7 +289,7 @@ def dotted(location: Location) -> str:
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the models inside an annotation such as `list[_ObjectTable]` or `_ScreenTable | None`."""
+    """Yield the models inside an annotation, such as `list[_ObjectTable]`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for argument in get_args(annotation):
@@ -313,7 +313,8 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             fault = "its upper left 3 x 3 numbers are singular"
         if fault:
             raise InputError(
-                f"{path}: object[{index}].transform must be four rows of four numbers, the last [0, 0, 0, 1],"
+                f"{path}: object[{index}].transform must be four rows of four numbers, the "
+                "last [0, 0, 0, 1],"
                 f" and not singular: {fault}"
             )
     else:
@@ -325,7 +326,8 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
         if entry.mesh is None:
             part = shapes.build_shape(str(entry.shape), material=entry.material)
         elif entry.is_patches:
-            from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415 - loads SciPy's graphs
+            # Loads SciPy's graphs.
+            from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415
 
             # The tolerance is a length of the scene: the mesh's own is smaller by the largest
             # stretching.
@@ -344,14 +346,16 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
     if np.linalg.slogdet(matrix[:3, :3])[0] > 0 or entry.flip_winding:
         return part
     mirrored = (
-        f"object[{index}].transform mirrors {part.name} (its determinant is negative): left and right are "
-        "exchanged, and the winding faces inward; negate a row, or set flip_winding = true if it is meant"
+        f"object[{index}].transform mirrors {part.name} (its determinant is negative): left "
+        "and right are "
+        "exchanged, and the winding faces inward; negate a row, or set flip_winding = true "
+        "if it is meant"
     )
     return replace(part, warnings=(*part.warnings, mirrored))
 
 
 def _appearance(path: Path, file: _SceneTables) -> appearance.Appearance:
-    """Return materials and lights; a file that names neither a light nor an environment gets one light."""
+    """Return materials and lights; without light and environment, the default light."""
     materials = {
         name: appearance.Material(**table.model_dump()) for name, table in file.material.items()
     }

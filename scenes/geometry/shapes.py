@@ -1,4 +1,4 @@
-"""Built-in shapes of size one about the origin; and meshes placed, refined, and smoothed, in doubles."""
+"""Built-in shapes of size one about the origin; placing, refining, smoothing meshes."""
 
 import difflib
 import math
@@ -32,7 +32,7 @@ def square() -> Mesh:
 
 
 def lathe(radii: Floats, heights: Floats, *, sectors: int = 48) -> Mesh:
-    """Turn a profile (N,), from the bottom up along the outside, about the y axis; facets face outward."""
+    """Turn a profile (N,), upward along the outside, about the y axis; faces outward."""
     turn = 2 * np.pi * np.arange(sectors) / sectors
     level = np.broadcast_to(heights[:, None], (len(heights), sectors))
     return wrapped_grid(
@@ -55,8 +55,8 @@ def wrapped_grid(rings: Floats) -> Mesh:
     count, around = rings.shape[:2]
     vertices = np.round(rings.reshape(-1, 3), 6) + 0.0
     index = np.arange(count * around).reshape(count, around)
-    beside = np.roll(index, -1, axis=1)
-    quads = np.stack([index[:-1], beside[:-1], beside[1:], index[1:]], axis=-1).reshape(-1, 4)
+    following = np.roll(index, -1, axis=1)
+    quads = np.stack([index[:-1], following[:-1], following[1:], index[1:]], axis=-1).reshape(-1, 4)
     return drop_flat(vertices, triangulate(quads))
 
 
@@ -66,7 +66,7 @@ def open_grid(points: Floats) -> Mesh:
 
 
 def grid_faces(rows: int, columns: int) -> Indices:
-    """Return the faces of a sheet of rows x columns vertices, which faces where rows x columns point."""
+    """Return the faces of a sheet of rows x columns vertices; normals: rows x columns."""
     index = np.arange(rows * columns).reshape(rows, columns)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
     return triangulate(quads.reshape(-1, 4))
@@ -85,7 +85,7 @@ def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
 
 
 def has_area(triangles: Floats) -> Mask:
-    """Return (F,) whether triangles (F, 3, 3) have an area, within the rounding of double precision."""
+    """Test (F,) which triangles (F, 3, 3) have an area beyond the rounding of doubles."""
     edges = triangles[:, 1:] - triangles[:, :1]
     # Edges are scaled to at most one, so that areas neither underflow nor overflow.
     size = np.abs(edges).max(axis=(1, 2), keepdims=True)
@@ -124,7 +124,7 @@ def as_object(name: str, mesh: Mesh, **attributes: Any) -> SceneObject:
 
 
 def build_shape(name: str, *, material: str | None = None) -> SceneObject:
-    """Return a built-in shape as an object in its own coordinates; InputError where there is none."""
+    """Return a built-in shape in its own coordinates; InputError at unknown names."""
     if name not in SHAPES:
         nearest = difflib.get_close_matches(name, list(SHAPES), n=1, cutoff=0.0)[0]
         raise InputError(
@@ -175,10 +175,10 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
         moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in scene_from_mesh[:3]]
     normals = part.vertex_normals
     if normals is not None:
-        # Cofactors take the cross product of two edges to that of the moved edges: they are the
-        # inverse transpose times the determinant, whose sign turns normals over where the matrix
-        # mirrors. Normals are not made unit vectors, so that their interpolation stays linear in
-        # the original ones.
+        # Cofactors map the cross product of two edges to the cross product of the moved edges: they
+        # are the inverse transpose times the determinant, whose sign turns normals over where the
+        # matrix mirrors. Normals are not made unit vectors, so that their interpolation stays
+        # linear in the original ones.
         linear = scene_from_mesh[:3, :3]
         a, b, c = (linear / np.abs(linear).max()).T
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
@@ -187,7 +187,7 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 
 
 def refine(scene: Scene, levels: int) -> Scene:
-    """Return the scene with every triangle split in four at the middles of its edges, `levels` times over.
+    """Return the scene with each triangle split in four at its middles, `levels` times.
 
     Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and
     texture coordinates, not made a unit vector: interpolation over a triangle is then the same over
@@ -200,7 +200,7 @@ def refine(scene: Scene, levels: int) -> Scene:
 
 def _in_four(part: SceneObject) -> SceneObject:
     def with_middles(values: Floats | None) -> Floats | None:
-        """Append the mean over each edge's ends to values at vertices, (V, N); NaN where an end has none."""
+        """Append the means over edges to values at vertices (V, N); NaN spreads."""
         return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])
 
     sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1)
@@ -239,7 +239,7 @@ def smoothed(part: SceneObject) -> SceneObject:
 
 
 def flipped(part: SceneObject) -> SceneObject:
-    """Return the object wound the other way, its normals too, unless most lie on that side already."""
+    """Return the object wound the other way; normals turn unless most face that side."""
     normals, faces = part.vertex_normals, part.faces[:, ::-1]
     if normals is not None:
         a, b, c = part.vertices[faces].transpose(1, 0, 2)

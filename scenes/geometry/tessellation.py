@@ -23,7 +23,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 #: Largest number of steps that is counted along a patch: the quotient that gives it may be
 #: infinite.
 MAX_STEPS = 1e18
-#: Largest number of triangles: a tolerance that asks for more is a mistake in its unit.
+#: Largest number of triangles: a finer tolerance is a mistake in its unit.
 MAX_TRIANGLES = 20_000_000
 Steps = Sequence[tuple[int, int]]  #: numbers of steps along u and v into which each patch is cut
 
@@ -34,7 +34,7 @@ def evenly(count: int) -> Floats:
 
 
 def casteljau(controls: Floats, at: Floats) -> Floats:
-    """Return the points (T, ..., 3) of Bezier curves at (T,); De Casteljau's way, alike on every machine."""
+    """Return points (T, ..., 3) of Bezier curves by De Casteljau; alike on all machines."""
     at = at.reshape(-1, *(1 for _ in controls.shape))
     points = np.broadcast_to(controls, (len(at), *controls.shape))
     while points.shape[1] > 1:
@@ -105,7 +105,7 @@ def normals(net: Floats, u: Floats, v: Floats) -> Floats:
 
 
 def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
-    """Return the numbers of steps along u and v into which a patch must be cut to keep a chord tolerance.
+    """Return the fewest steps along u and v that keep a chord tolerance.
 
     Flat right triangles with legs 1/a and 1/b in the parameters lie within (M_uu/a^2 + 2 M_uv/(a b)
     + M_vv/b^2) / 8 of the surface, point by point, M being the largest second derivatives (Filip,
@@ -153,7 +153,7 @@ def tessellate(
 def cut(
     nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches cut into given steps, with the surface's exact normals; the winding faces f_u x f_v."""
+    """Return patches cut into some steps, with exact normals; wound as f_u x f_v."""
     vertices, directions, faces = [], [], []
     start = 0
     for net, (along_u, along_v) in zip(nets, steps, strict=True):
@@ -186,14 +186,14 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
             links.append((node, owners.setdefault(_oriented(side)[0].tobytes(), node)))
     # All directions of a strip, a connected part of the graph, take the largest number of steps
     # among them.
-    wanted = np.array(least, dtype=np.int64).reshape(-1)
+    needed = np.array(least, dtype=np.int64).reshape(-1)
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
     graph = coo_array(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(wanted), len(wanted))
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(needed), len(needed))
     )
     strips, strip = connected_components(graph, directed=False)
     of_strip = np.zeros(strips, dtype=np.int64)
-    np.maximum.at(of_strip, strip, wanted)
+    np.maximum.at(of_strip, strip, needed)
     return [(int(u), int(v)) for u, v in of_strip[strip].reshape(-1, 2)]
 
 
@@ -207,7 +207,7 @@ def _edge(controls: Floats, steps: int) -> Floats:
 
 
 def _oriented(controls: Floats) -> tuple[Floats, bool]:
-    """Return control points in the lesser of their two orders, and whether that is the reverse of theirs."""
+    """Return control points in the lesser of both orders, and whether it is reversed."""
     controls = (
         controls + 0.0
     )  # turns negative zeros positive, so that equal points have equal bytes
@@ -268,7 +268,8 @@ def read_patches(path: Path) -> list[Floats]:
             end = at + 2 + (n + 1) * (m + 1) * 3
             if end > len(words):
                 raise InputError(
-                    f"{path}: ends within the control points of patch {number}; write the file again"
+                    f"{path}: ends within the control points of patch {number}; write the "
+                    "file again"
                 )
             point = f"{path}: a control point of patch {number}"
             try:

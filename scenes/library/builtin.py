@@ -46,7 +46,7 @@ _TRANSFER = Frustum(
 
 
 def _made_by(module: str, function: str, *arguments: object, **named: object) -> Callable[[], Any]:
-    """Return a function of no arguments that calls a function of a module of `scenes`, loaded only then."""
+    """Return a call of a function of a module of `scenes`, which is loaded only then."""
     return lambda: getattr(import_module(f"xfrustum.scenes.{module}"), function)(
         *arguments, **named
     )
@@ -97,13 +97,15 @@ _CAR, _ASYMMETRIC = _made_by("library.car", "car"), _made_by("library.targets", 
 
 _ENTRIES = (
     BuiltinScene("car", 41_896,
-                 "a car body of about 42,000 triangles across the plate, as in the paper: the main job",
+                 "a car body of about 42,000 triangles across the plate, as in the paper: "
+                 "the main job",
                  _CAR),
     BuiltinScene("car-recentered", 41_896,
                  "the car on a fixed projection screen: every aperture shears its frustum",
                  _CAR, plate=_CAR_PLATE, frustum=_CAR_RECENTERED),
     BuiltinScene("car-transfer", 41_896,
-                 "a master for transfer: the car behind the plate, the screen in the transfer plane",
+                 "a master for transfer: the car behind the plate, the screen in the "
+                 "transfer plane",
                  _transferred_car, frustum=_TRANSFER),
     BuiltinScene("asymmetric", 4_896,
                  "different parts on both sides of the plate: no flip or swap of axes goes unseen",
@@ -115,20 +117,24 @@ _ENTRIES = (
                  "parallel sheets 1e-1 to 1e-6 of the reach apart, at graded heights: depth order",
                  _made_by("library.targets", "sheets", reach=_REACH[0])),
     BuiltinScene("crossing", 10_598,
-                 "a wavy surface through the middle aperture itself: what happens where the plate is cut",
+                 "a wavy surface through the middle aperture itself: what happens where the "
+                 "plate is cut",
                  _made_by("library.targets", "crossing")),
     BuiltinScene("large-triangles", 2_319,
                  "triangles far larger than the plate that cross it beside the aperture: clipping",
                  _made_by("library.targets", "large_triangles")),
     BuiltinScene("car-studio", 41_896,
-                 "the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
-                 _made_by("library.car", "studio_car"), appearance=_made_by("library.car", "studio")),
+                 "the car in paint, glass, rubber and metal, lit and reflecting: shading and "
+                 "reflection",
+                 _made_by("library.car", "studio_car"),
+                 appearance=_made_by("library.car", "studio")),
     BuiltinScene("mirror-sphere", 72_960,
                  "pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
                  _made_by("library.targets", "mirror_spheres"),
                  appearance=_made_by("library.targets", "mirror")),
     BuiltinScene("grating", 464,
-                 "bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
+                 "bars finer and coarser than one aperture can show, over 16 sub-apertures: "
+                 "band limiting",
                  _made_by("library.targets", "gratings", (80 / 81, 60 / 61)), frustum=_SMALL,
                  appearance=_made_by("library.targets", "plain"), sampling=Sampling(aperture=16)),
     BuiltinScene("empty", 0, "nothing at all: the true image of nothing is nothing", lambda: ()),

@@ -1,4 +1,4 @@
-"""A car of about 42,000 triangles: as it is, and in a studio.
+"""A car of about 42,000 triangles: plain, and in a studio.
 
 In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0,
 and it is 100 long, 42 wide and 32 high. Drawn for this project.
@@ -32,7 +32,8 @@ _SECTION = 3.4  #: exponent of the lower body's cross section
 
 # Lines of the lower body along z.
 _SHOULDER: Knots = (
-    (-50, 17.5), (-44, 20), (-33, 21), (-12, 20.5), (8, 20.3), (20, 20.2), (32, 19), (42, 17), (50, 14),
+    (-50, 17.5), (-44, 20), (-33, 21), (-12, 20.5), (8, 20.3), (20, 20.2), (32, 19), (42, 17),
+    (50, 14),
 )  # fmt: skip
 _SILL: Knots = ((-50, 8.5), (-44, 6), (-36, 4.6), (38, 4.4), (46, 5), (50, 6.2))
 _HALF_WIDTH: Knots = (
@@ -63,7 +64,7 @@ _RIM = _WHEEL.index((5.2, 2.4))
 
 
 def car() -> tuple[SceneObject, ...]:
-    """Return the car, turned by 35 degrees, across the plate; the middle aperture lies just over its hood."""
+    """Return the car across the plate, turned by 35 degrees, its hood below the middle aperture."""
     frame, glass = _cabin()
     parts = {
         "body": shapes.join(_lower_body(), frame),
@@ -93,7 +94,7 @@ def _curve(knots: Knots, at: Floats) -> Floats:
 
 
 def _superellipse(exponent: float, points: int) -> Floats:
-    """Return (points, 2) on the unit superellipse, evenly along its length, from (1, 0) to the left."""
+    """Return (points, 2) evenly along the unit superellipse, from (1, 0) to the left."""
     turn = np.linspace(0, 2 * np.pi, 4001)
     cosine, sine = np.cos(turn), np.sin(turn)
     dense = np.stack([np.sign(x) * np.abs(x) ** (2 / exponent) for x in (cosine, sine)], axis=1)
@@ -113,7 +114,7 @@ def _lower_body() -> shapes.Mesh:
     half_width, half_height = _curve(_HALF_WIDTH, z) * shrink, (top - bottom) / 2 * shrink
     x = half_width[:, None] * section[:, 0]
     y = ((top + bottom) / 2)[:, None] + half_height[:, None] * section[:, 1]
-    # Where an arch cuts above the widest line, what it cuts away must not fold over its roof.
+    # Where an arch cuts above the widest line, the cut must not fold over its roof.
     above = np.clip((arch - (top + bottom) / 2) / half_height, 0, 1)
     roof = (half_width * (1 - above**_SECTION) ** (1 / _SECTION))[:, None]
     cut = y < arch[:, None]
@@ -178,7 +179,7 @@ def _cabin() -> tuple[shapes.Mesh, shapes.Mesh]:
 
 
 def _wheel(side: int, axle: float) -> shapes.Mesh:
-    """Return a tire with a rim of five spokes; `side` is -1 or +1 and says where it faces."""
+    """Return a tire with a rim of five spokes, facing -x or +x by its `side`, -1 or +1."""
     radii, heights = np.array(_WHEEL, dtype=np.float64).T
     sectors = _WHEEL_SECTORS
     vertices, faces = shapes.lathe(radii, heights, sectors=sectors)
@@ -207,7 +208,7 @@ def _trim() -> shapes.Mesh:
     paired = [
         ((side * x, y, z), half, exponent) for side in (-1, 1) for (x, y, z), half, exponent in both
     ]
-    return shapes.join(*(_pebble(*one) for one in (*bumpers, *paired)))
+    return shapes.join(*(_pebble(*pebble) for pebble in (*bumpers, *paired)))
 
 
 def _pebble(
@@ -228,11 +229,14 @@ def _pebble(
 
 
 _MATERIALS = MappingProxyType({
-    "paint": Material(ambient=(0.03, 0.006, 0.008), diffuse=(0.42, 0.045, 0.05), specular=(0.35,) * 3,
+    "paint": Material(ambient=(0.03, 0.006, 0.008), diffuse=(0.42, 0.045, 0.05),
+                      specular=(0.35,) * 3,
                       exponent=50.0, reflectivity=(0.16,) * 3),
-    "glass": Material(ambient=(0.004, 0.006, 0.007), diffuse=(0.015, 0.022, 0.025), specular=(0.6,) * 3,
+    "glass": Material(ambient=(0.004, 0.006, 0.007), diffuse=(0.015, 0.022, 0.025),
+                      specular=(0.6,) * 3,
                       exponent=200.0, reflectivity=(0.3, 0.32, 0.34)),
-    "tire": Material(ambient=(0.008,) * 3, diffuse=(0.035,) * 3, specular=(0.04,) * 3, exponent=8.0),
+    "tire": Material(ambient=(0.008,) * 3, diffuse=(0.035,) * 3, specular=(0.04,) * 3,
+                     exponent=8.0),
     "metal": Material(ambient=(0.02,) * 3, diffuse=(0.12, 0.12, 0.13), specular=(0.5,) * 3,
                       exponent=80.0, reflectivity=(0.55, 0.55, 0.58)),
 })  # fmt: skip
@@ -265,7 +269,7 @@ def studio() -> Appearance:
 
 
 def surroundings(height: int = 256) -> Environment:
-    """Return sky, ground and soft-edged softboxes as a latitude-longitude map of 2 height x height pixels."""
+    """Return sky, ground and softboxes as a map of 2 height x height pixels."""
     rows = (np.arange(height) + 0.5) / height
     columns = (np.arange(2 * height) + 0.5) / (2 * height)
     latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180

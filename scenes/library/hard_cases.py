@@ -1,4 +1,4 @@
-"""The suite of hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md)."""
+"""Hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ FRUSTUM = Frustum(
 
 @dataclass(frozen=True)
 class HardCase(BuiltinScene):
-    """One scene at which a renderer of crossed frusta may fail, and the true image that is expected."""
+    """One scene at which a renderer may fail, with the content of its true image."""
 
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
@@ -79,12 +79,12 @@ def listing() -> list[BuiltinScene]:
 
 
 def build(name: str) -> Scene:
-    """Return the scene of one of `CASES`, made anew each time: one of them takes hundreds of megabytes."""
+    """Return the scene of a case, made anew: the largest takes hundreds of megabytes."""
     return CASES[name].build()
 
 
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
-    """Return points (..., 3) at s on lines of `FRUSTUM`: exact for half pixels and s of at most 45 bits."""
+    """Return points (..., 3) at s on lines of `FRUSTUM`; exact for half pixels."""
     columns, rows, along = np.broadcast_arrays(
         np.asarray(column, dtype=np.float64),
         np.asarray(row, dtype=np.float64),
@@ -102,7 +102,7 @@ def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
 
 
 def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: ArrayLike) -> Floats:
-    """Return two triangles (2, 3, 3) over a rectangle of the film; one s, or four clockwise from top left."""
+    """Return two triangles over a film rectangle; s is one number or four, clockwise."""
     left, right = columns
     top, bottom = rows
     corners = on_line([left, right, right, left], [top, top, bottom, bottom], s)
@@ -130,18 +130,24 @@ def _bumpy_sheet(
     return as_object(name, (on_line(column, row, s).reshape(-1, 3), grid_faces(*column.shape)))
 
 
-@_case("vertices-and-edges", 392,
-       "lines run exactly through vertices and edges of a mesh: cracks or double hits",
-       "no crack; ties between all triangles around the vertex or beside the edge")  # fmt: skip
+@_case(
+    "vertices-and-edges",
+    392,
+    "lines run exactly through vertices and edges of a mesh: cracks or double hits",
+    "no crack; ties between all triangles around the vertex or beside the edge",
+)
 def _vertices_and_edges() -> Objects:
     return _bumpy_sheet("behind", (2, 30), (2, 58), 1), _bumpy_sheet(
         "in front", (34, 62), (2, 58), -1
     )
 
 
-@_case("closed-edges", 2,
-       "lines run exactly through the outline of single triangles: rounding decides",
-       "triangles are closed: their outline belongs to them, decided exactly, no tie")  # fmt: skip
+@_case(
+    "closed-edges",
+    2,
+    "lines run exactly through the outline of single triangles: rounding decides",
+    "triangles are closed: their outline belongs to them, decided exactly, no tie",
+)
 def _closed_edges() -> Objects:
     behind = on_line([8, 40, 8], [8, 8, 40], [32.0, 64.0, 48.0])
     in_front = on_line([60, 60, 36], [60, 36, 60], [-32.0, -64.0, -48.0])
@@ -152,9 +158,12 @@ def _closed_edges() -> Objects:
 THROUGH_COLUMN, THROUGH_ROW = 40, 20
 
 
-@_case("surface-through-aperture", 2,
-       "all lines meet at one point of the surface, and one column of lines lies in it",
-       "the surface at height 0 in every pixel but that column, which shows the wall behind")  # fmt: skip
+@_case(
+    "surface-through-aperture",
+    2,
+    "all lines meet at one point of the surface, and one column of lines lies in it",
+    "the surface at height 0 in every pixel but that column, which shows the wall behind",
+)
 def _surface_through_aperture() -> Objects:
     # The triangle lies in the plane of all lines of one column, hence exactly through the aperture.
     corners = on_line(THROUGH_COLUMN, 0, [-64.0, -64.0, 96.0])
@@ -162,10 +171,13 @@ def _surface_through_aperture() -> Objects:
     return loose("surface", [corners]), wall()
 
 
-@_case("vertex-on-aperture", 6,
-       "every line runs through the tip of a pyramid: all its sides are met at once",
-       "a tie of the four sides at height 0 in every pixel; an ordinary pyramid from elsewhere",
-       apertures=((2, 2), (3, 2)))  # fmt: skip
+@_case(
+    "vertex-on-aperture",
+    6,
+    "every line runs through the tip of a pyramid: all its sides are met at once",
+    "a tie of the four sides at height 0 in every pixel; an ordinary pyramid from elsewhere",
+    apertures=((2, 2), (3, 2)),
+)
 def _vertex_on_aperture() -> Objects:
     # The sides have slopes of 1/4 = 32/128, between two columns: no pixel's line lies in a side.
     base = [(16.0, 16.0, -64.0), (-16.0, 16.0, -64.0), (-16.0, -16.0, -64.0), (16.0, -16.0, -64.0)]
@@ -174,22 +186,28 @@ def _vertex_on_aperture() -> Objects:
     return (as_object("pyramid", (vertices, faces)),)
 
 
-@_case("edge-through-aperture", 3,
-       "an edge runs through the aperture, along the line of one pixel",
-       "a tie at height 0; one of both sides along a row and a column, the wall at the cross")  # fmt: skip
+@_case(
+    "edge-through-aperture",
+    3,
+    "an edge runs through the aperture, along the line of one pixel",
+    "a tie at height 0; one of both sides along a row and a column, the wall at the cross",
+)
 def _edge_through_aperture() -> Objects:
     ends = on_line(THROUGH_COLUMN, THROUGH_ROW, [-32.0, 64.0])
-    # One triangle lies in the plane of the row's lines, the other in that of the column's.
+    # One triangle lies in the plane of the row's lines, the other in the plane of the column's.
     aside = on_line(THROUGH_COLUMN, THROUGH_ROW, 16.0) + np.array(
         [(20.0, 0.0, 0.0), (0.0, 20.0, 0.0)]
     )
     return loose("tent", [[*ends, corner] for corner in aside]), wall()
 
 
-@_case("triangle-in-plate", 2,
-       "a triangle lies in the plate: with the aperture inside, on its edge, on its corner, beside",
-       "the triangle at height 0 in every pixel; from beside it only the wall behind",
-       apertures=((1, 3), (2, 2), (0, 4), (3, 1)))  # fmt: skip
+@_case(
+    "triangle-in-plate",
+    2,
+    "a triangle lies in the plate: with the aperture inside, on its edge, on its corner, beside",
+    "the triangle at height 0 in every pixel; from beside it only the wall behind",
+    apertures=((1, 3), (2, 2), (0, 4), (3, 1)),
+)
 def _triangle_in_plate() -> Objects:
     return loose("in plate", [[(-16, -16, 0), (16, -16, 0), (-16, 16, 0)]]), wall()
 
@@ -212,22 +230,28 @@ def sheet_columns(index: int) -> tuple[float, float]:
 
 
 def _ball(z: float) -> SceneObject:
-    """Return a ball of diameter 24 at a height above the plate, in one half of the film for each side."""
+    """Return a ball of diameter 24 at a height, in one half of the film for each side."""
     return place(
         build_shape("sphere"), placement(24.0, (10.0, 20.0, 0.0), (0.25 * abs(z), -0.0625 * z, z))
     )
 
 
-@_case("coincident-copies", 8_832,
-       "the same triangles twice: nothing decides which is first",
-       "every covered pixel is a tie of both copies and shows the first")  # fmt: skip
+@_case(
+    "coincident-copies",
+    8_832,
+    "the same triangles twice: nothing decides which is first",
+    "every covered pixel is a tie of both copies and shows the first",
+)
 def _coincident_copies() -> Objects:
     return _ball(-50.0), _ball(50.0), _ball(-50.0), _ball(50.0)
 
 
-@_case("coincident-other-triangles", 6,
-       "the same plane in other triangles: equal depth from unequal numbers",
-       "every covered pixel is a tie between both sheets and shows the first")  # fmt: skip
+@_case(
+    "coincident-other-triangles",
+    6,
+    "the same plane in other triangles: equal depth from unequal numbers",
+    "every covered pixel is a tie between both sheets and shows the first",
+)
 def _coincident_other_triangles() -> Objects:
     def in_plane(*points: tuple[float, float]) -> Floats:
         x, y = np.array(points).T
@@ -239,9 +263,12 @@ def _coincident_other_triangles() -> Objects:
     return two, as_object("four triangles", (in_plane(*corners, (4.0, -8.0)), fan))
 
 
-@_case("nearly-coincident", 40,
-       "sheets 1e-3 to 1e-12 of their distance apart, and one step of a double; the hidden one first",
-       "the upper sheet everywhere, no tie; one step of a double is decided exactly")  # fmt: skip
+@_case(
+    "nearly-coincident",
+    40,
+    "sheets 1e-3 to 1e-12 of their distance apart, and one step of a double; the hidden one first",
+    "the upper sheet everywhere, no tie; one step of a double is decided exactly",
+)
 def _nearly_coincident() -> Objects:
     lower, upper = [], []
     for side, rows in zip((1, -1), SHEET_ROWS, strict=True):
@@ -268,9 +295,12 @@ def _nearly_coincident() -> Objects:
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 
 
-@_case("at-the-reach", 8,
-       "sheets exactly at the ends of the reach, and one step of a double beyond",
-       "those at the reach are imaged, those beyond are not")  # fmt: skip
+@_case(
+    "at-the-reach",
+    8,
+    "sheets exactly at the ends of the reach, and one step of a double beyond",
+    "those at the reach are imaged, those beyond are not",
+)
 def _at_the_reach() -> Objects:
     at, beyond = REACH, float(np.nextafter(REACH, np.inf))
     return tuple(
@@ -281,18 +311,27 @@ def _at_the_reach() -> Objects:
     )
 
 
-_case("nothing", 0,
-      "no objects: nothing to build, nothing to hit",
-      "no surface in any pixel, proven")(lambda: ())  # fmt: skip
-_case("only-in-front", 2_208,
-      "nothing behind the plate: one of the two cameras sees nothing",
-      "surfaces at positive heights only")(lambda: (_ball(50.0),))  # fmt: skip
-_case("only-behind", 2_208,
-      "nothing in front of the plate: the other camera sees nothing",
-      "surfaces at negative heights only")(lambda: (_ball(-50.0),))  # fmt: skip
-_case("only-out-of-reach", 4_416,
-      "objects on the lines, but beyond the reach on both sides",
-      "no surface in any pixel, proven")(lambda: (_ball(REACH + 30.0), _ball(-REACH - 30.0)))  # fmt: skip
+_case(
+    "nothing", 0, "no objects: nothing to build, nothing to hit", "no surface in any pixel, proven"
+)(lambda: ())
+_case(
+    "only-in-front",
+    2_208,
+    "nothing behind the plate: one of the two cameras sees nothing",
+    "surfaces at positive heights only",
+)(lambda: (_ball(50.0),))
+_case(
+    "only-behind",
+    2_208,
+    "nothing in front of the plate: the other camera sees nothing",
+    "surfaces at negative heights only",
+)(lambda: (_ball(-50.0),))
+_case(
+    "only-out-of-reach",
+    4_416,
+    "objects on the lines, but beyond the reach on both sides",
+    "no surface in any pixel, proven",
+)(lambda: (_ball(REACH + 30.0), _ball(-REACH - 30.0)))
 
 
 # Triangles that are hardly there: edge-on, needles, without area, twice, tiny
@@ -307,9 +346,12 @@ TURN = 2.0**-49
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
 
 
-@_case("edge-on", 3,
-       "a triangle in the plane of a column's lines, and one turned by a single step of a double",
-       "the first covers nothing; the other covers 26 pixels of its column, at depth 48")  # fmt: skip
+@_case(
+    "edge-on",
+    3,
+    "a triangle in the plane of a column's lines, and one turned by a single step of a double",
+    "the first covers nothing; the other covers 26 pixels of its column, at depth 48",
+)
 def _edge_on() -> Objects:
     def upright(column: int, turn: float) -> Floats:
         """Return a triangle along a column's lines, its ends moved in x."""
@@ -327,9 +369,12 @@ def _edge_on() -> Objects:
 NEEDLE = 28e-6
 
 
-@_case("needles", 4,
-       "triangles a million times longer than wide, along rows of pixel centers",
-       "exactly the pixels whose centers they cover: 57, 29 and 57; between pixels none")  # fmt: skip
+@_case(
+    "needles",
+    4,
+    "triangles a million times longer than wide, along rows of pixel centers",
+    "exactly the pixels whose centers they cover: 57, 29 and 57; between pixels none",
+)
 def _needles() -> Objects:
     down = on_line([20 - NEEDLE, 20 + NEEDLE, 20], [4, 4, 60], [64.0, 64.0, 48.0])
     between = on_line([24.5 - NEEDLE, 24.5 + NEEDLE, 24.5], [4, 4, 60], [64.0, 64.0, 48.0])
@@ -340,9 +385,12 @@ def _needles() -> Objects:
     return (loose("needles", [down, between, diagonal, across]),)
 
 
-@_case("zero-area", 7,
-       "triangles without area exactly on lines: points, collinear corners, in the aperture",
-       "they cover nothing: the wall behind in every pixel, no tie")  # fmt: skip
+@_case(
+    "zero-area",
+    7,
+    "triangles without area exactly on lines: points, collinear corners, in the aperture",
+    "they cover nothing: the wall behind in every pixel, no tie",
+)
 def _zero_area() -> Objects:
     point = on_line([10, 10, 10], 10, 32.0)
     two_equal = on_line([14, 30, 14], [12, 12, 12], [32.0, 48.0, 32.0])
@@ -354,9 +402,12 @@ def _zero_area() -> Objects:
     return loose("flat", flat), wall()
 
 
-@_case("duplicates", 36,
-       "the same faces twice, wound either way, and again with vertices of their own",
-       "every covered pixel is a tie of all three and shows the first")  # fmt: skip
+@_case(
+    "duplicates",
+    36,
+    "the same faces twice, wound either way, and again with vertices of their own",
+    "every covered pixel is a tie of all three and shows the first",
+)
 def _duplicates() -> Objects:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
     # All faces come twice on shared vertices, the second time wound the other way, and once more
@@ -371,9 +422,12 @@ def _duplicates() -> Objects:
 SMALLEST = 2.0**-240
 
 
-@_case("smallest", 5,
-       "two sheets 1e-72 behind the aperture, near the smallest coordinates that may be, and a wall",
-       "the nearer sheet before the other, and the wall around them: 1517, 1248, 1331 pixels")  # fmt: skip
+@_case(
+    "smallest",
+    5,
+    "two sheets 1e-72 behind the aperture, near the smallest coordinates that may be, and a wall",
+    "the nearer sheet before the other, and the wall around them: 1517, 1248, 1331 pixels",
+)
 def _smallest() -> Objects:
     hidden = film_rectangle((4.0, 40.0), (4.0, 60.0), 2 * SMALLEST)
     nearer = film_rectangle((20.0, 56.0), (12.0, 52.0), SMALLEST)
@@ -397,18 +451,21 @@ _ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
 
 def asymmetric_on_a_grid() -> Objects:
-    """Return the asymmetric objects rounded to multiples of 2^-20, which survive a detour exactly."""
+    """Return the asymmetric objects rounded to 2^-20, so that a detour is exact."""
     return tuple(
         replace(part, vertices=np.rint(part.vertices / _GRAIN) * _GRAIN) for part in asymmetric()
     )
 
 
-@_case("far-from-origin", 4_896,
-       "mesh coordinates of 1e6, brought to the plate by the transform: float32 would keep 1/16 mm",
-       "the same image as of meshes that lie at the plate already, to the last bit",
-       plate=ASYMMETRIC_PLATE,
-       frustum=ASYMMETRIC_FRUSTUM,
-       apertures=_ASYMMETRIC_APERTURES)  # fmt: skip
+@_case(
+    "far-from-origin",
+    4_896,
+    "mesh coordinates of 1e6, brought to the plate by the transform: float32 would keep 1/16 mm",
+    "the same image as of meshes that lie at the plate already, to the last bit",
+    plate=ASYMMETRIC_PLATE,
+    frustum=ASYMMETRIC_FRUSTUM,
+    apertures=_ASYMMETRIC_APERTURES,
+)
 def _far_from_origin() -> Objects:
     # Far-away vertices, as a mesh file would have them, and the `translate` of the scene file.
     back = placement(translate=(-FAR_AWAY, FAR_AWAY, -FAR_AWAY))
@@ -443,19 +500,25 @@ def _room() -> Objects:
     return (replace(box, name="room", vertices=box.vertices * (2 * np.array(ROOM))),)
 
 
-_case("steep", 12,
-      "a full angle of 170 degrees: slopes up to 11.4, lines almost along the plate",
-      "the box about the aperture, where each line enters it, in every pixel",
-      frustum=Frustum(resolution=(64, 64), reach=(REACH, REACH), fov=(radians(170), radians(170))),
-      apertures=((2, 2), (0, 3)))(_room)  # fmt: skip
+_case(
+    "steep",
+    12,
+    "a full angle of 170 degrees: slopes up to 11.4, lines almost along the plate",
+    "the box about the aperture, where each line enters it, in every pixel",
+    frustum=Frustum(resolution=(64, 64), reach=(REACH, REACH), fov=(radians(170), radians(170))),
+    apertures=((2, 2), (0, 3)),
+)(_room)
 
 
-@_case("sheared-five-screens", 121,
-       "apertures five screen widths beside the screen: the shear is ten times the half-extent",
-       "the picture on the screen fills every aperture's film alike",
-       plate=Plate(size=(250.0, 250.0), hogels=(5, 5)),
-       frustum=replace(FRUSTUM, screen=SHEARED_SCREEN),
-       apertures=((2, 2), (0, 0), (4, 4), (4, 0), (3, 2)))  # fmt: skip
+@_case(
+    "sheared-five-screens",
+    121,
+    "apertures five screen widths beside the screen: the shear is ten times the half-extent",
+    "the picture on the screen fills every aperture's film alike",
+    plate=Plate(size=(250.0, 250.0), hogels=(5, 5)),
+    frustum=replace(FRUSTUM, screen=SHEARED_SCREEN),
+    apertures=((2, 2), (0, 0), (4, 4), (4, 0), (3, 2)),
+)
 def _picture_on_the_screen() -> Objects:
     """Return a sheet that fills the projection screen, with a hole through which a wall shows."""
     x, y = np.meshgrid(np.linspace(-10, 10, 9), np.linspace(-10, 10, 9))
@@ -477,34 +540,47 @@ def _screen_at(height: float) -> Frustum:
     return replace(FRUSTUM, screen=Screen(height=height, center=(0.0, 0.0), size=(64.0, 64.0)))
 
 
-_case("screen-near-plate", 12,
-      "a screen 2^-30 behind the plate: slopes of 1e10, lines as good as in the plate",
-      "the box about the aperture, where each line enters it, within 1e-6 of the plate",
-      frustum=_screen_at(-(2.0**-30)),
-      apertures=((2, 2), (0, 3)))(_room)  # fmt: skip
-_case("screen-near-plate-in-front", 12,
-      "the same screen 2^-30 before the plate: the shear changes its sign, and its image is mirrored",
-      "the box where each line enters it; from the middle what the screen behind the plate shows",
-      frustum=_screen_at(2.0**-30),
-      apertures=((2, 2), (0, 3)))(_room)  # fmt: skip
-_case("one-pixel", 12,
-      "1 x 1 pixel: no neighbor, and its one line runs through a diagonal of the box",
-      "a tie of the two triangles beside the diagonal at height -32",
-      frustum=replace(FRUSTUM, resolution=(1, 1)))(
-    lambda: (place(build_shape("box"), placement(16.0, translate=(0.0, 0.0, -40.0))),)
-)  # fmt: skip
-_case("giant-image", 41_896,
-      "8192 x 8192 pixels of the car: memory must not grow with the image",
-      "the car; in bands, a few hundred megabytes at a time",
-      frustum=replace(ASYMMETRIC_FRUSTUM, resolution=(8192, 8192)),
-      giant=True)(car)  # fmt: skip
+_case(
+    "screen-near-plate",
+    12,
+    "a screen 2^-30 behind the plate: slopes of 1e10, lines as good as in the plate",
+    "the box about the aperture, where each line enters it, within 1e-6 of the plate",
+    frustum=_screen_at(-(2.0**-30)),
+    apertures=((2, 2), (0, 3)),
+)(_room)
+_case(
+    "screen-near-plate-in-front",
+    12,
+    "the same screen 2^-30 before the plate: the shear changes its sign, and its image is mirrored",
+    "the box where each line enters it; from the middle what the screen behind the plate shows",
+    frustum=_screen_at(2.0**-30),
+    apertures=((2, 2), (0, 3)),
+)(_room)
+_case(
+    "one-pixel",
+    12,
+    "1 x 1 pixel: no neighbor, and its one line runs through a diagonal of the box",
+    "a tie of the two triangles beside the diagonal at height -32",
+    frustum=replace(FRUSTUM, resolution=(1, 1)),
+)(lambda: (place(build_shape("box"), placement(16.0, translate=(0.0, 0.0, -40.0))),))
+_case(
+    "giant-image",
+    41_896,
+    "8192 x 8192 pixels of the car: memory must not grow with the image",
+    "the car; in bands, a few hundred megabytes at a time",
+    frustum=replace(ASYMMETRIC_FRUSTUM, resolution=(8192, 8192)),
+    giant=True,
+)(car)
 
 
-@_case("giant-mesh", 10_000_000,
-       "ten million triangles, most of them smaller than a pixel",
-       "the wave behind the plate in every pixel",
-       frustum=replace(FRUSTUM, resolution=(512, 512)),
-       giant=True)  # fmt: skip
+@_case(
+    "giant-mesh",
+    10_000_000,
+    "ten million triangles, most of them smaller than a pixel",
+    "the wave behind the plate in every pixel",
+    frustum=replace(FRUSTUM, resolution=(512, 512)),
+    giant=True,
+)
 def _ten_million() -> Objects:
     rows, columns = 2500, 2000
     x, y = np.linspace(-60, 60, columns + 1), np.linspace(-60, 60, rows + 1)[:, None]

@@ -1,4 +1,4 @@
-"""Objects that show one thing each: orientation, depth order, the cut at the plate, reflection, bars.
+"""Objects for orientation, depth order, the cut at the plate, reflection, and bars.
 
 Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
 """
@@ -44,7 +44,7 @@ def _shape(name: str, size: float, rotate_deg: Vector, center: Vector) -> SceneO
 
 
 def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
-    """Return a letter F whose strokes stand out by different depths: no rotation undoes a mirror."""
+    """Return a letter F with strokes of different depths: no rotation undoes a mirror."""
     strokes = [
         ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
@@ -64,7 +64,7 @@ SHEET_SEPARATIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
 def sheets(*, reach: float) -> tuple[SceneObject, ...]:
-    """Return pairs of parallel sheets: object 0 the upper sheets, toward the viewer, object 1 the lower.
+    """Return pairs of parallel sheets: object 0 the upper, toward the viewer, 1 the lower.
 
     Seen from the middle aperture, the pairs behind the plate fill the left half of the film and
     those in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
@@ -110,7 +110,7 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes
 
 
 def crossing() -> tuple[SceneObject, ...]:
-    """Return a steep wavy surface that contains the origin exactly, a ball before it and a box behind.
+    """Return a steep wave through the origin exactly, a ball before it and a box behind.
 
     About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle
     aperture meet it in the plate itself. Cells shrink toward it by powers of two: near planes meet
@@ -204,11 +204,11 @@ FINE, COARSE = 0.5, 4.0
 
 
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
-    """Return a sheet of almost upright bars before the plate, and one of almost level bars behind it.
+    """Return almost upright bars before the plate, and almost level bars behind it.
 
     Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the
-    plate) with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is that
-    of hogels along x and y.
+    plate) with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is the
+    pitch of hogels along x and y.
     """
     return (
         _bars(
@@ -225,7 +225,7 @@ def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
 
 
 def _periods(pitch: float, extent: float) -> Floats:
-    """Return where brightness turns: coarse on the negative side, fine on the positive, 0 among them."""
+    """Return the turns of brightness: coarse below 0, fine above, 0 among them."""
     coarse = np.arange(-int(extent / (COARSE * pitch / 2)), 0) * COARSE / 2
     fine = np.arange(int(extent / (FINE * pitch / 2)) + 1) * FINE / 2
     return np.concatenate([coarse, fine]) * pitch
@@ -246,6 +246,6 @@ def _bars(
 
 
 def plain() -> Appearance:
-    """Return a material that shows the vertex colors as they are, without any light."""
+    """Return a material that shows the unlit vertex colors."""
     own_color = Material(ambient=(1.0, 1.0, 1.0), diffuse=_BLACK)
     return Appearance(materials=MappingProxyType({"plain": own_color}), lights=())

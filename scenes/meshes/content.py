@@ -1,4 +1,4 @@
-"""Content of a mesh file: parts in the file's own coordinates, and features that are not honoured."""
+"""Content of a mesh file: its parts, in its own coordinates, and features not honoured."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def cofactors(matrices: Floats) -> Floats:
 def carried(
     matrices: Floats, faces: Indices, normals: Floats | None
 ) -> tuple[Indices, Floats | None]:
-    """Return faces (N, F, 3) and normals (N, V, 3), of any length, at the places of (N, 3, 3) matrices.
+    """Return faces (N, F, 3) and normals (N, V, 3) at the places of (N, 3, 3) matrices.
 
     A mirror turns the winding, so that the outside stays outside; normals stay on its side.
     """

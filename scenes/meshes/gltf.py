@@ -22,13 +22,19 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, cofactors, unit_normals
 from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
-from xfrustum.scenes.meshes.gltf_materials import CoarseView, look_of, picture_of, unread_extension
+from xfrustum.scenes.meshes.gltf_materials import (
+    MaterialLook,
+    look_of,
+    picture_of,
+    unread_extension,
+)
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _TRIANGLES, _STRIP = 4, 5
 _DRACO = "KHR_draco_mesh_compression"
 _HONOURED = {
-    _DRACO, "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_mesh_quantization", "KHR_node_visibility",
+    _DRACO, "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 }  # fmt: skip
 #: Extensions that change positions or faces and are not read.
@@ -58,12 +64,12 @@ class _Local:
     normals: Floats | None
     uv: Floats | None
     color: Floats | None
-    look: CoarseView
+    look: MaterialLook
     joints: tuple[tuple[Indices, Floats], ...]  #: numbers of joints and their weights, (V, 4) each
 
 
 def read_gltf(path: Path) -> MeshContent:
-    """Read a .gltf or .glb file; InputError where it breaks the format or needs what is not read."""
+    """Read a .gltf or .glb file; InputError at a broken format or a feature not read."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
     look = cache(partial(look_of, gltf, cache(partial(picture_of, gltf))))
@@ -91,7 +97,7 @@ def read_gltf(path: Path) -> MeshContent:
 
 
 def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
-    """Return the extensions that are not honoured; refuse those that are required or change geometry."""
+    """Return extensions not honoured; refuse the required ones and changes of geometry."""
     tree = gltf.tree
     primitives = [primitive for mesh in tree.meshes for primitive in mesh.primitives]
     extended: list[Any] = [tree, *tree.nodes, *tree.meshes, *primitives, *tree.skins, *tree.scenes]
@@ -125,8 +131,8 @@ def _local_matrix(gltf: Gltf, node: Node) -> Floats:
         if matrix[3].tolist() != [0, 0, 0, 1]:
             raise gltf.error("the last row of a node's matrix is not 0 0 0 1")
         return matrix
-    given = [[part] if part else None for part in (node.translation, node.rotation, node.scale)]
-    placed: Floats = _matrices(*given, count=1)[0]
+    steps = [[part] if part else None for part in (node.translation, node.rotation, node.scale)]
+    placed: Floats = _matrices(*steps, count=1)[0]
     return placed
 
 
@@ -222,7 +228,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
 
 
 def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
-    """Return (F, 3) faces of a triangle topology (section 3.7.2.1), wound as the specification says."""
+    """Return (F, 3) faces of a triangle topology (section 3.7.2.1), with its winding."""
     order = np.arange(count) if primitive.indices is None else gltf.indices(primitive.indices)
     if len(order) and order.max() >= count:
         raise gltf.error(f"faces point past the vertices: index {order.max()}, {count} vertices")
@@ -243,10 +249,10 @@ def _local(
     gltf: Gltf,
     primitive: Primitive,
     weights: Sequence[float],
-    look_of: Callable[[int], CoarseView],
+    look_of: Callable[[int], MaterialLook],
     skinned: bool,
 ) -> _Local | None:
-    """Return the triangles of a primitive and the vertices they use; None where its topology has none."""
+    """Return the triangles of a primitive and their vertices; None for points and lines."""
     names = primitive.attributes
     if primitive.mode < _TRIANGLES or "POSITION" not in names:
         return None
@@ -276,7 +282,7 @@ def _local(
         used[:] = False
         used[faces] = True
         faces = (np.cumsum(used) - 1)[faces]
-    look = CoarseView() if primitive.material is None else look_of(primitive.material)
+    look = MaterialLook() if primitive.material is None else look_of(primitive.material)
     uv = None if primitive.material is None else attribute(look.coordinates, 2)
     joints: list[tuple[Indices, Floats]] = []
     while skinned and (name := f"JOINTS_{len(joints)}") in names:
@@ -303,7 +309,8 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
         import DracoPy  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise InputError(
-            f"{gltf.path}: {_DRACO} needs a package that is not installed: pip install '.[draco]' in the "
+            f"{gltf.path}: {_DRACO} needs a package that is not installed: pip install "
+            "'.[draco]' in the "
             "checkout of xfrustum"
         ) from error
     data = bytes(gltf.view(draco.buffer_view))
@@ -314,7 +321,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
             for name, number in draco.attributes.items()
         }
         faces = np.asarray(mesh.faces, np.uint32).reshape(-1, 1)
-    except Exception as error:  # any type: DracoPy has its own, and those of its bindings
+    except Exception as error:  # of any type: DracoPy and its bindings have types of their own
         raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
     if primitive.indices is None or primitive.mode != _TRIANGLES:
         raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")
@@ -343,16 +350,16 @@ def _placing(
     matrices = worlds[number][None]
     if instancing is not None:
         indices = instancing.attributes
-        given = [
+        steps = [
             gltf.values(indices[name], width) if name in indices else None
             for name, width in (("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3))
         ]
-        matrices = matrices @ _matrices(*given, count=_instances(gltf, node))
+        matrices = matrices @ _matrices(*steps, count=_instances(gltf, node))
     return partial(_placed, matrices)
 
 
 def _placed(matrices: Floats, local: _Local) -> MeshPart:
-    """Return the triangles of a primitive at all of its places, (N, 4, 4), one after the other."""
+    """Return the triangles of a primitive at each of its places (N, 4, 4) in turn."""
     places, count = len(matrices), len(local.points)
     homogeneous = np.column_stack([local.points, np.ones(count)])
     vertices = np.matmul(matrices, homogeneous.T)[:, :3].transpose(0, 2, 1).reshape(-1, 3)

@@ -277,7 +277,7 @@ class Gltf:
         return self.entry(self.tree.accessors, index, "accessor")
 
     def values(self, index: int, *widths: int, shares: bool = False) -> Floats:
-        """Return the numbers of an accessor as doubles, as `stored` does, normalized integers divided.
+        """Return the numbers of `stored` as doubles, normalized integers divided.
 
         `shares` divides integers that are not declared normalized too.
         """
@@ -338,7 +338,7 @@ class Gltf:
         return self.stored(index, 1)[:, 0].astype(np.int64)
 
     def check_bounds(self, index: int) -> None:
-        """Raise InputError where `min` and `max` of a vector are not those of its data."""
+        """Raise InputError where `min` and `max` of vectors differ from their data."""
         accessor = self.accessor(index)
         stored = self.stored(index, 3)
         if index in self.decoded:  # bounds are mostly those from before the compression
@@ -351,11 +351,11 @@ class Gltf:
             if np.shape(declared) != (3,) or not np.allclose(
                 declared, measured, rtol=0, atol=rounding
             ):
-                given, real = (
+                stated, real = (
                     [float(f"{value:.6g}") for value in row] for row in (declared, measured)
                 )
                 raise self.error(
-                    f"{name} of accessor {index} is declared {given}, its data have {real}"
+                    f"{name} of accessor {index} is declared {stated}, its data have {real}"
                 )
 
     def view(self, index: int) -> memoryview:
@@ -394,7 +394,7 @@ class Gltf:
         return self._buffers[index]
 
     def resource(self, uri: str, largest: int) -> bytes:
-        """Return the bytes of a data URI, or at most so many of a file beside this one."""
+        """Return the bytes of a data URI, or the first `largest` bytes of a file."""
         if not uri.startswith("data:"):
             file = file_beside(self.path, unquote(uri))
             if file is None:

@@ -18,7 +18,7 @@ _REPEAT = 10497  # wrap mode of samplers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CoarseView:
+class MaterialLook:
     """Color of the surfaces of one material."""
 
     base_color: Floats | None = None  #: (3,) linear RGB, None where white
@@ -55,7 +55,7 @@ def unread_extension(name: str) -> UnreadFeature:
     return UnreadFeature(feature=name, consequence=consequence)
 
 
-def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> CoarseView:
+def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> MaterialLook:
     """Return the look of a material of a file, its textures as of `picture_of`."""
     material = gltf.entry(gltf.tree.materials, index, "material")
     rough = material.pbr_metallic_roughness
@@ -73,7 +73,7 @@ def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int
         if getattr(material, f"{name}_texture") is not None
     ]
     if info is None:
-        return CoarseView(base_color=base, unread=tuple(unread))
+        return MaterialLook(base_color=base, unread=tuple(unread))
     transform = info.transform
     chosen = None if transform is None else transform.tex_coord
     texture = gltf.entry(gltf.tree.textures, info.index, "texture")
@@ -84,7 +84,7 @@ def look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int
         repeated = "is not applied: textures repeat"
         unread.append(UnreadFeature(feature="wrap mode of a sampler", consequence=repeated))
     name, picture = picture_of(info.index)
-    return CoarseView(
+    return MaterialLook(
         base_color=base,
         texture=name,
         picture=picture,

@@ -1,6 +1,6 @@
 """One mesh file as one object: the reader of its format, and the checks that all formats share.
 
-Faces are numbered as CONVENTIONS.md says; nothing that a library makes up is drawn (docs/adr/0007).
+Faces are numbered by CONVENTIONS.md; nothing that a library makes up is drawn (docs/adr/0007).
 """
 
 from __future__ import annotations
@@ -121,13 +121,13 @@ def _joined(
     parts: Sequence[MeshPart], values: Iterable[Floats | None], otherwise: tuple[float, ...]
 ) -> Floats | None:
     """Return (V, n) values at the vertices of all parts; None where no part has any."""
-    given = list(values)
-    if all(value is None for value in given):
+    own = list(values)
+    if all(value is None for value in own):
         return None
-    found = [np.array(otherwise) if value is None else value for value in given]
+    filled = [np.array(otherwise) if value is None else value for value in own]
     shapes = [(len(part.vertices), len(otherwise)) for part in parts]
     return np.concatenate(
-        [np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)]
+        [np.broadcast_to(value, shape) for value, shape in zip(filled, shapes, strict=True)]
     )
 
 
@@ -139,7 +139,8 @@ def _check_geometry(path: Path, parts: Sequence[MeshPart]) -> None:
         lowest, highest = int(part.faces.min()), int(part.faces.max())
         if lowest < 0 or highest >= len(part.vertices):
             raise InputError(
-                f"{path}: faces point past the vertices (index {lowest if lowest < 0 else highest}, "
+                f"{path}: faces point past the vertices (index "
+                f"{lowest if lowest < 0 else highest}, "
                 f"{len(part.vertices)} vertices); export the mesh again"
             )
     finite = np.concatenate([np.isfinite(part.vertices).all(axis=1) for part in parts])

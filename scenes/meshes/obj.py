@@ -40,7 +40,8 @@ _REFUSED: Final = {
 }
 _NO_OBJ: Final = {
     plain_text(b"PK\3\4"): "an archive, and no OBJ; unpack it first",
-    b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, not its web page",
+    b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, "
+    "not its web page",
 }
 _CURVES: Final = frozenset(
     [
@@ -166,7 +167,7 @@ def _value(lines: TextLines, line: int) -> str:
 
 
 def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[UnreadFeature]:
-    """Return statements that are not honoured; InputError at other surfaces and at unknown words."""
+    """Return statements not honoured; InputError at other surfaces and unknown words."""
     for word, (first, *_) in named.items():
         if word in _REFUSED:
             raise lines.error(first, f"'{word}' is {_REFUSED[word]}")
@@ -225,7 +226,7 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
 
 
 def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
-    """Return the polygons of a file; InputError at a corner that is damaged or refers to nothing."""
+    """Return the polygons of a file; InputError at corners that are damaged or dangling."""
     statements = np.flatnonzero(kinds["f"])
     text, line_ends = lines.bytes_of(kinds["f"], skip=1)
     begins = word_starts(text)
@@ -289,7 +290,7 @@ def _corner_indices(
 
 
 def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | None) -> MeshPart:
-    """Return the triangles of a material; corners (T, 3, 3) index vertex, coordinates and normal."""
+    """Return the triangles of a material by corners (T, 3, 3): vertex, coordinates, normal."""
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
     if used:
         faces, points, *rest = unmerge_faces(

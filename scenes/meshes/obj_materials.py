@@ -1,4 +1,4 @@
-"""Textures of the material libraries of OBJ files (.mtl); colors and lights are those of the scene file."""
+"""Textures of material libraries of OBJ (.mtl); the scene file has colors and lights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class MaterialTexture:
 def read_libraries(
     path: Path, statements: Sequence[str], used: set[str]
 ) -> tuple[dict[str, MaterialTexture], list[UnreadFeature]]:
-    """Return the looks of materials by their names, the first of a name; and what is not honoured.
+    """Return textures by material, the first of a name, and features not honoured.
 
     Parameters
     ----------
@@ -63,14 +63,16 @@ def read_libraries(
         word for name in used if name in looks for word in looks[name].not_honoured
     )
     if others:
-        told = "are not applied: colors and lights are those of the scene file"
+        consequence = "are not applied: colors and lights are those of the scene file"
         listed = ", ".join(sorted(others))
-        unread.append(UnreadFeature(feature=f"statements {listed} of materials", consequence=told))
+        unread.append(
+            UnreadFeature(feature=f"statements {listed} of materials", consequence=consequence)
+        )
     return {name: look for name, look in looks.items() if name in used}, unread
 
 
 def _content(path: Path, name: str) -> bytes | None:
-    """Return the content of a library beside an OBJ file; None where it is missing, empty or no file."""
+    """Return the content of a library beside an OBJ file; None where it cannot be read."""
     with suppress(InputError):
         library = file_beside(path, name)
         return None if library is None else read_input(library, "material library")
@@ -102,16 +104,16 @@ def _library(path: Path, library: bytes) -> dict[str, MaterialTexture]:
 
 def _options(values: Sequence[str]) -> tuple[list[str], int]:
     """Return the options before a texture's name, and how many words they take."""
-    found, place = [], 0
+    options, place = [], 0
     while (
         place < len(values) - 1 and values[place].startswith("-") and values[place][1:2].isalpha()
     ):
         option, place = values[place].lower(), place + 1
-        found.append(option)
+        options.append(option)
         most = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}.get(option, 1)
         numbers = [_is(value, None) for value in values[place : place + most]]
         place += max(1, (*numbers, False).index(False)) if most > 1 else 1
-    return found, min(place, len(values) - 1)
+    return options, min(place, len(values) - 1)
 
 
 def _is(word: str, number: float | None) -> bool:

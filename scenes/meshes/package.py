@@ -79,13 +79,13 @@ class Package:
         """Return (N, columns) numbers between spaces and commas."""
         text = (text or "").replace(",", " ")
         try:
-            found = np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
-            return found.reshape(-1, columns)
+            values = np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
+            return values.reshape(-1, columns)
         except ValueError as error:
             raise self.error("has numbers that are damaged; export the mesh again") from error
 
     def placed(self, root: Node) -> tuple[MeshPart, ...]:
-        """Return the parts of all nodes from a root on, placed; InputError where they are too many."""
+        """Return the parts of all nodes from a root on, placed; refuse too many."""
         sizes: dict[int, int] = {}
         self._count(root, sizes, 0)
         input_files.check_declared(

@@ -105,7 +105,8 @@ def _header(path: Path, data: bytes) -> _Header:
                 pass
             case _:
                 raise InputError(
-                    f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or no line of PLY"
+                    f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or no line "
+                    "of PLY"
                 )
     if order is None:
         raise InputError(
@@ -230,7 +231,8 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
     vertex, face = elements.get("vertex"), elements.get("face")
     if vertex is None or not vertex.types.keys() >= {*_POINT}:
         raise InputError(
-            f"{path}: vertices need three coordinates: the header has no element vertex with x, y, z"
+            f"{path}: vertices need three coordinates: the header has no element vertex with "
+            "x, y, z"
         )
     for name in chain(_POINT, _NORMAL, *_COORDINATES, *_COLORS):
         if vertex.types.get(name, (None,))[0] is not None:
@@ -294,7 +296,7 @@ def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
 
 
 def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -> Indices:
-    """Return the corners of faces as indices; InputError where they are none, or faces too small."""
+    """Return the corners of faces as indices; InputError at other numbers."""
     for face in np.flatnonzero(counts < 3)[:1].tolist():
         few = counted(int(counts[face]), "corner")
         raise InputError(f"{path}: face {face} has {few}, and needs three; repair the mesh")

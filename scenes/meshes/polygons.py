@@ -7,7 +7,7 @@ However a polygon is cut, signed areas of the triangles add up to its area by Ne
 cut of an outline that does not cross itself is right where no triangle faces against Newell's
 normal: nothing is covered twice or left out. A fan is right, too, where the outline turns by 360
 degrees alone. Ears cut off an outline that crosses itself are not always found out: its ends may
-overlap, as those of a ring cut open.
+overlap, like the ends of a ring cut open.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def cut_polygons(
 
 
 def sizes_together(counts: Indices) -> Indices:
-    """Return the order in which trimesh numbers triangles of mixed polygons, as places in polygon order.
+    """Return the places, in polygon order, of triangles as trimesh numbers them.
 
     Triangles come first, then first halves of quadrilaterals, then their second halves, then fans.
     """
@@ -76,7 +76,7 @@ def _fan(count: int) -> Indices:
 def _mend(
     polygons: Floats, local: Indices, numbers: Indices, refuse: Callable[[int, str], InputError]
 ) -> None:
-    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) of some numbers whose fan is not right."""
+    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) whose fan is wrong."""
     count = polygons.shape[1]
     size = np.ptp(polygons, axis=1).max(axis=1)
     doubt = np.abs(polygons).max(axis=(1, 2))  # coordinates are rounded in proportion to themselves
@@ -126,7 +126,7 @@ def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
 
 
 def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
-    """Return (P,) the angles by which outlines turn in all, seen along the normals; spikes turn back.
+    """Return (P,) the total turns of outlines, seen along the normals; spikes turn back.
 
     An outline that meets itself nowhere turns by 360 degrees, one that goes around twice by 720.
     """
@@ -171,8 +171,8 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
         return bool((corners[inside, None] == three).all(axis=2).any(axis=1).all())
 
     ears = np.array([is_ear(tip) for tip in range(count)])
-    found: list[tuple[int, int, int]] = []
-    while len(found) < count - 3:
+    clipped: list[tuple[int, int, int]] = []
+    while len(clipped) < count - 3:
         tips = np.flatnonzero(ears).tolist()
         if not tips:
             alone = np.flatnonzero(~np.isnan(left_over[:, 0])).tolist()
@@ -184,16 +184,16 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
             if not tips:
                 return None
         tip = tips[0]
-        found.append(triangle(tip))
+        clipped.append(triangle(tip))
         left_over[tip], ears[tip] = np.nan, False
         left, right = before[tip], after[tip]
         after[left], before[right] = right, left
         ears[left], ears[right] = is_ear(left), is_ear(right)
     last = triangle(int(np.nanargmax(left_over[:, 0])))
-    return [*found, last] if _turn(*corners[list(last)]) >= -doubt else None
+    return [*clipped, last] if _turn(*corners[list(last)]) >= -doubt else None
 
 
 def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return twice the areas of triangles a b c, positive where they turn left; c may be many points."""
+    """Return twice the areas of triangles a b c, positive for left turns; c is (..., 2)."""
     c = np.asarray(c)
     return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))

@@ -19,10 +19,11 @@ from xfrustum.scenes.disk.input_files import open_image, read_input
 from xfrustum.scenes.meshes.content import MeshPart
 from xfrustum.scenes.model.scene import UnreadFeature
 
-#: What Pillow raises at damage and at variants that it does not implement; the plugins of formats
+#: Errors of Pillow at damage and at variants without a decoder; its plugins differ.
 #: differ.
 _DAMAGED = (
-    ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
+    ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError,
+    ValueError,
     struct.error,
 )  # fmt: skip
 
@@ -30,7 +31,7 @@ _DAMAGED = (
 def decode_textures(
     path: Path, parts: Sequence[MeshPart]
 ) -> tuple[tuple[Bytes, ...], Numbers | None, list[UnreadFeature]]:
-    """Return decoded textures of a mesh file's parts, texture numbers of triangles, and unread textures.
+    """Return decoded textures of parts, their numbers by triangle, and unread textures.
 
     Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are
     -1 where a triangle has none, and None where there are no pictures. Unread are textures that the
@@ -75,26 +76,26 @@ def decode_textures(
 
 
 def file_beside(path: Path, name: str) -> Path | None:
-    """Return what has a name in a mesh file's folder or below it; None where there is nothing."""
+    """Return the file of a name in a mesh file's folder or below it; None without one."""
     name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
     for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
         with suppress(ValueError, OSError):  # no name of a file
-            found = (folder / candidate).resolve()
-            if candidate and found.is_relative_to(folder) and found.exists():
-                return found
+            file = (folder / candidate).resolve()
+            if candidate and file.is_relative_to(folder) and file.exists():
+                return file
     return None
 
 
 def open_picture(path: Path, name: str) -> Any:
-    """Return the Pillow image, not yet decoded, of a mesh file's texture; None where it cannot be opened."""
-    found = file_beside(path, name)
-    if found is None or not found.is_file() or not found.stat().st_size:
+    """Return the undecoded Pillow image of a texture; None where it cannot be opened."""
+    file = file_beside(path, name)
+    if file is None or not file.is_file() or not file.stat().st_size:
         return None
-    return opened(read_input(found, "texture"))
+    return opened(read_input(file, "texture"))
 
 
 def opened(data: bytes) -> Any:
-    """Return the Pillow image, not yet decoded, of a file's bytes; None where it cannot be opened."""
+    """Return the undecoded Pillow image of some bytes; None where it cannot be opened."""
     with suppress(*_DAMAGED):
         return open_image(io.BytesIO(data))
     return None

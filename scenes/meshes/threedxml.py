@@ -20,7 +20,7 @@ _LOOKS = b"SurfaceAttributes"  # element of colors and materials
 
 
 def read_3dxml(path: Path) -> MeshContent:
-    """Read a 3DXML file; InputError where it is damaged, or has geometry that is no tessellation."""
+    """Read a 3DXML file; InputError at damage and at other geometry than tessellations."""
     package = Package(path)
     manifest, _ = package.read("Manifest.xml")
     tree, _ = package.read((manifest.findtext("{*}Root") or "").strip())
@@ -28,7 +28,8 @@ def read_3dxml(path: Path) -> MeshContent:
     if structure is None:
         raise package.error("has no ProductStructure; export the mesh again")
     if any(
-        one.get("visible") in ("false", "0") for one in tree.iterfind(".//{*}GeneralAttributes")
+        element.get("visible") in ("false", "0")
+        for element in tree.iterfind(".//{*}GeneralAttributes")
     ):
         raise package.error(
             "hides some of its objects, which is not read; export what is to be seen"
@@ -38,18 +39,18 @@ def read_3dxml(path: Path) -> MeshContent:
             "moves objects in a view (RelativePosition), which is not read; export without"
         )
     nodes: dict[str, Node] = {}
-    for one in tree.iterfind(".//{*}Reference3D"):
-        nodes[one.get("id", "")] = Node()
-    for one in tree.iterfind(".//{*}ReferenceRep"):
-        nodes[one.get("id", "")] = Node(parts=_representation(package, one))
+    for element in tree.iterfind(".//{*}Reference3D"):
+        nodes[element.get("id", "")] = Node()
+    for element in tree.iterfind(".//{*}ReferenceRep"):
+        nodes[element.get("id", "")] = Node(parts=_representation(package, element))
     # Instances of geometry first, as trimesh numbers triangles.
     for kind in ("InstanceRep", "Instance3D"):
-        for one in tree.iterfind(f".//{{*}}{kind}"):
+        for element in tree.iterfind(f".//{{*}}{kind}"):
             parent, child = (
-                _node(package, nodes, one, name) for name in ("IsAggregatedBy", "IsInstanceOf")
+                _node(package, nodes, element, name) for name in ("IsAggregatedBy", "IsInstanceOf")
             )
             matrix = np.eye(4)
-            if (text := one.findtext("{*}RelativeMatrix")) is not None:
+            if (text := element.findtext("{*}RelativeMatrix")) is not None:
                 numbers = package.numbers(text, 3)
                 if len(numbers) != 4:
                     raise package.error("a RelativeMatrix needs 12 numbers; export the mesh again")
@@ -68,16 +69,16 @@ def read_3dxml(path: Path) -> MeshContent:
 def _node(package: Package, nodes: dict[str, Node], instance: Element, name: str) -> Node:
     """Return the node that an instance names: a number, or a name that ends with it."""
     text = (instance.findtext(f"{{*}}{name}") or "").strip()
-    found = nodes.get(text.rpartition(":")[2])
-    if found is None:
+    node = nodes.get(text.rpartition(":")[2])
+    if node is None:
         raise package.error(
             f"'{text[:80]}' ({name}) is not in the file; export the mesh with all its parts"
         )
-    return found
+    return node
 
 
 def _representation(package: Package, reference: Element) -> list[MeshPart]:
-    """Return the one part of a tessellated representation, or none where it has no faces."""
+    """Return the single part of a tessellated representation; none without faces."""
     form, name = reference.get("format", ""), reference.get("associatedFile", "").rpartition(":")[2]
     if form != "TESSELLATED":
         raise package.error(
@@ -85,24 +86,28 @@ def _representation(package: Package, reference: Element) -> list[MeshPart]:
         )
     vertices, normals, faces, before = [], [], [], 0
     root, _ = package.read(name)
-    for one in root.iterfind(".//{*}Rep"):
-        if one.find("{*}VertexBuffer/{*}Positions") is None:
-            if one.find("{*}Faces") is not None:
+    for rep in root.iterfind(".//{*}Rep"):
+        if rep.find("{*}VertexBuffer/{*}Positions") is None:
+            if rep.find("{*}Faces") is not None:
                 raise package.error(f"{name} has faces without positions; export the mesh again")
             continue
-        points = package.numbers(one.findtext("{*}VertexBuffer/{*}Positions"), 3)
-        stored = one.findtext("{*}VertexBuffer/{*}Normals")
-        found = np.full(points.shape, np.nan) if stored is None else package.numbers(stored, 3)
-        normals.append(found if len(found) == len(points) else np.full(points.shape, np.nan))
+        points = package.numbers(rep.findtext("{*}VertexBuffer/{*}Positions"), 3)
+        stored = rep.findtext("{*}VertexBuffer/{*}Normals")
+        own_normals = (
+            np.full(points.shape, np.nan) if stored is None else package.numbers(stored, 3)
+        )
+        normals.append(
+            own_normals if len(own_normals) == len(points) else np.full(points.shape, np.nan)
+        )
         vertices.append(points)
-        own = _finest(package, one)
+        own = _finest(package, rep)
         if len(own) and (own.min() < 0 or own.max() >= len(points)):
             raise package.error(
                 f"{name}: faces point past the vertices, of which there are {len(points):,}"
             )
         faces.append(before + own)
         before += len(points)
-    if not sum(len(one) for one in faces):
+    if not sum(len(own_faces) for own_faces in faces):
         return []
     return [
         MeshPart(
@@ -125,7 +130,7 @@ def _finest(package: Package, rep: Element) -> Indices:
                 "has a PolygonalLOD whose accuracy is no number; export the mesh again"
             )
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
-    found = [np.zeros((0, 3), np.int64)]
+    corners = [np.zeros((0, 3), np.int64)]
     for face in (face for faces in own for face in faces.iterfind(".//{*}Face")):
         for kind, to_faces in (
             ("strips", triangle_strips_to_faces),
@@ -135,7 +140,7 @@ def _finest(package: Package, rep: Element) -> Indices:
                 package.numbers(row, 1)[:, 0].astype(np.int64)
                 for row in face.get(kind, "").split(",")
             ]
-            found += [to_faces([row]) for row in rows if len(row) > 2]
+            corners += [to_faces([row]) for row in rows if len(row) > 2]
             if kind == "strips":
-                found.append(package.numbers(face.get("triangles"), 3).astype(np.int64))
-    return np.concatenate(found)
+                corners.append(package.numbers(face.get("triangles"), 3).astype(np.int64))
+    return np.concatenate(corners)

@@ -1,7 +1,7 @@
 """3MF: objects, components and build items (core specification 1.3, and production extension 1.1).
 
-Triangles are numbered as by trimesh: those of an object's first component, then of the others from
-the last one on; components that place the same object come together.
+Triangles are numbered as by trimesh: the first component of an object, then the others from the
+last one on; components that place the same object come together.
 """
 
 from __future__ import annotations
@@ -35,7 +35,11 @@ def read_3mf(path: Path) -> MeshContent:
     """Read a 3MF file; InputError where it is damaged or requires an extension that is not read."""
     package = Package(path)
     relations, _ = package.read("_rels/.rels")
-    targets = [one.get("Target", "") for one in relations.iter() if one.get("Type") == _ROOT_TYPE]
+    targets = [
+        relation.get("Target", "")
+        for relation in relations.iter()
+        if relation.get("Type") == _ROOT_TYPE
+    ]
     if not targets:
         raise package.error("names no 3D model in _rels/.rels; export the mesh again")
     model = _Model(package)
@@ -55,8 +59,11 @@ def read_3mf(path: Path) -> MeshContent:
     unread = []
     unit = root.get("unit", "millimeter")
     if unit != "millimeter":
-        told = "is not applied: coordinates are taken in the units of the scene; give the object a scale"
-        unread.append(UnreadFeature(feature=f"unit {unit}", consequence=told))
+        reason = (
+            "is not applied: coordinates are taken in the units of the scene; give the "
+            "object a scale"
+        )
+        unread.append(UnreadFeature(feature=f"unit {unit}", consequence=reason))
     if model.colored:
         unread.append(UnreadFeature(feature="materials and colors", consequence="are not shown"))
     return MeshContent(parts=placed, unread=tuple(unread))
@@ -79,23 +86,29 @@ class _Model:
             for prefix in root.get("requiredextensions", "").split():
                 uri = namespaces.get(prefix, prefix)
                 if uri not in _KNOWN:
-                    told = f"requires the extension {uri}, which is not read"
-                    raise self.package.error(f"{told}; export the mesh without it")
+                    reason = f"requires the extension {uri}, which is not read"
+                    raise self.package.error(f"{reason}; export the mesh without it")
             self._parts[name] = root
-            for one in root.iterfind(f"{{{_CORE}}}resources/{{{_CORE}}}object"):
-                self._elements.setdefault((name, one.get("id", "")), one)
+            for item in root.iterfind(f"{{{_CORE}}}resources/{{{_CORE}}}object"):
+                self._elements.setdefault((name, item.get("id", "")), item)
         return self._parts[name]
 
     def group(self, part: str, references: list[Element]) -> Node:
         """Return the node of build items or components, in the order of trimesh's numbers."""
         children: dict[tuple[str, str], list[tuple[Node, Floats]]] = {}
-        for one in references:
+        for reference in references:
             path = next(
-                (value for name, value in one.attrib.items() if name.rpartition("}")[2] == "path"),
+                (
+                    value
+                    for name, value in reference.attrib.items()
+                    if name.rpartition("}")[2] == "path"
+                ),
                 part,
             )
-            key = path.lstrip("/"), one.get("objectid", "")
-            children.setdefault(key, []).append((self._object(*key), self._transform(one.attrib)))
+            key = path.lstrip("/"), reference.get("objectid", "")
+            children.setdefault(key, []).append(
+                (self._object(*key), self._transform(reference.attrib))
+            )
         first, *others = [child for group in children.values() for child in group] or [
             (Node(), np.eye(4))
         ]
@@ -117,25 +130,28 @@ class _Model:
         return self._nodes[key]
 
     def _read(self, part: str, element: Element, node: Node) -> None:
-        for one in (
+        for child in (
             *element,
             *(two for mesh in element.findall(f"{{{_CORE}}}mesh") for two in mesh),
         ):
-            name = one.tag.rpartition("}")[2]
+            name = child.tag.rpartition("}")[2]
             if name not in _HARMLESS:
-                told = (
+                reason = (
                     f"object {element.get('id')} of {part} is made of '{name}', which is not read"
                 )
-                raise self.package.error(f"{told}; export triangles alone")
+                raise self.package.error(f"{reason}; export triangles alone")
         self.colored |= element.get("pid") is not None
         for mesh in element.findall(f"{{{_CORE}}}mesh"):
             vertices = mesh.findall(f"{{{_CORE}}}vertices/{{{_CORE}}}vertex")
             triangles = mesh.findall(f"{{{_CORE}}}triangles/{{{_CORE}}}triangle")
-            self.colored |= any("pid" in one.attrib for one in triangles)
+            self.colored |= any("pid" in child.attrib for child in triangles)
             corners = self._table(triangles, ("v1", "v2", "v3"))
             if (corners != np.floor(corners)).any():
-                told = f"object {element.get('id')} of {part} has corners of triangles that are no whole numbers"
-                raise self.package.error(f"{told}; export the mesh again")
+                reason = (
+                    f"object {element.get('id')} of {part} has corners of triangles that are "
+                    "no whole numbers"
+                )
+                raise self.package.error(f"{reason}; export the mesh again")
             if len(corners):
                 points = self._table(vertices, ("x", "y", "z"))
                 node.parts.append(
@@ -150,7 +166,7 @@ class _Model:
             node.children += self.group(part, components).children
 
     def _table(self, elements: list[Element], names: tuple[str, str, str]) -> Floats:
-        text = " ".join(one.get(name, "?") for one in elements for name in names)
+        text = " ".join(row.get(name, "?") for row in elements for name in names)
         return self.package.numbers(text, len(names))
 
     def _transform(self, attributes: Mapping[str, str]) -> Floats:

@@ -1,10 +1,9 @@
-"""The scene that is asked about, and the image that every renderer returns.
+"""Scenes, hogel images, and the devices and eyes that they are drawn for.
 
-device_model   How a device draws: its roundings, known by measurement and not from its maker
-effects        The effects that a scene calls for, and why; a bound of the space that images can
-show eye            An eye before the plate, the pixels of hogels that it is shown, and what it sees
-hogel_image    The one kind of image that every renderer returns: what one aperture shows, pixel by
-pixel plate_content  A plate as a stream of hogels: the arrays that are wanted, and those of each
-hogel scene          A scene, the question to every renderer: immutable, validated, in scene
-coordinates
+device_model   Roundings of a device that draws, by measurement
+effects        Effects of light and geometry that a scene needs, with reasons
+eye            An eye before the plate, and the pixels of hogels that reach it
+hogel_image    The image of one aperture, the result of every renderer
+plate_content  A plate as a stream of hogels: requested images, and the arrays of each hogel
+scene          A scene in scene coordinates: immutable and validated
 """

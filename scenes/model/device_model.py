@@ -1,4 +1,4 @@
-"""How a device draws: its roundings, known by measurement and not from its maker.
+"""Roundings of a device that draws, by measurement.
 
 `xfrustum.raster.device.fingerprint` measures them, `xfrustum.compare.rounding` explains pixels by
 them.
@@ -20,7 +20,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 Range = tuple[FiniteFloat, FiniteFloat]
-"""Lowest and highest difference of what is stored and what is exact, in steps of a format."""
+"""Lowest and highest difference of a stored value and the exact one, steps of a format."""
 
 Digits = Annotated[int, Field(ge=0, le=24)]
 """Number of binary digits of a grid; float32, which places are computed in, has 24."""
@@ -41,13 +41,13 @@ class DeviceModel:
     name: str  #: for people, and in what commands print as `device_model`
     #: Binary digits of a pixel to which vertices are snapped (GL_SUBPIXEL_BITS)
     subpixel_bits: Digits
-    #: Whether depth, 1 / w and varyings are interpolated from snapped vertices, so that they move
+    #: True if depth, 1 / w and varyings are interpolated from snapped vertices, so that they move
     #: with edges
     snaps_depth: bool
-    #: d16, d24: how a depth in float32 is rounded to the steps of a format. D32F keeps it as it is.
+    #: d16, d24: rounding of a float32 depth to the steps of a format; D32F does not round.
     d16: Range = NEAREST
     d24: Range = NEAREST
-    #: Whether a depth is rounded after each of the two steps of its plane, along x and y, not only
+    #: True if a depth is rounded after each of the two steps of its plane, along x and y, not only
     #: at the end
     rounds_planes: bool = True
     filter_bits: Digits | None = None  #: of the weights of a bilinear filter; None for float32
@@ -93,7 +93,8 @@ class DeviceModel:
             first = error.errors(include_url=False)[0]
             wrong = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}".removeprefix(": ")
             raise InputError(
-                f"{path} is no device.json ({wrong}); xfrustum device --out DIR writes one where it is drawn"
+                f"{path} is no device.json ({wrong}); xfrustum device --out DIR writes one "
+                "where it is drawn"
             ) from error
 
 
@@ -104,7 +105,7 @@ class _Written(BaseModel):
 
 
 LLVMPIPE = DeviceModel(name="llvmpipe", subpixel_bits=8, snaps_depth=False)
-"""Mesa's software renderer, which takes edges from snapped vertices, and planes from those in float32."""
+"""Mesa's software renderer: edges from snapped vertices, planes from float32 vertices."""
 
 H100 = DeviceModel(
     name="NVIDIA H100",
@@ -119,7 +120,7 @@ H100 = DeviceModel(
 """NVIDIA H100, driver 580.159.04, as measured in November 2026."""
 
 QUADS_OF_A_SPAN = 16
-"""Blocks of two by two pixels that softpipe steps through with one gradient of D16, in whole steps."""
+"""Blocks of 2 x 2 pixels that softpipe steps through with one gradient of D16."""
 
 SOFTPIPE = DeviceModel(
     name="softpipe",
@@ -130,14 +131,14 @@ SOFTPIPE = DeviceModel(
     d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
     d24=(-1.0, 0.0),
 )
-"""Mesa's renderer of reference, OpenGL 3.3, as measured; no way to snap that is tried explains coverage."""
+"""Mesa's reference renderer, OpenGL 3.3; no snapping tried explains its coverage."""
 
 FEWEST_SUBPIXEL_BITS = 4
-"""Fewest subpixel bits that OpenGL allows (GL_SUBPIXEL_BITS): every rasterizer has at least so many."""
+"""Fewest subpixel bits that OpenGL allows (GL_SUBPIXEL_BITS)."""
 
 
 def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
-    """Return the model of a device that nobody has measured: it may store the step below, or that above.
+    """Return the model of an unmeasured device, which may store the next lower or higher step.
 
     It holds where the depth of each pixel is found by itself: not for the D16 of softpipe.
     """
@@ -157,14 +158,15 @@ KNOWN = {"llvmpipe": LLVMPIPE, "softpipe": SOFTPIPE, "NVIDIA H100": H100}
 
 
 def kept_at(device: Mapping[str, str]) -> Path:
-    """Return where `xfrustum device` keeps what it measured of a device that is not known, by its names."""
-    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no home is no error
+    """Return the path of the stored measurement of an unknown device, by its names."""
+    home = os.path.expanduser("~/.cache")  # noqa: PTH111 - a missing home is no error
+    cache = os.environ.get("XDG_CACHE_HOME") or home
     names = f"{device['renderer']}\n{device.get('version', '')}"
     return Path(cache) / "xfrustum" / f"device-{sha256(names.encode()).hexdigest()[:16]}.json"
 
 
 def model_of(device: Mapping[str, str]) -> DeviceModel:
-    """Return the model of a device by its names: a known one, one kept, or one that holds for any."""
+    """Return the model of a device by its names: known, measured before, or safe."""
     bits = int(device["subpixel_bits"])
     for name, model in KNOWN.items():
         if name in device["renderer"] and model.subpixel_bits == bits:

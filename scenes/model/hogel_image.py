@@ -1,4 +1,4 @@
-"""The one kind of image that every renderer returns: what one aperture shows, pixel by pixel."""
+"""Hogel image, the result of every renderer: surfaces seen by one aperture, per pixel."""
 
 from __future__ import annotations
 
@@ -56,14 +56,13 @@ class HogelCamera:
     scene_hash: str  #: proves that it is the same
     renderer: str  #: with versions or devices, for people
     settings: DoubleFrustum | None = None  #: those that drew the image; None for other renderers
-    light_paths: int | None = (
-        None  #: per pixel, over which color was averaged; None where none were traced
-    )
+    #: per pixel, over which color was averaged; None where none were traced
+    light_paths: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
-    """The simulation that made the color of an image; transport is None where no light paths were traced."""
+    """The simulation behind the color of an image; transport is None without light paths."""
 
     effects: tuple[Effect, ...]
     sampling: Sampling
@@ -94,15 +93,15 @@ class SurfaceImage(ShortRepr):
         raise NotImplementedError
 
     def _labels(self, units: str) -> Labels:
-        """Return further arrays, coordinates and facts of the image by name, lengths in some units."""
+        """Return further arrays, coordinates and facts by name, lengths in some units."""
         raise NotImplementedError
 
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
-        """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
+        """Return the arrays with labels, as an `xarray.Dataset` with the names of stored plates.
 
         Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the
         right, from -1 to 1), and rgb or xyz; numbers of the camera are attributes. `units` names
-        the scene's unit of length (`scene.units`), which images do not know. Raises InputError
+        the scene's unit of length (`scene.units`), which images do not store. Raises InputError
         where xarray is not installed.
         """
         images, places, attributes = self._labels(units)
@@ -127,40 +126,33 @@ class HogelImage(SurfaceImage):
     triangle: Numbers  #: int32, `NOTHING` where there is no surface
     object: Numbers  #: likewise
     #: Visible surface point in scene units, NaN where there is none: float64 from a reference,
-    #: float32 from a rasterizer. Those of our own rasterizers and models are structures of arrays
-    #: in memory.
+    #: float32 from a rasterizer; structures of arrays in memory from our own rasterizers.
     position: NDArray[np.floating]
-    normal: NDArray[np.floating] | None = (
-        None  #: unit, by the mesh's winding, NaN where there is no surface
-    )
+    #: unit, by the mesh's winding, NaN where there is no surface
+    normal: NDArray[np.floating] | None = None
     color: Singles | None = None  #: linear RGB
-    variance: Singles | None = (
-        None  #: of the color where it is a mean over light paths; None without noise
-    )
+    #: of the color where it is a mean over light paths; None without noise
+    variance: Singles | None = None
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
-    tied_triangles: Indices | None = (
-        None  #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
-    )
-    second_opinion: Callable[[], Mask] | None = (
-        None  #: asks a float32 tracer for `overruled`; likewise
-    )
-    rendering: Rendering | None = (
-        None  #: of the color; None where it is unknown or there is no color
-    )
+    #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
+    tied_triangles: Indices | None = None
+    #: computes `overruled` by a float32 tracer; likewise
+    second_opinion: Callable[[], Mask] | None = None
+    #: of the color; None where it is unknown or there is no color
+    rendering: Rendering | None = None
     #: (H, W, 3) how far coordinates may be from those that were written; None as exactly as
     #: float32.
     uncertainty: Floats | None = None
-    storage: str | None = (
-        None  #: name of a file format that changed the pixels, such as "JPEG, lossy"
-    )
+    #: name of a file format that changed the pixels, such as "JPEG, lossy"
+    storage: str | None = None
 
     @cached_property
     def overruled(self) -> Mask | None:
-        """Pixels where the float32 tracer, asked now, would show another triangle; None if not certified."""
+        """Pixels where the float32 tracer shows another triangle; None if not certified."""
         return None if self.second_opinion is None else self.second_opinion()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: the second opinion itself, not a function that holds the whole scene."""
+        """Return the state to pickle: the second opinion itself, without the scene."""
         overruled = self.overruled
         return vars(self) | {
             "second_opinion": None if overruled is None else partial(np.asarray, overruled)
@@ -168,7 +160,7 @@ class HogelImage(SurfaceImage):
 
     @cached_property
     def covered(self) -> Mask:
-        """Pixels that show a surface, by number or, in foreign images without numbers, by position."""
+        """Pixels that show a surface, by number, or by position in images without numbers."""
         return read_only((self.triangle != NOTHING) | np.isfinite(self.height))
 
     @cached_property
@@ -184,7 +176,7 @@ class HogelImage(SurfaceImage):
         return self.position[..., 2]
 
     def at(self, pixels: Indices) -> HogelImage:
-        """Return some pixels, by their flat numbers, in one row: surfaces without normals and colors."""
+        """Return pixels by flat number in one row: surfaces without normals and colors."""
         names = ("triangle", "object", "position", "certainty")
         arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
         some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}
@@ -220,16 +212,18 @@ class HogelImage(SurfaceImage):
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
-    """Join bands of rows of one image, from the top. The image has the arrays that all bands have."""
+    """Join bands of rows of decide image, from the top, with the arrays of all bands."""
     if len(bands) == 1:
         return bands[0]
     names = ("camera", "rendering", "storage")
     whole: dict[str, Any] = {name: getattr(bands[0], name) for name in names}
     opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
-    asked = (
-        None if len(opinions) < len(bands) else lambda: np.concatenate([one() for one in opinions])
+    opinion = (
+        None
+        if len(opinions) < len(bands)
+        else lambda: np.concatenate([decide() for decide in opinions])
     )
-    whole["second_opinion"] = asked
+    whole["second_opinion"] = opinion
     for name in (item.name for item in fields(HogelImage) if item.name not in whole):
         parts = [getattr(band, name) for band in bands]
         whole[name] = None if any(part is None for part in parts) else np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""A plate as a stream of hogels: the arrays that are wanted, and those of each hogel."""
+"""A plate as a stream of hogels: requested images, and the arrays of each hogel."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,7 +15,7 @@ from xfrustum.scenes.representation import ShortRepr
 
 
 class ColorType(StrEnum):
-    """The type in which linear RGB is stored; uint8 is 255 times the radiance, clipped and rounded."""
+    """Type of stored linear RGB; uint8 is 255 times the radiance, clipped and rounded."""
 
     UINT8 = "uint8"
     FLOAT16 = "float16"
@@ -24,8 +24,8 @@ class ColorType(StrEnum):
     @property
     def dtype(self) -> np.dtype[np.generic]:
         """NumPy's name of the type."""
-        wanted: DTypeLike = self.value
-        return np.dtype(wanted)
+        name: DTypeLike = self.value
+        return np.dtype(name)
 
 
 class Channel(StrEnum):
@@ -44,22 +44,23 @@ DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMA
 
 @dataclass(frozen=True, kw_only=True)
 class PlateContent:
-    """The images that a stream of hogels carries; InputError for unknown types, channels and effects."""
+    """Images of a stream of hogels; InputError for unknown types, channels and effects."""
 
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
-    ids: bool = (
-        False  #: whether the stream has triangle numbers; asking for the channel is the same
-    )
+    ids: bool = False  #: true if the stream has triangle numbers, as with the channel of their name
     channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
-    effects: frozenset[Effect] | None = (
-        None  #: None for those that the scene calls for: the same pictures
-    )
+    #: None for those that the scene calls for: the same pictures
+    effects: frozenset[Effect] | None = None
 
     def __post_init__(self) -> None:
         ids = switch(self.ids, "ids")
-        asked = {choice(Channel, one, "channels") for one in self.channels or (Channel.COLOR,)}
+        requested = {
+            choice(Channel, channel, "channels") for channel in self.channels or (Channel.COLOR,)
+        }
         channels = tuple(
-            one for one in Channel if one in asked or (ids and one is Channel.TRIANGLE)
+            channel
+            for channel in Channel
+            if channel in requested or (ids and channel is Channel.TRIANGLE)
         )
         settle(
             self,
@@ -72,7 +73,7 @@ class PlateContent:
 
 @dataclass(frozen=True, kw_only=True)
 class FilmPart:
-    """A rectangle of a hogel's film, of whose pixels something is wanted; both ends belong to it."""
+    """A rectangle of requested pixels of a hogel's film; both ends belong to it."""
 
     columns: tuple[int, int]
     rows: tuple[int, int]
@@ -80,17 +81,17 @@ class FilmPart:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlateHogel(ShortRepr):
-    """The image of one aperture, row 0 at the top; outside the part asked for pixels mean nothing."""
+    """The image of one aperture, row 0 on top; pixels outside the request are undefined."""
 
     aperture: Aperture
-    color: NDArray[Any]  #: (H, W, 3) linear RGB in the type that was asked for
+    color: NDArray[Any]  #: (H, W, 3) linear RGB in the requested type
     triangle: Numbers | None  #: (H, W), -1 where there is no surface
     height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
     normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN likewise
     certainty: Bytes | None = None  #: (H, W) uint8 `Certainty`
 
     def image(self, channel: Channel) -> NDArray[Any]:
-        """Return one of the images; it must have been asked for."""
+        """Return one of the requested images."""
         image: NDArray[Any] | None = getattr(self, channel)
         assert image is not None, f"{channel} was not asked for"
         return image

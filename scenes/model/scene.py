@@ -22,15 +22,15 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 from xfrustum.scenes.representation import ShortRepr
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two
-#: stay within float32's range in pictures, and products of three far within that of doubles, where
-#: bounds on rounding hold.
+#: stay within float32's range in pictures, and products of three far within the range of doubles,
+#: where bounds on rounding hold.
 SHORTEST, LONGEST = 1e-30, 1e30
 #: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at
 #: least 2^-53 of it, and products of three differences stay within the range of doubles even where
 #: all but the last digit of a sum cancels: the bounds on rounding, which are relative, hold
 #: (docs/truth.md).
 SMALLEST_COORDINATE = 1e-75
-#: largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart
+#: largest slope of a line: beyond it float64 cannot separate neighboring pixels' lines
 STEEPEST = 1e12
 #: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a
 #: triangle, in scenes of many millions.
@@ -46,7 +46,7 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
 
 
 class NormalsMade(StrEnum):
-    """The share of an object's vertex normals that was made from its faces; the others are the mesh's own."""
+    """Share of an object's vertex normals that are made from its faces."""
 
     NONE = "none"
     SOME = "some"
@@ -87,7 +87,7 @@ class SceneObject(ShortRepr):
     texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, or `UNTEXTURED`
     vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
-    normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, as `smooth = true` asks
+    normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, by `smooth = true`
     unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
     warnings: tuple[str, ...] = ()  #: doubts about the placement, one line each
 
@@ -103,13 +103,13 @@ class SceneObject(ShortRepr):
             raise InputError(
                 f"{self.name}: vertices must be one triple each, (V, 3), not {vertices.shape}"
             )
-        given = np.asarray(self.faces)
+        indices = np.asarray(self.faces)
         # Fractions are refused, not rounded.
-        if given.dtype.kind not in "iu" and given.size:
+        if indices.dtype.kind not in "iu" and indices.size:
             raise InputError(
-                f"{self.name}: faces must be whole numbers, (F, 3), not of type {given.dtype}"
+                f"{self.name}: faces must be whole numbers, (F, 3), not of type {indices.dtype}"
             )
-        faces = np.ascontiguousarray(given, dtype=np.int64)
+        faces = np.ascontiguousarray(indices, dtype=np.int64)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
         if faces.min() < 0 or faces.max() >= len(vertices):
@@ -138,7 +138,7 @@ UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a text
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SurfaceAttributes(ShortRepr):
-    """Attributes of the vertices and triangles of all objects, as in `SceneObject`; None where none has any.
+    """Attributes of all vertices and triangles, as in `SceneObject`; None if no object has any.
 
     Where an object has none, colors are one, normals and texture coordinates NaN.
     """
@@ -154,11 +154,11 @@ class SurfaceAttributes(ShortRepr):
         """Return the attributes of all objects, joined."""
 
         def joined(name: str, width: int, missing: float) -> Floats | None:
-            found = [(getattr(part, name), (len(part.vertices), width)) for part in objects]
-            if all(values is None for values, _ in found):
+            columns = [(getattr(part, name), (len(part.vertices), width)) for part in objects]
+            if all(values is None for values, _ in columns):
                 return None
             return np.concatenate(
-                [np.full(s, missing) if values is None else values for values, s in found]
+                [np.full(s, missing) if values is None else values for values, s in columns]
             )
 
         textures: list[Bytes] = []
@@ -216,8 +216,10 @@ class Scene(ShortRepr):
             smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
             if smallest < SMALLEST_COORDINATE:
                 raise InputError(
-                    f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
-                    f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it "
+                    f"{self.name}: {part.name} has a coordinate of {smallest:.3g} "
+                    f"{self.units}, which is not "
+                    f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding "
+                    "holds; round it "
                     "to zero, or scale the mesh"
                 )
         corners = [float(np.abs(part.vertices).max()) for part in self.objects]
@@ -229,18 +231,20 @@ class Scene(ShortRepr):
             aside = max(abs(center) + size + plate for center, size, plate in extents)
             if aside > STEEPEST * abs(screen.height):
                 raise InputError(
-                    f"frustum.screen.height {screen.height} is too small for a screen and a plate of this "
+                    f"frustum.screen.height {screen.height} is too small for a screen and a "
+                    "plate of this "
                     f"size: lines may run aside at most {STEEPEST:.0e} times their depth"
                 )
         if min(lengths) < SHORTEST or max((*lengths, *corners)) > LONGEST:
             raise InputError(
-                f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
+                f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} "
+                f"{self.units}, "
                 "which is what 32-bit images can hold; choose another unit of length"
             )
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Unread features of mesh files, each with its file, and doubtful objects; each line once."""
+        """Unread features of mesh files and doubtful placements; each line once."""
         unread = [f"{part.name}: {feature}" for part in self.objects for feature in part.unread]
         doubtful = [line for part in self.objects for line in part.warnings]
         return tuple(dict.fromkeys([*unread, *doubtful]))
@@ -266,7 +270,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def object_of_number(self) -> Numbers:
-        """(F + 1,) object number by triangle number as images have it: -1, `NOTHING`, finds itself."""
+        """(F + 1,) object number by triangle number; `NOTHING`, -1, maps to itself."""
         return read_only(np.append(self.object_of_triangle, np.int32(-1)))
 
     @cached_property
@@ -291,7 +295,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def largest_coordinates(self) -> Floats:
-        """(F,) largest absolute coordinate of each triangle, to which its roundings are relative."""
+        """(F,) largest absolute coordinate of each triangle, the scale of its roundings."""
         of_vertex = reduce(np.maximum, np.abs(self.vertices.T))
         return read_only(reduce(np.maximum, of_vertex[self.faces.T]))
 
@@ -315,7 +319,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def twins(self) -> Indices:
-        """(F, 3) for each side of a triangle the number, 3 triangle + side, of the other side along it.
+        """(F, 3) for each side the number, 3 triangle + side, of the other side along it.
 
         Side k runs from corner k to the next one. -1 where no other triangle of the object has
         corners at the same two places, and where several have.
@@ -331,9 +335,9 @@ class Scene(ShortRepr):
         same = np.append((keys[1:] == keys[:-1]).all(axis=1), False)
         # Pairs alone: the side before them differs, and so does the side after.
         first = np.flatnonzero(same & ~np.roll(same, 1) & ~np.roll(same, -1))
-        found = np.full(len(ends), -1)
-        found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
-        return read_only(found.reshape(-1, 3))
+        twins = np.full(len(ends), -1)
+        twins[order[first]], twins[order[first + 1]] = order[first + 1], order[first]
+        return read_only(twins.reshape(-1, 3))
 
     @cached_property
     def content_hash(self) -> str:
@@ -366,7 +370,7 @@ class Scene(ShortRepr):
 
 
 def look_hash(scene: Scene) -> str:
-    """Return the SHA-256 of everything but names that color depends on beside `Scene.content_hash`."""
+    """Return the SHA-256 of all that color depends on besides `Scene.content_hash`."""
     appearance, surface = scene.appearance, scene.surface
     environment = appearance.environment
     digest = hashlib.sha256()
@@ -393,7 +397,7 @@ def look_hash(scene: Scene) -> str:
 
 
 def is_shaded(scene: Scene) -> bool:
-    """Return whether a scene says how it looks: materials, lights, environment, colors, textures, shadows."""
+    """Test whether a scene has materials, lights, environment, colors, textures or shadows."""
     looks, surface = scene.appearance, scene.surface
     if scene.transport.simulated:
         return True

@@ -11,7 +11,8 @@ from tests.second_reader.compare import Row, compare
 def table(name: str, row: Row) -> str:
     """Return the lines of the table for one file."""
     verdict = f"DIFFERS: {row.difference}" if row.difference else "equal"
-    return f"{name:32} {row.product}  product\n{'':32} {row.second}  second reader\n{'':32} {verdict}\n"
+    rows = (f"{row.product}  product", f"{row.second}  second reader", verdict)
+    return "".join(f"{title:32} {text}\n" for title, text in zip((name, "", ""), rows, strict=True))
 
 
 def main(arguments: list[str]) -> int:

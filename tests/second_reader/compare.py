@@ -58,7 +58,7 @@ def compare(path: Path) -> Row:
     reading = None
     try:
         reading = read(path)
-        second = Side(np.array([one for polygon in reading.polygons for one in cut(polygon)]))
+        second = Side(np.array([t for polygon in reading.polygons for t in cut(polygon)]))
     except Refused as refusal:
         second = Side(refusal=str(refusal))
     try:

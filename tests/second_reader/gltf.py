@@ -1,6 +1,6 @@
 """glTF 2.0 at rest: container, accessors, nodes, skins, morph targets and topologies.
 
-Sections in comments are those of the specification.
+Comments name sections of the specification.
 """
 
 from __future__ import annotations

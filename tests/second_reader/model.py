@@ -86,11 +86,11 @@ class Placement:
 
     @property
     def exact(self) -> bool:
-        """Whether placed points are not rounded."""
+        """True if placed points are not rounded."""
         return np.array_equal(self.matrix, np.eye(4))
 
     @property
     def mirrors(self) -> bool:
-        """Whether the determinant is negative."""
+        """True if the determinant is negative."""
         (a, b, c), (d, e, f), (g, h, i) = self.matrix[:3, :3].tolist()
         return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0)

@@ -88,7 +88,9 @@ def _transform(text: str | None) -> Placement:
 
 def _read_3mf(package: _Package) -> None:
     relations = package.xml("_rels/.rels")
-    [root] = [one.attrib["Target"] for one in relations if one.get("Type", "").endswith("/3dmodel")]
+    [root] = [
+        item.attrib["Target"] for item in relations if item.get("Type", "").endswith("/3dmodel")
+    ]
     path = f"{{{HARMLESS[0]}}}path"
 
     def place(part: str, reference: Element, outer: Placement) -> None:
@@ -97,7 +99,7 @@ def _read_3mf(package: _Package) -> None:
         if other is not None and part != root and reference.tag.endswith("component"):
             raise Refused("a component outside the root model has a path")
         part, name = other or part, reference.attrib["objectid"]
-        [item] = [one for one in model(part).iterfind(".//{*}object") if one.get("id") == name]
+        [item] = [it for it in model(part).iterfind(".//{*}object") if it.get("id") == name]
         inner = outer @ _transform(reference.get("transform"))
         if (mesh := item.find("{*}mesh")) is not None:
             points = [
@@ -134,17 +136,17 @@ def _read_3dxml(package: _Package) -> None:
         """Draw the representations of a reference, and the references that it holds."""
         if depth > DEEPEST:
             raise Refused("instances in a circle")
-        for one in structure:
-            if one.findtext("{*}IsAggregatedBy", "").strip() != reference:
+        for instance in structure:
+            if instance.findtext("{*}IsAggregatedBy", "").strip() != reference:
                 continue
-            target = one.findtext("{*}IsInstanceOf", "").strip()
-            if one.tag.endswith("InstanceRep"):
+            target = instance.findtext("{*}IsInstanceOf", "").strip()
+            if instance.tag.endswith("InstanceRep"):
                 [item] = [r for r in structure.iterfind("{*}ReferenceRep") if r.get("id") == target]
                 part = item.attrib["associatedFile"].removeprefix("urn:3DXML:")
                 for rep in package.xml(part).iterfind("{*}Root//{*}Rep"):
                     draw(rep, outer)
             else:
-                enter(target, outer @ _transform(one.findtext("{*}RelativeMatrix")), depth + 1)
+                enter(target, outer @ _transform(instance.findtext("{*}RelativeMatrix")), depth + 1)
 
     def draw(rep: Element, place: Placement) -> None:
         """Draw a representation by its own Faces; the Faces of PolygonalLOD are coarser."""

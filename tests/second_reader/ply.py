@@ -43,9 +43,11 @@ def read_ply(path: Path) -> Reading:
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the byte order ("" of text), the elements and the bytes after the header."""
     end = b"\r" if data[3:4] == b"\r" != data[4:5] != b"\n" else b"\n"
-    head, found, rest = data.partition(end + b"end_header" + (b"\r\n" if b"\r\n" in data else end))
+    head, separator, rest = data.partition(
+        end + b"end_header" + (b"\r\n" if b"\r\n" in data else end)
+    )
     lines = [line.decode("latin-1").split() for line in plain_lines(head)]
-    if not found or lines[0] != ["ply"]:
+    if not separator or lines[0] != ["ply"]:
         raise Refused("no header")
     order, elements = None, list[Element]()
     try:

@@ -125,8 +125,12 @@ def read_stl(path: Path) -> Reading:
         raise Refused(f"{len(data)} bytes are neither text nor as long as the header states")
     words = []
     for line in plain_lines(data):
-        one = [word if re.match(rb"[\d.+-]", word) else word.lower() for word in line.split()]
-        words += one[:1] if one[:1] in ([b"solid"], [b"endsolid"]) else one  # names are free
+        line_words = [
+            word if re.match(rb"[\d.+-]", word) else word.lower() for word in line.split()
+        ]
+        words += (
+            line_words[:1] if line_words[:1] in ([b"solid"], [b"endsolid"]) else line_words
+        )  # names are free
     place = 0
     while place < len(words):
         if words[place] != b"solid":

@@ -36,9 +36,9 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
 
 def assert_reads(path: Path, polygons: Iterable[ArrayLike], rounding: float = 0.0) -> None:
     """Assert that both readers read the triangles of some polygons (n, 3), in any order and cut."""
-    right = Reading([np.asarray(one, np.float64) for one in polygons], rounding)
+    right = Reading([np.asarray(polygon, np.float64) for polygon in polygons], rounding)
     assert difference(product_triangles(path), right) is None, "product"
     second = read(path)
-    triangles = np.array([one for polygon in second.polygons for one in cut(polygon)])
+    triangles = np.array([t for polygon in second.polygons for t in cut(polygon)])
     right.rounding = max(rounding, second.rounding)
     assert difference(triangles, right) is None, "second reader"
