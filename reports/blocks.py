@@ -48,8 +48,8 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables that bound the threads of a process: the reference's, those of Mesa's
-software renderer, and those of linear algebra."""
+"""Environment variables that bound the threads of the reference, of Mesa's software renderer, and
+of linear algebra."""
 
 DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES"
 """Environment variables that choose the devices of a process: EGL's by index, and CUDA's."""
@@ -109,7 +109,7 @@ class Part:
 
     @property
     def everything(self) -> bool:
-        """Whether the part is the whole work."""
+        """Truth of the part being the whole work."""
         return self.count == 1
 
     def of(self, blocks: Iterable[Item]) -> Iterator[Item]:
@@ -164,7 +164,7 @@ class WorkerLostError(InputError):
 
 
 class Workers(ABC):
-    """Processes that make blocks: this one, others of this machine, or those of a cluster."""
+    """Processes that make blocks: this one, others of this machine, or workers of a cluster."""
 
     count: int = 1
     elsewhere: ClassVar[bool] = False  #: whether their files may appear here with a delay
@@ -446,7 +446,7 @@ class _Cluster(Workers):
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        from distributed import CancelledError, KilledWorker, as_completed  # noqa: PLC0415 - as above
+        from distributed import CancelledError, KilledWorker, as_completed  # noqa: PLC0415 - slow
         from distributed.comm.core import CommClosedError  # noqa: PLC0415 - as above
 
         listed = list(items)

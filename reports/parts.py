@@ -27,7 +27,7 @@ from xfrustum.scenes.model.scene import Scene, look_hash
 DESCRIPTION = "_description.json"
 
 #: Largest number of changed values in a message, and length of the texts of both: hashes and long
-#: texts help nobody.
+#: texts help no reader.
 MAX_NAMED_VALUES, MAX_VALUES_CHARACTERS = 3, 80
 
 
@@ -116,11 +116,11 @@ class ParquetParts:
         """Return whether something else is in the place of a block's part."""
         return os.path.lexists(self.path(number)) and not self.finished(number)
 
-    def tell_damaged(self, numbers: Iterable[int], told: Callable[[str], object]) -> None:
+    def tell_damaged(self, numbers: Iterable[int], note: Callable[[str], object]) -> None:
         """Report the number of damaged parts among some blocks."""
         whole = list(numbers)
         if damaged := sum(map(self.damaged, whole)):
-            told(
+            note(
                 f"{damaged} of {len(whole)} blocks in {self.folder} are damaged, and are made again"
             )
 

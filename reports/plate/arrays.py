@@ -1,8 +1,8 @@
 """Arrays of a plate in its Zarr group: names, types and labels, blocks of hogels, and checks.
 
 Zarr reads a chunk whose file is missing as the fill value, so that a plate without the file `x/c/0`
-has all of its hogels at x = 0. The description of a plate decides all arrays and labels: whoever
-opens a plate compares them with it.
+has all of its hogels at x = 0. The description of a plate decides all arrays and labels, and every
+command that opens a plate compares them with it.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class Block:
 
 @dataclass(kw_only=True, eq=False)
 class Tile:
-    """Images of some hogels of a block: what a source makes, and a store writes in one piece."""
+    """Images of some hogels of a block: the product of a source, which a store writes at once."""
 
     block: Block
     images: dict[str, NDArray[Any]]  #: (rows, columns, H, W, ..) by the name of the array
@@ -229,14 +229,17 @@ class PlateArrays:
                     )
                     named |= {number: [] for number in range(first, last + 1)}
         else:
-            for one in dict.fromkeys(apertures):
-                named.setdefault(one.row // height * across + one.column // width, []).append(one)
+            for aperture in dict.fromkeys(apertures):
+                number = aperture.row // height * across + aperture.column // width
+                named.setdefault(number, []).append(aperture)
         for number, some in named.items():
             row, column = divmod(number, across)
             columns = range(column * width, min((column + 1) * width, hogels[0]))
             rows = range(row * height, min((row + 1) * height, hogels[1]))
             inside = some or [
-                one for one in ApertureBlocks(self.plate, ((columns, rows),)) if one in apertures
+                aperture
+                for aperture in ApertureBlocks(self.plate, ((columns, rows),))
+                if aperture in apertures
             ]
             yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
 
@@ -272,7 +275,8 @@ def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None
     """
     files = _RegularFiles(place.resolve(), read_only=mode == "r")
     try:
-        return zarr.open_group(files, mode=mode, use_consolidated=consolidated)  # type: ignore[arg-type]
+        options: Any = {"mode": mode, "use_consolidated": consolidated}
+        return zarr.open_group(files, **options)
     except DAMAGE as error:
         raise InputError(
             f"{place}: is no plate that can be read ({reason_of(error)}); draw one with "
@@ -325,10 +329,10 @@ def _difference(
     for name in expected.array_keys():
         if name not in group:
             return f"has no array {name}"
-        stored, wanted = (_declared(side[name], exactly=exactly) for side in (group, expected))
-        for key in wanted:
-            if stored.get(key) != wanted[key]:
-                return f"{key} of {name} is {stored.get(key)}, and should be {wanted[key]}"
+        stored, expects = (_declared(side[name], exactly=exactly) for side in (group, expected))
+        for key in expects:
+            if stored.get(key) != expects[key]:
+                return f"{key} of {name} is {stored.get(key)}, and should be {expects[key]}"
         if name in coordinates:
             values = np.asarray(group[name][:])  # type: ignore[index]
             wrong = np.flatnonzero(values != coordinates[name])

@@ -113,7 +113,7 @@ def open_source(
         raise InputError(
             "certainty is the truth's alone: leave it out of the channels, or add --truth"
         )
-    # Effects beyond those of the scene change no pixel.
+    # Further effects than the scene calls for change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
         fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
@@ -161,7 +161,7 @@ def _judged(
     settings: DoubleFrustum,
     apertures: Iterable[Aperture],
 ) -> Iterator[PlateHogel]:
-    """Draw and judge hogels; the images are those of a plate that is only drawn, bit for bit."""
+    """Draw and judge hogels; the images equal a plate that is only drawn, bit for bit."""
     scene = evaluator.scene
     # Pixels are stored with color even where the scene gives no colors to compare.
     request = FrameRequest(color=True, colored_truths=is_shaded(scene), radiance=is_shaded(scene))
@@ -233,7 +233,7 @@ class PlateFiles:
 
     out: Path
     drawn: int  #: hogels
-    found: int  #: hogels that were there
+    present: int  #: hogels that were there
     damaged: int  #: drawn hogels that had been there, and were damaged
     notes: tuple[str, ...]  #: sentences for the user
     table: Path | None = None  #: folder of the table of measures, where hogels are judged
@@ -267,7 +267,7 @@ class PlateJob(Job):
 
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
-        """Open the renderer, and open or make the store; InputError for that of another device."""
+        """Open the renderer and the store, or make it; InputError at a store of another device."""
         with open_source(self.scene, self.settings, self.content, judge=self.judge) as source:
             store = open_store(self.out, self.arrays, source.description, free=self.free)
             yield PlateSession(source, store, self.check)
@@ -327,13 +327,13 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     was not disturbed.
 
     A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without
-    shards; None for those of an existing store, and for a new one as many as `BLOCK_BYTES` hold.
+    shards; None for the blocks of an existing store, or as many as `BLOCK_BYTES` hold.
     With `judge` every hogel is traced too, and its measures are stored beside its pixels. With
     `check` every stored hogel is read in full, and drawn again where it is damaged. `begun` is
     called once the store is open, before the first hogel is drawn.
 
     InputError: see `open_source` and `open_store`; or the block is none, no scheduler answers, or a
-    worker has another device than the one that began the plate.
+    worker has another device than the command that began the plate.
     """
     content, out, part = content or PlateContent(), Path(out), engine.part
     requested = scene.plate.apertures() if apertures is None else apertures
@@ -351,8 +351,8 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
         check=check,
     )
     drawn = broken = 0
-    some = sum(1 for _ in islice(part.of(arrays.blocks(requested)), MOST_WORKERS))
-    with open_workers(engine, some, draws=settings is not None) as workers:
+    count = sum(1 for _ in islice(part.of(arrays.blocks(requested)), MOST_WORKERS))
+    with open_workers(engine, count, draws=settings is not None) as workers:
         arrays = workers.ask(job, PlateSession.arrays)
         store = PlateStore(out, arrays)
         begun()
@@ -363,16 +363,16 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
 
         def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:
             nonlocal drawn, broken
-            for one in blocks():
-                missing, damaged = store.missing(one, check=check)
+            for some in blocks():
+                missing, damaged = store.missing(some, check=check)
                 drawn, broken = drawn + len(missing), broken + damaged
-                done(len(one.apertures) - len(missing))
+                done(len(some.apertures) - len(missing))
                 if missing:
-                    yield replace(one, apertures=missing)
+                    yield replace(some, apertures=missing)
 
         total = len(requested)
         if not part.everything:
-            total = sum(len(one.apertures) for one in blocks())
+            total = sum(map(job.size, blocks()))
         if workers.count == 1 and not workers.elsewhere:
             with progress_bar(total, job.name, job.unit, shown=progress) as bar:
                 workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
@@ -382,7 +382,7 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     return PlateFiles(
         out=out,
         drawn=drawn,
-        found=total - drawn,
+        present=total - drawn,
         damaged=broken,
         notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
         table=out.with_suffix(".parquet") if judge else None,

@@ -72,7 +72,7 @@ class PlateStore:
             return stored.with_config({"write_empty_chunks": True})  # type: ignore[no-any-return]
 
         self._finished = array(FINISHED)
-        self._images = {one.name: array(one.name) for one in arrays.images}
+        self._images = {image.name: array(image.name) for image in arrays.images}
         self._maps = {name: array(name) for name, _ in arrays.measures}
         # Beside the group, which holds Zarr's own files alone.
         self._table = self._place.with_suffix(".parquet")
@@ -149,7 +149,7 @@ class PlateStore:
         return [] if table is None else list(table.to_pylist())
 
     def add_rows(self, block: Block, measured: Iterable[MeasuredHogel]) -> list[dict[str, Any]]:
-        """Write and return the rows of a block, by row and column, with those of more hogels."""
+        """Write and return the rows of a block, by row and column, with more hogels."""
         added = table_of(MeasuredHogel, list(measured))
         before = [row for row in self.rows(block) if row.keys() == set(added.column_names)]
         rows = {(row["row"], row["column"]): row for row in (*before, *added.to_pylist())}
@@ -291,8 +291,8 @@ def _finished(out: Path, apertures: ApertureBlocks | Sequence[Aperture]) -> int:
         blocks = apertures.blocks if isinstance(apertures, ApertureBlocks) else ()
         for columns, rows in blocks:
             chosen[rows.start : rows.stop, columns.start : columns.stop] = True
-        for one in () if blocks else apertures:
-            chosen[one.row, one.column] = True
+        for aperture in () if blocks else apertures:
+            chosen[aperture.row, aperture.column] = True
         return int(np.count_nonzero(there & chosen))
     except (InputError, *DAMAGE):  # reported when the plate is opened
         return 0

@@ -4,5 +4,5 @@ survey  `xfrustum survey`, from the request to the files
 rows    Work in blocks, a row for each hogel and setting, and statistics in bounded memory
 answer  Record of the answer, its sentence, its JSON object and its page
 
-The bounds are those of `compare.sampling`.
+`compare.sampling` has the bounds.
 """

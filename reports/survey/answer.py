@@ -1,4 +1,4 @@
-"""Answer of a survey: counts and bounds of each setting, the sentence, the JSON object, the page."""
+"""Answer of a survey: counts and bounds of each setting, sentence, JSON object and page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,24 +70,26 @@ class Survey(NotebookRepr):
         """Counts and bound of each setting."""
         return [
             SettingAnswer(
-                judged=one.judged,
-                beyond=one.beyond,
-                empty=one.empty,
-                share_beyond_at_most=self.extent.at_most(one.beyond),
-                worst=one.worst[0] if one.worst else None,
+                judged=stats.judged,
+                beyond=stats.beyond,
+                empty=stats.empty,
+                share_beyond_at_most=self.extent.at_most(stats.beyond),
+                worst=stats.worst[0] if stats.worst else None,
             )
-            for one in self.stats
+            for stats in self.stats
         ]
 
     @cached_property
     def best(self) -> int:
-        """Number of the setting with the fewest hogels beyond, then with the least bad worst one."""
-        bad = [(one.beyond, one.worst.badness if one.worst else 0.0) for one in self.answers]
+        """Number of the setting with the fewest hogels beyond, then with the best worst hogel."""
+        bad = [
+            (entry.beyond, entry.worst.badness if entry.worst else 0.0) for entry in self.answers
+        ]
         return bad.index(min(bad))
 
     @property
     def exceeded(self) -> bool:
-        """Whether the share exceeds `until`, or, without it, any judged hogel is beyond."""
+        """Verdict: the share exceeds `until`, or, without it, a judged hogel is beyond."""
         answer, limit = self.answers[self.best], self.extent.sample.until
         if limit is None:
             return answer.beyond > 0
@@ -99,9 +101,8 @@ class Survey(NotebookRepr):
         answer, extent = self.answers[self.best], self.extent
         hogels, seeing = extent.sample.hogels, len(extent.sample.population)
         limits = f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong"
-        if len(self.settings) > 1:
-            near = digits(self.settings[self.best].near)
-            limits += f" with near {near}, the best of {len(self.settings)}"
+        near, several = digits(self.settings[self.best].near), len(self.settings)
+        near = f" with near {near}, the best of {several}" if several > 1 else ""
         if extent.everything:
             verb = "is" if answer.beyond == 1 else "are"
             share = percent(answer.beyond / hogels)
@@ -109,14 +110,14 @@ class Survey(NotebookRepr):
         elif answer.share_beyond_at_most is None:
             text = (
                 f"{answer.beyond:,} of the {extent.judged:,} hogels judged so far, of {hogels:,}, "
-                f"are {limits}; the other parts are not finished"
+                f"are {limits}, with other parts unfinished"
             )
         else:
             text = (
-                f"at most {answer.bound_words} of the {hogels:,} hogels are {limits.partition(' with')[0]} "
+                f"at most {answer.bound_words} of the {hogels:,} hogels are {limits} "
                 f"({percent(extent.confidence)}; {answer.beyond:,} of {extent.judged:,} sampled)"
-                + "".join(limits.partition(" with")[1:])
             )
+        text += near
         if seeing < hogels:
             text += f"; {hogels - seeing:,} hogels see nothing of the scene and are not judged"
         if answer.empty:
@@ -144,7 +145,7 @@ class Survey(NotebookRepr):
             "workers": self.workers,
             "wall_s": self.wall_s,
             "sentence": self.sentence,
-            "settings": [{"settings": one, **answer.record} for one, answer in settings],
+            "settings": [{"settings": chosen, **answer.record} for chosen, answer in settings],
         }
         return json_object(record)
 
@@ -227,7 +228,9 @@ def map_figures(answer: Survey) -> list[Plot]:
             moved = name == rows.P99
             figure = plate_map(plate, values, words, known=stats.known, logarithmic=moved)
             if moved:
-                worst = [(one.aperture, "one of the worst") for one in stats.worst[:MARKED_HOGELS]]
+                worst = [
+                    (hogel.aperture, "one of the worst") for hogel in stats.worst[:MARKED_HOGELS]
+                ]
                 mark(figure, plate, worst, labels=1)
             figures.append(figure)
     return figures
@@ -240,7 +243,7 @@ def words_of(column: str) -> str:
 
 
 def distribution_figure(answer: Survey) -> Plot:
-    """Draw the share of hogels that are displaced by more than each tolerance, a curve for each setting."""
+    """Draw the share of hogels displaced by more than each tolerance, a curve a setting."""
     shown, lines = [answer.tolerance_px], []
     for number, (settings, stats) in enumerate(zip(answer.settings, answer.stats, strict=True)):
         tolerances, shares = stats.share_beyond()

@@ -228,8 +228,8 @@ def add_rows(stats: Sequence[SettingStats], tables: Iterable[pa.Table]) -> None:
     """Count the rows of some parts by their settings."""
     for table in tables:
         numbers = _numbers(table, "setting")
-        for setting, one in enumerate(stats):
-            one.add(table.filter(pa.array(numbers == setting)))
+        for setting, counts in enumerate(stats):
+            counts.add(table.filter(pa.array(numbers == setting)))
 
 
 def _numbers(rows: pa.Table, name: str) -> Floats:
@@ -322,8 +322,10 @@ class SurveySession:
     def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
         scene, settings = self.job.scene, [self.job.settings[setting]]
-        with closing(self.evaluator.frames([scene.plate.aperture(*index)], settings, DRAWN)) as one:
-            frame = next(one)
+        with closing(
+            self.evaluator.frames([scene.plate.aperture(*index)], settings, DRAWN)
+        ) as frames:
+            frame = next(frames)
         wrong = frame.comparison.maps.surface
         assert wrong is not None, "an evaluator has the scene at hand"
         reduction = -(-max(scene.frustum.resolution) // MAX_PICTURE_PX)

@@ -38,17 +38,17 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     tolerance_px: float = TOLERANCE_PX,
     tracer: str = "embree",
     engine: Engine | None = None,
-    told: Callable[[str], object] = lambda line: None,
+    note: Callable[[str], object] = lambda line: None,
     progress: bool = False,
 ) -> Survey:
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
 
     Every hogel is drawn with each of the settings, and counts as beyond `tolerance_px` by
     `compare.beyond`; `tracer` gives the truth a second opinion. Hogels are judged by `engine`, by
-    default in one process per processor; `told` takes notes, a sentence each.
+    default in one process per processor; `note` takes notes, a sentence each.
 
     A survey that was stopped goes on where it was, with the rows of a run that was not disturbed
-    but for the index of `device`, which is that of the worker that took the block.
+    but for the index of `device`, which names the device of the worker.
 
     InputError where the scene, settings or folder are not usable, or the folder holds another
     survey.
@@ -95,13 +95,13 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             if look:  # the parts of a job array have but one
                 own = blocks = blocks_of(sample.new_places(look), size, blocks[-1].number + 1)
                 bar.total += sum(map(job.size, own))
-            parts.tell_damaged((block.number for block in own), told)
+            parts.tell_damaged((block.number for block in own), note)
             workers.make(job, own, bar)
             finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
             add_rows(stats, (parts.read(block.number) for block in finished))
             complete = len(finished) == len(blocks)
             extent = sample.extent(stats[0].judged, look, complete=complete)
-            if all(extent.decides(one.beyond) for one in stats):
+            if all(extent.decides(counts.beyond) for counts in stats):
                 break
         answer = Survey(
             scene=scene,

@@ -1,4 +1,4 @@
-"""Zip archives and NumPy's .npz from outside: no pickles, and no more memory than a file may take."""
+"""Zip archives and .npz files from outside: no pickles, and memory bounded by the file's size."""
 
 import io
 import zipfile
@@ -23,19 +23,19 @@ def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 def read_arrays(
     path: Path, what: str, advice: str, content: bytes | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a .npz by their names: that of a file, or `content`, which lay in the file.
+    """Return the arrays of a .npz file, or of its `content`, by their names.
 
     InputError where it is damaged, declares too much memory, or has members other than plain
     arrays.
     """
     content = read_input(path, what, advice) if content is None else content
-    found: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     with damage_refused(path, what, advice), zipfile.ZipFile(io.BytesIO(content)) as archive:
         check_declared(
-            path, sum(one.file_size for one in archive.infolist()), "unpacking its arrays"
+            path, sum(member.file_size for member in archive.infolist()), "unpacking its arrays"
         )
         for name in archive.namelist():
             # The header is at most 10,000 bytes, and holds literals alone.
             member = io.BytesIO(read_member(archive, name, path))
-            found[name.removesuffix(".npy")] = np.lib.format.read_array(member, allow_pickle=False)
-    return found
+            arrays[name.removesuffix(".npy")] = np.lib.format.read_array(member, allow_pickle=False)
+    return arrays

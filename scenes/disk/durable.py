@@ -1,8 +1,7 @@
-"""Files and folders that are whole or absent: written aside, in the folder where they belong, then renamed.
+"""Files and folders that are whole or absent: written under a temporary name, then renamed.
 
-What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed. A process that was
-killed leaves it; the next one that writes there removes it, unless a running process has that
-number by then.
+A temporary name is `.xfrustum-HOST-PID-..`, in the same folder. A killed process leaves such files;
+the next process that writes there removes them, unless a running process has that number by then.
 """
 
 import errno
@@ -25,7 +24,7 @@ _ASIDE = re.compile(r"\.xfrustum-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}")
 
 
 def _host() -> str:
-    """Return eight letters for the machine, or the container, in which numbers of processes are counted."""
+    """Return eight letters for the machine or the container that numbers the processes."""
     names = [os.uname().nodename]
     with suppress(OSError):
         names.append(str(Path("/proc/self/ns/pid").readlink()))
@@ -42,7 +41,7 @@ class TempPath:
     def __init__(self, host: Path, *, folder: bool = False) -> None:
         remove_abandoned(host)
         self.path = host / f".xfrustum-{_host()}-{os.getpid()}-{secrets.token_hex(4)}"
-        with delayed():  # what was made is noted before a signal is obeyed
+        with delayed():  # noted for removal before a signal is obeyed
             self._made = False
             if folder:
                 self.path.mkdir(mode=0o700)
@@ -72,14 +71,14 @@ def remove_abandoned(host: Path) -> None:
     """Remove what processes that have ended left in a folder; what cannot be removed stays."""
     with suppress(OSError):
         for name in os.listdir(host):  # noqa: PTH208 - faster, where a folder has millions of files
-            found = _ASIDE.fullmatch(name)
-            if found and found[1] == _host() and not Path("/proc", found[2]).exists():
+            match = _ASIDE.fullmatch(name)
+            if match and match[1] == _host() and not Path("/proc", match[2]).exists():
                 clear(host / name)
 
 
 @contextmanager
 def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
-    """Give an empty file aside, which takes its name, and is on the disk, when the block ends without error.
+    """Yield a temporary path, and rename it to the disk when the block ends without error.
 
     Links are followed: their target is replaced, keeping its permissions, and they stay. Devices,
     pipes and the process's own open files, such as `/dev/stdout`, are written into. The host is the
@@ -98,7 +97,7 @@ def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
             with aside.path.open("rb") as file, os.fdopen(opened, "wb") as stream:
                 shutil.copyfileobj(file, stream)
             return
-        with suppress(OSError):  # There is none, or the file system knows no permissions.
+        with suppress(OSError):  # There is none, or the file system has no permissions.
             aside.path.chmod(stat.S_IMODE(target.stat().st_mode))
         _sync(aside.path)
         aside.path.replace(target)
@@ -112,7 +111,7 @@ def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = N
 
 
 def written_into(path: Path) -> bool:
-    """Return whether a path is written into, as devices, pipes and own open files are, and not replaced.
+    """Return whether a path is written into, not replaced: a device, a pipe, or an own open file.
 
     Raises InputError where it is a folder, a block device or a socket.
     """
@@ -132,8 +131,8 @@ def _descriptor(path: Path) -> int | None:
     """Return the number of the open file that a name or a link stands for; None for any other."""
     name = os.path.abspath(path)  # noqa: PTH100 - links are followed one at a time
     for _ in range(40):  # Linux calls more links a loop
-        if found := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):
-            return int(found[1])
+        if match := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):
+            return int(match[1])
         if not os.path.islink(name):  # noqa: PTH114
             break
         name = os.path.normpath(Path(name).parent / Path(name).readlink())

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from xfrustum.scenes.errors import InputError
 
 MEMORY_PER_BYTE = 64
-"""Bytes of memory that reading may take for each byte of the file, where that is more than the bound.
+"""Memory for each byte of a file, bytes, where that is more than the bound.
 
 The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and
 numbers as Python objects, then arrays); twice that lets every honest file through, however large it
@@ -27,7 +27,7 @@ is. A file that takes more is compressed, or declares more than it holds.
 #: Bytes of memory that a pixel of a picture takes: four channels as read, and three copies.
 MEMORY_PER_PIXEL = 16
 
-BLOCK_BYTES = 512  # bytes of a block, the unit in which a file system states what a file fills
+BLOCK_BYTES = 512  #: unit of the disk space of a file, bytes
 
 SCENE_FILE_SIZE = (
     1 << 24
@@ -72,13 +72,13 @@ def check_hogels(columns: int, rows: int) -> None:
     """Raise InputError at a plate of more hogels than the bound."""
     if columns * rows > _Bound.hogels:
         raise InputError(
-            f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, or raise the "
-            "bound with --max-hogels"
+            f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, "
+            "or raise the bound with --max-hogels"
         )
 
 
 def regular_size(path: Path, what: str, advice: str = "") -> int:
-    """Return the size in bytes of a regular file, called `what` in messages; symbolic links are followed.
+    """Return the size in bytes of a regular file, `what` in messages; links are followed.
 
     Raises InputError where it is missing, which gets the advice, cannot be reached, is no regular
     file, or is empty, as files of /proc are; or where its size is mostly a hole, which takes memory
@@ -98,8 +98,8 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
         filled = BLOCK_BYTES * status.st_blocks
         if status.st_size > allowed_memory(filled):
             raise InputError(
-                f"{path}: claims {in_words(status.st_size)} and fills {in_words(filled)} of the disk; "
-                f"mend the file, or raise the bound with {RAISING_OPTION}"
+                f"{path}: claims {in_words(status.st_size)} and fills {in_words(filled)} of the "
+                f"disk; mend the file, or raise the bound with {RAISING_OPTION}"
             )
         return status.st_size
     if stat.S_ISDIR(status.st_mode):
@@ -116,7 +116,7 @@ def check_mesh_file(path: Path) -> None:
 
 
 def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
-    """Open a file for reading; InputError where `regular_size` refuses it, or it cannot be opened."""
+    """Open a file for reading; InputError where it is no regular file or not readable."""
     regular_size(path, what, advice)
     try:
         # Nonblocking: a pipe that has taken the file's place since then is not waited for.
@@ -126,7 +126,7 @@ def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
 
 
 def head_of(path: Path, what: str, size: int = 1024) -> bytes:
-    """Return the first bytes of a file; InputError as from `open_input`, or where it cannot be read."""
+    """Return the first bytes of a file; InputError as from `open_input`, or at a read error."""
     try:
         with open_input(path, what) as file:
             return file.read(size)
@@ -142,7 +142,7 @@ def read_input(path: Path, what: str, advice: str = "") -> bytes:
 
 
 def read_small(path: Path, what: str, largest: int, advice: str = "") -> bytes:
-    """Return the bytes of a file; InputError as from `read_input`, or where it has more than `largest`."""
+    """Return the bytes of a file; InputError as from `read_input`, or above `largest` bytes."""
     size = regular_size(path, what, advice)
     if size > largest:
         raise InputError(
@@ -180,11 +180,11 @@ def check_declared(path: Path, declared: int, what: str) -> None:
 
 
 def check_allowed(path: Path, declared: int, what: str) -> None:
-    """Raise InputError at what takes more memory than one input may, however large its files are."""
+    """Raise InputError above the memory of one input, however large its files are."""
     if declared > _Bound.memory:
         raise InputError(
-            f"{path}: {what} takes {in_words(declared)} of memory, more than {in_words(_Bound.memory)}; "
-            f"mend it, or raise the bound with {RAISING_OPTION}"
+            f"{path}: {what} takes {in_words(declared)} of memory, more than "
+            f"{in_words(_Bound.memory)}; mend it, or raise the bound with {RAISING_OPTION}"
         )
 
 
@@ -216,7 +216,7 @@ def open_image(file: BinaryIO) -> Any:
 
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file whose declared size was checked; InputError where memory runs out."""
+    """Let a library read a file of checked size; InputError where memory runs out."""
     try:
         yield
     except MemoryError as error:

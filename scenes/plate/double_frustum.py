@@ -38,21 +38,21 @@ class DepthMapping(StrEnum):
 
 
 class Pivot(StrEnum):
-    """The point about which a recentered frustum is sheared: the aperture (paper), or each camera."""
+    """Center of the shear of a recentered frustum: the aperture (paper), or each camera."""
 
     APERTURE = "aperture"
     CAMERA = "camera"
 
 
 class Offset(StrEnum):
-    """The choice of cameras that step back, so that near planes meet at the plate (paper), or stay."""
+    """Offset of the cameras, so that near planes meet at the plate (paper), or none."""
 
     PLATE = "plate"
     NONE = "none"
 
 
 class Fit(StrEnum):
-    """The angles of the offset cameras: the frustum's own, or those that draw the screen exactly."""
+    """Angles of the offset cameras: the frustum's own, or exact on the screen."""
 
     ANGLE = "angle"
     SCREEN = "screen"
@@ -67,7 +67,7 @@ class Camera(StrEnum):
 
 
 class Cull(StrEnum):
-    """The faces that are left out: none, or those turned away from the viewer, as both cameras see them.
+    """Omitted faces: none, or faces turned away from the viewer, for both cameras.
 
     `BACK` changes no picture of closed bodies that lie off the plate and within the reach (paper,
     section 3).
@@ -106,7 +106,8 @@ class DoubleFrustum:
             raise InputError(f"near must be a positive length, not {self.near!r}")
         if near < SMALLEST_NEAR:
             raise InputError(
-                f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
+                f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, "
+                f"not {self.near}"
             )
         if not all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf))):
             raise InputError(
@@ -142,11 +143,12 @@ class DoubleFrustum:
         first = min((*self.slabs, *frustum.reach))
         if self.offset is Offset.NONE and not self.near < first:
             raise InputError(
-                f"near {self.near} without an offset must be smaller than {first}: it clips what is nearer"
+                f"near {self.near} without an offset must be smaller than {first}: it clips nearer "
+                "surfaces"
             )
 
     def fitted_height(self, frustum: Frustum) -> float | None:
-        """Return the height |z| whose planes the first slab draws exactly; None to keep the angle."""
+        """Return the height |z| that the first slab draws exactly; None to keep the angle."""
         if self.fit is Fit.SCREEN and frustum.screen is not None:
             return abs(frustum.screen.height)
         if self.fit is None and self.slabs:

@@ -30,7 +30,8 @@ class Aperture:
         index, center = (whole(self.column), whole(self.row)), (real(self.x), real(self.y))
         if min(index) < 0:
             raise InputError(
-                f"an aperture's column and row must be counts from 0, not {self.column!r}, {self.row!r}"
+                "an aperture's column and row must be counts from 0, not "
+                f"{self.column!r}, {self.row!r}"
             )
         if not all(map(math.isfinite, center)):
             raise InputError(f"an aperture's x and y must be finite, not {self.x!r}, {self.y!r}")
@@ -59,11 +60,11 @@ class Plate:
 
     def aperture(self, column: int, row: int) -> Aperture:
         """Return the aperture in a column and row; InputError where it lies outside the plate."""
-        (columns, rows), given = self.hogels, f"{column},{row}"
+        (columns, rows), index = self.hogels, f"{column},{row}"
         column, row = whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
             raise InputError(
-                f"aperture {given} lies outside the plate: "
+                f"aperture {index} lies outside the plate: "
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size
@@ -85,7 +86,7 @@ class Plate:
 
     @property
     def corners(self) -> tuple[Aperture, Aperture]:
-        """Two opposite corners, top left and bottom right: where a recentered frustum shears most."""
+        """Top left and bottom right corner, where a recentered frustum shears most."""
         return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)
 
 
@@ -94,7 +95,7 @@ Block = tuple[range, range]  #: columns and rows of a block
 
 @dataclass(frozen=True, eq=False)
 class ApertureBlocks(Sequence[Aperture]):
-    """Blocks of apertures, row by row from the top left, never listed; one in several blocks comes once."""
+    """Apertures of rectangles, each once, row by row from the top left, and never listed."""
 
     plate: Plate
     blocks: tuple[Block, ...]
@@ -169,15 +170,15 @@ class Screen:
         least = 2 * abs(height) * SMALLEST_SLOPE
         if min(size) < least:
             raise InputError(
-                f"frustum.screen.size must be at least {least:.3g} for a screen at height {height:.6g}, "
-                f"not {list(size)}: no image resolves such angles"
+                f"frustum.screen.size must be at least {least:.3g} for a screen at height "
+                f"{height:.6g}, not {list(size)}: no image resolves such angles"
             )
         settle(self, height=height, center=center, size=size)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frustum:
-    """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`), one of the two."""
+    """Crossed frustum of every aperture: centered (`fov`) or recentered (`screen`)."""
 
     resolution: tuple[int, int]  #: width and height of the hogel image in pixels
     reach: tuple[
@@ -202,11 +203,11 @@ class Frustum:
         fov = None if self.fov is None else reals(self.fov, 2)
         if fov is not None and not all(0 < angle < math.pi for angle in fov):
             numbers = not any(map(math.isnan, fov))
-            given = (
+            angles = (
                 [math.degrees(angle) for angle in fov] if numbers else f"{self.fov!r} (in radians)"
             )
             raise InputError(
-                f"frustum.fov_deg must be two angles between 0 and 180 degrees, not {given}"
+                f"frustum.fov_deg must be two angles between 0 and 180 degrees, not {angles}"
             )
         if fov is not None and min(fov) < 2 * SMALLEST_SLOPE:
             raise InputError(
@@ -219,7 +220,7 @@ class Frustum:
 
     @property
     def recentered(self) -> bool:
-        """Whether the frustum shears from aperture to aperture (paper, section 5)."""
+        """Shear from aperture to aperture (paper, section 5)."""
         return self.screen is not None
 
     @property

@@ -31,12 +31,12 @@ _delays = 0
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised when the process is asked to end. Code that cleans up after Ctrl-C cleans up after it too."""
+    """Exception of a signal that ends the process; code that cleans up after Ctrl-C does so too."""
 
 
 @contextmanager
 def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
-    """Raise `Interrupted` in the main thread where a signal asks this process to end.
+    """Raise `Interrupted` in the main thread at a signal that ends this process.
 
     Signals that the parent process ignores, as shells do for jobs in the background, or that the
     program around this handles itself, are left alone; outside of the main thread all are. A
@@ -90,8 +90,7 @@ def _handle(number: int, _: object) -> None:
     global received
     if number in WORDS and received is None:
         received = signal.Signals(number)
-        # What fails from here on, in callbacks and in other threads, fails because the command
-        # ends.
+        # Later failures, in callbacks and in other threads, come of the end of the command.
         sys.unraisablehook, threading.excepthook = lambda _: None, lambda _: None
     if received is not None:
         if signal.SIGALRM in _taken:
@@ -100,7 +99,7 @@ def _handle(number: int, _: object) -> None:
 
 
 def _raise() -> None:
-    """Raise `Interrupted`, unless it was raised before and the blocks that it leaves are cleaning up."""
+    """Raise `Interrupted`, unless it was raised before and blocks are cleaning up."""
     global _raised
     if not _delays and not (_raised and sys.exception() is not None):
         _raised = True

@@ -8,7 +8,8 @@ _UNPRINTABLE = re.compile(
     "["
     r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, but for tab and line feed
     # Characters that are invisible, or that change the direction of writing:
-    r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff"
+    r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
+    r"\U000e0000-\U000e0fff"
     r"\ud800-\udfff"  # halves of characters, among them bytes of names that are no UTF-8
     "]"
 )
@@ -18,7 +19,7 @@ _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 
 
 MAX_MESSAGE = 500
-"""Largest number of characters of a message; the middles of long words go, then that of the message."""
+"""Largest number of characters of a message; the middles of long words go first, then its own."""
 
 
 def say(message: str) -> None:
@@ -49,8 +50,8 @@ def one_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
-def _escaped(found: re.Match[str]) -> str:
-    code = ord(found[0])
+def _escaped(match: re.Match[str]) -> str:
+    code = ord(match[0])
     if code in _ESCAPED_BYTES:
         code -= _ESCAPED_BYTES.start - 0x80
     return (

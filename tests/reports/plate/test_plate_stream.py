@@ -76,7 +76,7 @@ def test_rectangles_add_up_to_the_whole_and_nothing_is_drawn_twice(
     for block, drawn in blocks:
         apertures = list(blocks_of_apertures(scene.plate, [block, block]))
         files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING, block=BLOCK)
-        assert (files.drawn, files.found) == (drawn, len(set(apertures)) - drawn)
+        assert (files.drawn, files.present) == (drawn, len(set(apertures)) - drawn)
     assert tree(out) == tree(clean)
 
 
@@ -132,7 +132,7 @@ def test_a_moved_scene_and_effects_that_change_no_pixel_are_gone_on_with(
     moved = replace(small(), source="/somewhere/else/scene.toml")
     content = replace(EVERYTHING, effects=ALL_EFFECTS)
     files = write_plate(moved, SETTINGS, plate, content=content)
-    assert (files.drawn, files.found, files.notes) == (6, 29, ())
+    assert (files.drawn, files.present, files.notes) == (6, 29, ())
     assert tree(plate) == tree(clean)
 
 
@@ -207,7 +207,7 @@ def test_a_damaged_block_is_drawn_again(name: str, plate: Path, clean: Path) -> 
         damage(plate / SHARD[name])
         at_once, read = drawn_again(plate), drawn_again(plate, check=True)
         assert (at_once.drawn, at_once.damaged, at_once.notes) == (gone, 0, ())
-        assert (read.drawn, read.found, read.damaged) == (damaged, 35 - damaged, damaged)
+        assert (read.drawn, read.present, read.damaged) == (damaged, 35 - damaged, damaged)
         assert damaged != 6 or read.notes == (f"{plate}: 6 damaged hogels were drawn again",)
         assert tree(plate) == tree(clean)
 
@@ -293,7 +293,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
 
     monkeypatch.setattr(plate_store, "make_group", overtaken)
     files = drawn_again(out, block=BLOCK)
-    assert (others[0].drawn, files.drawn, files.found) == (7, 28, 7)
+    assert (others[0].drawn, files.drawn, files.present) == (7, 28, 7)
     assert tree(out) == tree(clean)
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 

@@ -232,7 +232,7 @@ def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
             with pytest.raises(InputError, match="No space left"):
                 judged(out)
     files = judged(out)
-    assert (files.drawn + files.found, files.damaged) == (len(CHOSEN), 0)
+    assert (files.drawn + files.present, files.damaged) == (len(CHOSEN), 0)
     assert tree(out) == tree(measured)
     assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
 

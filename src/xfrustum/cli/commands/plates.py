@@ -69,7 +69,7 @@ class _Plate(options.Measured):
 def plate(asked: _Plate) -> None:
     """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
-    What is there already is kept: stopped at any moment and called again, it goes on where it was.
+    Stored hogels are kept: stopped at any moment and called again, it goes on where it was.
     Several processes may draw one plate at once, and --workers, --scheduler or --part divide it.
     Any reader of Zarr opens it, xarray with names and units. With --aperture-samples, a number, a
     share such as 5%, or auto, each hogel is the mean over points of its area (band limiting).
@@ -115,12 +115,12 @@ def plate(asked: _Plate) -> None:
     summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
     summary |= {
         "drawn": files.drawn,
-        "found": files.found,
+        "found": files.present,
         "damaged": files.damaged,
         "table": files.table,
     }
     summary["bytes_at_most"] = size.needed
-    lines = [f"{files.drawn} hogels drawn, {files.found} found"]
+    lines = [f"{files.drawn} hogels drawn, {files.present} found"]
     lines += [str(place) for place in (summary["out"], files.table) if place is not None]
     laid_out = None
     if written is not None:
@@ -211,7 +211,7 @@ def survey(asked: _Survey) -> int:
     names = ("everything", "sample", "until", "seed")
     request = sample_request(**{name: getattr(asked, name) for name in names})
     how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer}
-    how |= {"told": options.note, "progress": asked.progress, "engine": asked.engine}
+    how |= {"note": options.note, "progress": asked.progress, "engine": asked.engine}
     answer = surveyed(opened, asked.settings, asked.out, request, **how)
     options.warn_of(opened)
     # A part of a job array leaves no page.
