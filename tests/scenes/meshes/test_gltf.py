@@ -241,10 +241,10 @@ def placed_by_instances() -> Writer:
     return writer
 
 
-def placed_by_joint() -> Writer:
+def placed_by_joint(scale: tuple[int, int, int]) -> Writer:
     first = np.array([1, 0, 0, 0])
     writer, mesh = loose(JOINTS_0=(first * 0).astype("<u1"), WEIGHTS_0=first.astype("<f4"))
-    joint = writer.node(scale=[1, 4, 1], rotation=[1, 0, 0, 0])
+    joint = writer.node(scale=scale, rotation=[1, 0, 0, 0])
     writer.add("skins", joints=[joint])
     writer.node(mesh=mesh, skin=0)
     return writer
@@ -266,10 +266,20 @@ def quantized() -> Writer:
         lambda: placed_by_node(scale=[-1, 2, 1]),
         lambda: placed_by_node(matrix=SHEAR.T.ravel().tolist()),
         placed_by_instances,
-        placed_by_joint,
+        lambda: placed_by_joint((1, 4, 1)),
+        lambda: placed_by_joint((-1, 4, 1)),
         quantized,
     ],
-    ids=["still", "uneven", "mirrored", "sheared", "instances", "joint", "quantized"],
+    ids=[
+        "still",
+        "uneven",
+        "mirrored",
+        "sheared",
+        "instances",
+        "joint",
+        "mirrored joint",
+        "quantized",
+    ],
 )
 def test_normals_follow_the_surface_through_every_placement(
     make: Callable[[], Writer], tmp_path: Path

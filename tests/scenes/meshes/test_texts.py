@@ -399,12 +399,12 @@ def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
     Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a b.png")
     options = "map_Kd -s 2 2 1 -clamp on a b.png\n"
     written(tmp_path, "one.mtl", f"newmtl wood\nKd 1 1 1\nmap_Ks a.png\n{options}newmtl a\nd 1.0\n")
-    written(tmp_path, "two.mtl", "newmtl b\nd 0.5\n")
+    written(tmp_path, "two.mtl", "newmtl b\nd 0.5\nmap_Kd lost.png\n")
     statements = "#mtllib x.mtl\nmtllib one.mtl two.mtl # here\nvt 0 0\nvt 1 0\nvt 1 1\n"
     for name, face in {
         "wood # oak": "1/1 2/2 3/3",
         "a": "1 3 4",
-        "b": "1 2 4",
+        "b": "1/1 2/2 4/3",
         "c": "2 3 4",
     }.items():
         statements += f"usemtl {name}\nf {face}\n"
@@ -412,8 +412,32 @@ def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
     assert mesh.texture_of_triangle is not None  # the last material comes first
     assert mesh.texture_of_triangle.tolist() == [-1, -1, -1, 0]
     assert [one.feature for one in mesh.unread] == [
-        "material c", "statements d, map_Kd -clamp, map_Kd -s, map_Ks of materials",
-    ]  # fmt: skip
+        "material c",
+        "statements d, map_Kd -clamp, map_Kd -s, map_Ks of materials",
+        "texture lost.png",
+    ]
+
+
+def test_faces_of_ply_have_texture_coordinates_of_their_own(tmp_path: Path) -> None:
+    """Two squares share an edge, and have other coordinates there; v is up."""
+    header = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
+    header += "property float z\nelement face 2\nproperty list uchar int vertex_indices\n"
+    header += "property list uchar float texcoord\nend_header\n"
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)]
+    faces = {(0, 1, 2, 3): (0, 0, 1, 0, 1, 1, 0, 1), (1, 4, 5, 2): (0.5, 0, 0, 0, 0, 0.5, 0.5, 0.5)}
+    rows = [" ".join(map(str, point)) for point in points]
+    rows += [" ".join(map(str, (4, *face, 8, *uv))) for face, uv in faces.items()]
+    mesh = load_mesh(written(tmp_path, "a.ply", header + "\n".join(rows) + "\n"))
+    expected = {
+        (face, points[corner]): uv[2 * k : 2 * k + 2]
+        for face, (corners, uv) in enumerate(faces.items())
+        for k, corner in enumerate(corners)
+    }
+    # Both first halves come before both second halves.
+    for triangle, corners in enumerate(mesh.faces.tolist()):
+        for corner in corners:
+            place = triangle % 2, tuple(mesh.vertices[corner].tolist())
+            assert tuple(mesh.uv[corner].tolist()) == expected[place]
 
 
 def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path: Path) -> None:
