@@ -124,6 +124,7 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
 
 
 def _local_matrix(gltf: Gltf, node: Node) -> Floats:
+    # Section 3.5.3: a node has a matrix or translation, rotation and scale, never both.
     if node.matrix is not None:
         matrix: Floats = np.array(node.matrix).reshape(4, 4).T
         if node.translation or node.rotation or node.scale:
@@ -140,6 +141,7 @@ def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Flo
     """Return (count, 4, 4) matrices that scale, then turn, then move; None leaves a step out."""
     matrices = np.tile(np.eye(4), (count, 1, 1))
     if rotation is not None:
+        # trimesh expects w first, glTF stores it last; the quaternion is made a unit quaternion.
         turned = quaternion_matrix(np.asarray(rotation, np.float64)[:, [3, 0, 1, 2]])
         matrices = np.array(turned).reshape(count, 4, 4)
     if scale is not None:
@@ -161,11 +163,13 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
             parents[child] = number
     worlds: dict[int, Floats] = {}
     waiting = [number for number in range(len(nodes)) if number not in parents]
+    # A stack instead of recursion: chains of nodes may be deeper than Python's call stack.
     while waiting:
         number = waiting.pop()
         own = _local_matrix(gltf, nodes[number])
         worlds[number] = own if number not in parents else worlds[parents[number]] @ own
         waiting += nodes[number].children
+    # Nodes of a cycle have parents, so that no root leads to them.
     if len(worlds) < len(nodes):
         raise gltf.error("nodes are their own children")
     return [worlds[number] for number in range(len(nodes))]
@@ -174,6 +178,7 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
 def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
     """Yield visible nodes with their meshes, by number, in the order of their triangles."""
     tree = gltf.tree
+    # Without scenes, all roots are drawn; an empty list of scenes has no default scene.
     children = {child for node in tree.nodes for child in node.children}
     waiting = [number for number in range(len(tree.nodes)) if number not in children]
     if tree.scenes or tree.scene is not None:
@@ -206,6 +211,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
     """Raise InputError where the triangles of all nodes and instances take too much memory."""
 
     def size(primitive: Primitive) -> int:
+        # Counts come from the document, before any data is decoded.
         names = primitive.attributes
         if "POSITION" not in names:
             return 0
@@ -240,8 +246,10 @@ def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
         return np.empty((0, 3), np.int64)
     if primitive.mode == _STRIP:
         faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
+        # Every second triangle of a strip is wound the other way.
         faces[1::2] = faces[1::2, [0, 2, 1]]
         return faces
+    # The specification names the center of a fan last in each triangle.
     return np.stack([order[1:-1], order[2:], np.full(len(order) - 2, order[0])], axis=1)
 
 
@@ -276,6 +284,7 @@ def _local(
                 values = values + weight * read(target[name], *widths)
         return values
 
+    # The format requires min and max of positions: redundancy that exposes misread data.
     gltf.check_bounds(names["POSITION"])
     faces, used = _faces(gltf, primitive, count), np.ones(count, np.bool_)
     if primitive.indices is not None:  # primitives may share one large array
@@ -289,6 +298,7 @@ def _local(
         shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
         if shares is None or gltf.accessor(names[name]).count != count:
             raise gltf.error("joints of a skin have no weights")
+        # Joints are stored as numbers; weights are shares, declared normalized or not.
         joints.append((gltf.stored(names[name], 4)[used].astype(np.int64), shares))
     points = attribute("POSITION", 3)
     assert points is not None  # the name is there
@@ -384,6 +394,8 @@ def _skinned(gltf: Gltf, joints: Floats, local: _Local) -> MeshPart:
             matrices += shares[:, column, None, None] * joints[numbers[:, column]]
     linear = matrices[:, :3, :3]
     vertices = np.einsum("vij,vj->vi", linear, local.points) + matrices[:, :3, 3]
+    # The specification leaves the winding open where joints mirror. A triangle is turned if all of
+    # its corners are mirrored, so that the outside stays outside.
     mirrored = np.linalg.det(linear) < 0
     turned = mirrored[local.faces].all(axis=1)
     faces = np.where(turned[:, None], local.faces[:, ::-1], local.faces)

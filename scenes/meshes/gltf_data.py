@@ -326,6 +326,7 @@ class Gltf:
             raise self.error(
                 f"sparse indices of accessor {index} do not increase, or are out of range"
             )
+        # The view of the base may be shared with other accessors.
         replaced = values.copy()
         shape = (count, values.shape[1])
         replaced[rows] = self._elements(new.buffer_view, new.byte_offset, values.dtype, shape)
@@ -341,6 +342,7 @@ class Gltf:
         """Raise InputError where `min` and `max` of vectors differ from their data."""
         accessor = self.accessor(index)
         stored = self.stored(index, 3)
+        # Draco quantizes positions, so that their bounds differ slightly.
         if index in self.decoded:  # bounds are mostly those from before the compression
             return
         for name, declared in (("min", accessor.min), ("max", accessor.max)):
@@ -416,6 +418,7 @@ def open_gltf(path: Path) -> Gltf:
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:
         text, binary = _chunks(path, data)
     document = bytes(text).removeprefix(codecs.BOM_UTF8)
+    # pydantic keeps all objects in memory at once; braces in strings only raise the estimate.
     objects = document.count(b"{")
     input_files.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
     try:

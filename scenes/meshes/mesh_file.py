@@ -78,9 +78,11 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
         vertices = np.concatenate([part.vertices for part in parts])
         faces = np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)])
+        # Attributes of parts without them are NaN, or white for colors.
         uv = _joined(parts, (part.uv for part in parts), (np.nan, np.nan))
         pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
         if texture_of_triangle is not None and uv is not None:
+            # A triangle with a corner without coordinates shows no texture.
             texture_of_triangle[np.isnan(uv[faces]).any(axis=(1, 2))] = UNTEXTURED
         return SceneObject(
             name=str(path),

@@ -115,6 +115,7 @@ def read_obj(path: Path) -> MeshContent:
     for start, kind in _NO_OBJ.items():
         if text.lstrip().startswith(start):
             raise InputError(f"{path}: is {kind}")
+    # Comments end before continued lines are joined: a comment may end with a backslash.
     lines = TextLines(path, join_continued(text))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
@@ -130,6 +131,7 @@ def read_obj(path: Path) -> MeshContent:
     changes = named.get("usemtl", [])
     in_use = ["", *(_value(lines, line) for line in changes)]  # from each change on
     names = list(dict.fromkeys(in_use))
+    # The material of a polygon is the last one named before its line.
     used = np.searchsorted(changes, polygons.lines, side="right")
     material_of_polygon = np.array([names.index(name) for name in in_use])[used]
     looks, not_read = read_libraries(
@@ -147,6 +149,7 @@ def read_obj(path: Path) -> MeshContent:
     parts = []
     for number, places in _places(material_of_polygon).items():
         own, counts = triangles[triangles_of[number]], polygons.counts[places]
+        # trimesh numbers triangles by polygon size only where all polygons have one size.
         if (counts == counts[0]).all():
             own = own[sizes_together(counts)]
         parts.append(_part(names[number], polygons.corners[own], tables, looks.get(names[number])))
@@ -191,6 +194,7 @@ def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
 
 def _rows(values: Floats, counts: Indices, width: int) -> Floats:
     """Return (N, width) rows of some counts of numbers, the rest of a short row undefined."""
+    # The last rows are padded, so that a short row at the end reads no missing numbers.
     padded = np.append(values, np.full(width, np.nan))
     return np.asarray(padded[starts_of(counts)[:, None] + np.arange(width)])
 
@@ -214,6 +218,7 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
     right = (counts >= 1) & (counts <= 3)
     lines.check(kinds["vt"], right, "texture coordinates (vt) are one to three numbers")
     coordinates = _rows(values, counts, 2)
+    # A single number places a texture along u; v is then 0.
     coordinates[counts == 1, 1] = 0.0
     normals, counts = lines.numbers(kinds["vn"], skip=2)
     lines.check(kinds["vn"], counts == 3, "a normal (vn) has three numbers")
@@ -257,6 +262,7 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         for place in np.flatnonzero(outside)[:1].tolist():
             past = f"faces point past the {things}, of which the file has {total:,}"
             raise error(place, f"{past}: index {indices[place]}; export the mesh again")
+    # Indices count from 1 in the file, and absent ones become -1.
     table -= 1
     return _Polygons(corners=table, counts=counts, lines=statements)
 
@@ -291,6 +297,7 @@ def _corner_indices(
 
 def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | None) -> MeshPart:
     """Return the triangles of a material by corners (T, 3, 3): vertex, coordinates, normal."""
+    # A vertex of the file is split where its corners have other coordinates or normals.
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
     if used:
         faces, points, *rest = unmerge_faces(

@@ -21,6 +21,7 @@ _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BIN
 
 def read_off(path: Path) -> MeshContent:
     """Read an OFF file; InputError with the line where it is damaged or of a kind not read."""
+    # Letters of the header stand before OFF in this order; without a header the file is plain OFF.
     data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
     if header is not None and (header[5] or header[6]):
@@ -54,6 +55,7 @@ def read_off(path: Path) -> MeshContent:
         what = f"{len(vertices):,} vertices, and no faces of three corners"
         raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
     points = vertices[:, :3]
+    # Homogeneous coordinates: a weight of zero gives infinity, which is refused with all vertices.
     if weighted:
         with np.errstate(divide="ignore", invalid="ignore"):
             points = points / vertices[:, 3:4]

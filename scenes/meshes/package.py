@@ -47,6 +47,7 @@ class Package:
             total = sum(info.file_size for info in self._archive.infolist())
         input_files.check_declared(path, total * _MEMORY_PER_UNPACKED_BYTE, "unpacking")
         self._read: list[bytes] = []
+        # Names of parts ignore case (OPC 6.2.2.3), and relationships write them from the root.
         self._names = {name.lower().lstrip("/"): name for name in self._archive.namelist()}
 
     def error(self, reason: str) -> InputError:
@@ -63,6 +64,7 @@ class Package:
         with damage_refused(self.path, f"package with a part {name}", "export the mesh again"):
             data = read_member(self._archive, stored, self.path)
             self._read.append(data)
+            # ElementTree drops prefixes, which name the required extensions of 3MF.
             for event, value in ElementTree.iterparse(io.BytesIO(data), ("start-ns", "start")):
                 if event == "start-ns" and root is None:
                     namespaces[value[0]] = value[1]
@@ -99,6 +101,7 @@ class Package:
             raise self.error(
                 f"objects lie within each other more than {_DEEPEST} levels deep, or in a circle"
             )
+        # Each node is counted once: ten levels of ten instances are ten thousand million triangles.
         if id(node) not in sizes:
             own = 1 + sum(len(part.faces) for part in node.parts)
             sizes[id(node)] = own + sum(

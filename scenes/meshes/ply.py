@@ -63,6 +63,7 @@ def read_ply(path: Path) -> MeshContent:
     """Read a PLY file; InputError where it is damaged, cut off, or has no polygons."""
     data = read_input(path, "mesh file").removeprefix(codecs.BOM_UTF8)
     header = _header(path, data)
+    # Text has no byte order, and is cast to the machine's own.
     if header.order == "=":
         _read_text(path, data, header)
     else:
@@ -81,6 +82,7 @@ def _header(path: Path, data: bytes) -> _Header:
         raise InputError(
             f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'"
         )
+    # A property belongs to the element declared last before it.
     order, elements, textures = None, list[_Element](), list[str]()
     for number, line in enumerate(
         plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")
@@ -143,6 +145,7 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
 
 
 def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
+    # A text may have more digits than the type that its header declares: the type decides.
     with np.errstate(invalid="ignore", over="ignore"):
         cast = numbers.astype(kind)
     if cast.dtype.kind != "f" and (cast != numbers).any():
@@ -268,6 +271,7 @@ def _content(
     faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
     colors = _complete(vertex, _COLORS)
     normals = _complete(vertex, (_NORMAL,))
+    # Faces may choose among several textures by a number, which has no standard name.
     single = textures[0] if len(textures) == 1 else None
     part = MeshPart(
         name="",

@@ -46,6 +46,7 @@ def cut_polygons(
     first = np.cumsum(counts) - counts
     before = np.cumsum(counts - 2) - (counts - 2)  # triangles of earlier polygons
     triangles = np.empty((int((counts - 2).sum()), 3), np.int64)
+    # Polygons of one size are handled together: most files have one or two sizes.
     for count in np.unique(counts).tolist():
         which = np.flatnonzero(counts == count)
         local = np.repeat(_fan(count)[None], len(which), axis=0)
@@ -90,6 +91,7 @@ def _mend(
     # Sizes of zero, and those that are not finite, are for the checks that all formats share.
     normals = newell / np.where(area > 0, area, 1.0)[:, None]
     wrong = np.isfinite(doubt) & ~flat & ((area <= doubt) | ~_all_face(crosses, normals, doubt))
+    # A concave quadrilateral has exactly one right diagonal.
     if count == 4:  # the other diagonal
         halves = np.stack(
             [

@@ -68,6 +68,7 @@ class TextLines:
         self._bytes = np.frombuffer(self._data, np.uint8)
         ends = start + np.flatnonzero(self._bytes[start:] == _LINE_FEED)
         starts = np.concatenate([[start], ends + 1])[:-1]
+        # Searching sorted places costs less than splitting millions of lines.
         if b"#" in data:
             ends = _first_from(np.flatnonzero(self._bytes == ord("#")), starts, ends)
         if (self._bytes[starts] <= _SPACE)[starts < ends].any():  # indented
@@ -159,6 +160,7 @@ def parse(
     data = text.tobytes()
     if count == 0:
         return np.zeros(0, kind)
+    # NumPy stops at the first word that is no number, so that the count is short.
     with suppress(ValueError):
         numbers = np.fromstring(data, kind, sep=" ")
         if len(numbers) == count:

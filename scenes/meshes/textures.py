@@ -39,6 +39,7 @@ def decode_textures(
     """
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
+    # Parts of one picture share it: a texture of thousands of primitives is decoded once.
     keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
     numbers: dict[tuple[int, str | None, bool], int] = {}
     for part, key in zip(parts, keys, strict=True):
@@ -78,6 +79,7 @@ def decode_textures(
 def file_beside(path: Path, name: str) -> Path | None:
     """Return the file of a name in a mesh file's folder or below it; None without one."""
     name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
+    # Exporters write absolute paths of their own machine: the last part of such a path is tried.
     for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
         with suppress(ValueError, OSError):  # no name of a file
             file = (folder / candidate).resolve()

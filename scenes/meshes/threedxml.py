@@ -38,6 +38,7 @@ def read_3dxml(path: Path) -> MeshContent:
         raise package.error(
             "moves objects in a view (RelativePosition), which is not read; export without"
         )
+    # References and representations share one space of numbers.
     nodes: dict[str, Node] = {}
     for element in tree.iterfind(".//{*}Reference3D"):
         nodes[element.get("id", "")] = Node()
@@ -129,6 +130,7 @@ def _finest(package: Package, rep: Element) -> Indices:
             raise package.error(
                 "has a PolygonalLOD whose accuracy is no number; export the mesh again"
             )
+        # The accuracy is the largest deviation, so that the least one is the finest level.
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
     corners = [np.zeros((0, 3), np.int64)]
     for face in (face for faces in own for face in faces.iterfind(".//{*}Face")):

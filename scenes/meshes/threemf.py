@@ -109,6 +109,7 @@ class _Model:
             children.setdefault(key, []).append(
                 (self._object(*key), self._transform(reference.attrib))
             )
+        # trimesh walks the scene graph depth first and puts children on a stack.
         first, *others = [child for group in children.values() for child in group] or [
             (Node(), np.eye(4))
         ]
@@ -166,6 +167,7 @@ class _Model:
             node.children += self.group(part, components).children
 
     def _table(self, elements: list[Element], names: tuple[str, str, str]) -> Floats:
+        # A missing attribute becomes a word that is no number, and is refused.
         text = " ".join(row.get(name, "?") for row in elements for name in names)
         return self.package.numbers(text, len(names))
 

@@ -4,16 +4,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.long_tail import examples
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 
 ROUNDING = 1e-9  # relative: some hundred operations of doubles on coordinates of one size
 
-SETTINGS = settings(deadline=None, derandomize=True, max_examples=200)
+SETTINGS = examples(200)
 
 
 def refused(polygon: int, reason: str) -> InputError:
