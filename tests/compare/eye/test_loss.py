@@ -12,13 +12,11 @@ from tests.support.views import reversed_d32f, view
 from xfrustum.compare.eye.loss import (
     DEFAULT_COLOR,
     Collector,
-    DrawnHogel,
     Views,
     collected,
     display_loss,
     drawn_hogels,
     film_parts,
-    renderer_loss,
     shown_at,
 )
 from xfrustum.raster import Rasterizer
@@ -169,22 +167,6 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
                 np.asarray(whole.position[there]),
             )
             np.testing.assert_allclose(views.drawn.position[here], expected, atol=size)
-
-
-def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
-    scene = small("asymmetric")
-    reference = EyeReference(scene)
-    (views,) = views_of(reference, reversed_d32f(NEAR), [LEFT])
-    white = np.full((48, 64, 3), 255, dtype=np.uint8)
-    hogels = [DrawnHogel(index=index, color=white) for index in views.taken.hogels]
-    collector = Collector(scene, LEFT, views.taken, None)
-    (drawn,) = collected(hogels, [collector])
-    assert drawn.color is not None
-    np.testing.assert_array_equal(drawn.color, np.ones((45, 60, 3), dtype=np.float32))
-    loss = renderer_loss(
-        reference, replace(views, drawn=drawn), numbered=collector.numbered
-    ).numbers()
-    assert loss.wrong is None and loss.flip is not None and loss.flip > 0.3
 
 
 @pytest.mark.slow

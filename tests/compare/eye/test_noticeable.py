@@ -28,10 +28,8 @@ from xfrustum.compare.eye.noticeable import (
     runs_through_plate,
     scene_length,
     stereo_change_arcsec,
-    surface_content,
 )
-from xfrustum.compare.planning.viewer import CRACK, seen_content
-from xfrustum.compare.scout import scout
+from xfrustum.compare.planning.viewer import CRACK
 from xfrustum.reports.scene_check.effects import viewer_record
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Pivot, Scene
 from xfrustum.scenes.arrays import Floats
@@ -199,12 +197,6 @@ def test_at_the_ends_of_the_depth_of_field_pixels_look_as_large_as_what_can_be_t
         assert result.pixel_arcmin <= finest
 
 
-def test_a_gap_as_wide_as_the_limit_is_a_crack_of_one_hogel_at_the_plates_corners() -> None:
-    result = display_limits(SCENES["car"], Viewer(distance=600.0))
-    slope = math.hypot(40.0, 30.0) / 600.0
-    assert 2 * result.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
-
-
 def test_check_lists_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
     request = ["check", "asymmetric", "--viewer=600", "--near"]
     assert main([*request, "0.2", "--json"]) == 0
@@ -216,32 +208,6 @@ def test_check_lists_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str])
         record["limits"]["near_stereo"], record["limits"]["near_crack"]
     )
     assert not record["seen"]
-
-
-@pytest.mark.parametrize(
-    ("name", "distance", "near"),
-    [("asymmetric", 300.0, 0.06), ("car-recentered", 1200.0, 1.0), ("asymmetric", 300.0, 0.045)],
-)
-def test_check_and_the_study_agree_on_what_is_seen(name: str, distance: float, near: float) -> None:
-    scene, settings = view(name, (64, 48)), DoubleFrustum(near=near)
-    record = viewer_record(scene, distance, settings)
-    viewer, display = Viewer(distance=distance), Display.from_scene(scene)
-    change = stereo_change_arcsec(surface_content(scene), viewer, display, settings)
-    _, hidden, crack = resolved_crack(viewer, display, settings)
-    assert (record["stereo_change_arcsec"], record["crack_arcmin"]) == (change, crack)
-    assert record["seen"] == (change > STEREO_ACUITY_ARCSEC or crack > hidden) == (near != 0.045)
-    assert record["seen"] == (near > record["largest_unseen_near"])
-
-
-@pytest.mark.slow
-def test_all_surfaces_stand_for_what_a_scout_sees() -> None:
-    scene = view("asymmetric", (192, 192))
-    seen, everything = seen_content(scout(scene)), surface_content(scene)
-    assert seen.before is not None and everything.before is not None
-    assert seen.behind is not None and everything.behind is not None
-    assert everything.before[0] <= seen.before[0] and seen.before[1] <= everything.before[1]
-    # Visible ends are the ends of the scene but for the lattice of the scan's lines.
-    assert everything.before[1] == pytest.approx(seen.before[1], rel=0.01)
 
 
 def test_a_crack_is_seen_sooner_with_shear() -> None:
