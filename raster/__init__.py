@@ -1,16 +1,16 @@
 """The second answer: the paper's double frustum, drawn with OpenGL.
 
 * cameras: the two cameras as matrices, their passes, and their depth formats
-* device: the OpenGL device: context, room, targets, programs, meshes, time
-* plate: many hogels in one submission, with the same bits
+* device: contexts, limits, targets, programs, meshes and fingerprints of OpenGL devices
+* plate: many hogels at once, the same pictures in fewer submissions
 * shaders: the shaders, in GLSL
-* drawing: a scene on the GPU: materials, lights, textures, reflections, and its passes
-* rasterizer: the double frustum: C, then C* over it (paper, sections 3 to 6), and means of color
+* drawing: materials, lights, textures and reflections of a scene, and its drawing by passes
+* rasterizer: C, then C* over it (paper, sections 3 to 6), and means of color
 """
 
 import os
 
-# PyOpenGL chooses its platform when it is first imported, and must look where moderngl does.
+# PyOpenGL chooses its platform on import, the same as moderngl.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
 from xfrustum.raster.device.context import require_room

@@ -1,9 +1,8 @@
-"""Many hogels at once: the same pictures in fewer submissions.
+"""Many hogels at once: the pictures of `Rasterizer` in fewer submissions.
 
-clusters    Triangles as all hogels of a plate share them, in clusters that a hogel may leave out
-one_by_one  Hogels one after the other: several samples a pixel, means, and the plain loop to
-measure against picture     The pictures of several hogels: programs, draws, submissions, and
-reflections over them renderer    Many hogels per submission: the paper's double frustum for a whole
-plate, as a stream targets     Framebuffers with a layer for each of several hogels, and their way
-back to the processor
+* renderer: a plate as a stream of hogels
+* picture: programs, draws, submissions and rounds of several hogels
+* targets: framebuffers with a layer for each hogel
+* clusters: clusters of triangles outside the frusta of a hogel
+* one_by_one: hogels one by one, averaged over sub-apertures, and the plain loop of benchmarks
 """

@@ -1,5 +1,5 @@
-"""The color of true hits.
+"""Color of true hits.
 
-shading  The shader of a scene: which effects and channels are computed
-light    Phong on true hits, in double precision, with textures and the environment
+* shading: the shader of a scene, with its effects and channels
+* light: Phong on true hits in double precision, with textures and the environment
 """
