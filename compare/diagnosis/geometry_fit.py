@@ -64,7 +64,8 @@ MIN_DEPTH_PER_NEAR = 0.5
 # subpixel bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search, by the screening of candidates, by the fit and by the
+# Largest numbers of claims used by the search, by the screening of candidates, by the fit and by
+# the
 # intervals. The search tries hundreds of candidates and only ranks them; the fit needs more for its
 # precision; the intervals are bounded by the few claims nearest to an edge, and are computed once.
 MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = (
@@ -79,12 +80,14 @@ MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS
 # claims exceeds; a convention that is off by more than a pixel explains no image.
 MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
-# Largest ratio of a simpler candidate's noise to the best candidate's at which the simpler one is as good,
+# Largest ratio of a simpler candidate's noise to the best candidate's at which the simpler one is
+# as good,
 # and of the noise on few claims to that on all: the comparison has two noises of the same size.
 NOISE_FACTOR = 2.0
 
 # Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
-# left out: ten times the share that may fail under the right candidate. And the largest share of the
+# left out: ten times the share that may fail under the right candidate. And the largest share of
+# the
 # hogels that may be left out: a rule that holds in fewer than half of them is no convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
@@ -321,7 +324,8 @@ def fit_geometry(
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
     result: Found = [(nominal, ())]
     spoiled: frozenset[tuple[int, int]] = frozenset()
-    # Step 1: the nominal candidate is often right or nearly right. The search is skipped where it is.
+    # Step 1: the nominal candidate is often right or nearly right. The search is skipped where it
+    # is.
     if _noise(some, nominal) > SNAP_PX:
         # Step 2: search the conventions, and try candidates with at most one group off nominal.
         starts = fitting.starts(few)
@@ -393,7 +397,8 @@ def _without_spoiled(
 ) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
     """Return the claims of the hogels in which nearly all hold, and the indices of the others.
 
-    Where most hogels would be left out, the candidate is wrong and not the hogels: then all are kept.
+    Where most hogels would be left out, the candidate is wrong and not the hogels: then all are
+    kept.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -652,7 +657,8 @@ class _Fitting:
     ) -> list[RendererModel]:
         """Return the start values of fits of some groups, taken from the starting points.
 
-        A defect that a starting point states in another group is translated: the freest candidate has a
+        A defect that a starting point states in another group is translated: the freest candidate
+        has a
         moved scene in place of moved apertures, may have another pitch in place of another size,
         and may have a part of a moved screen as a shift of the sampling points, or the reverse.
         """

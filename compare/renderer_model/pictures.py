@@ -380,7 +380,8 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
         nearer = distance < off
         best[nearer], off[nearer] = met[nearer], distance[nearer]
-    # The scene's own lengths: where a candidate has it larger, the reach is so much shorter in them.
+    # The scene's own lengths: where a candidate has it larger, the reach is so much shorter in
+    # them.
     reach = scene.frustum.longest_reach / model.scene_scale
     missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)

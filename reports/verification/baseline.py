@@ -145,7 +145,7 @@ class MeasureChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A verification with its origin; runs of one scene, renderer, device and judging are comparable."""
+    """A verification with its origin; runs with one `key` are comparable."""
 
     time: str
     scene_hash: str

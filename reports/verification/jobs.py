@@ -234,7 +234,7 @@ def verify_on(
             "hogels": {
                 "hogels": ()
                 if isinstance(judged, ApertureBlocks | PathApertures)
-                else tuple(one.index for one in judged),
+                else tuple(entry.index for entry in judged),
                 "size": job.hogels_per_block,
             },
             "sample": None if sample is None else sample.description,
@@ -264,9 +264,9 @@ def verify_on(
                 failed = sum(row["verdict"] != Outcome.PASS for row in rows)
                 if extent is None or extent.decides(failed):
                     break
-            found = _put_together(job, workers, every, note, channels=out is not None)
-            found = replace(found, source=name, extent=extent)
-    return with_tested_diagnosis(found)
+            verification = _put_together(job, workers, every, note, channels=out is not None)
+            verification = replace(verification, source=name, extent=extent)
+    return with_tested_diagnosis(verification)
 
 
 def _looks(

@@ -57,7 +57,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def kept(self) -> bool:
-        """Whether the verdict is good: every hogel passes, or the bound keeps the limit `until`."""
+        """True if the verdict is good: every hogel passes, or the bound keeps the limit `until`."""
         limit = None if self.extent is None else self.extent.sample.until
         share = self.share_at_most
         return self.passed if limit is None else share is not None and share <= limit

@@ -203,7 +203,7 @@ class Run:
     def verified(
         self, sample: PlateSample | None, *, channels: bool, progress: bool
     ) -> Verification:
-        """Diagnose some hogels, judge all, or a sample look by look, and return the verification."""
+        """Diagnose some hogels, judge all or a sample, and return the verification."""
         scene, extent = self.reference.scene, None
         total = len(self.apertures) + len(sampled(self.apertures, scene))
         worst, hogels = WorstHogels(scene=scene if channels else None), list[Hogel]()

@@ -1,13 +1,13 @@
 """Wrong renderers and a right one, written from CONVENTIONS.md alone: none of our code is in them.
 
-| module | what it is |
+| module | content |
 | --- | --- |
 | `worlds` | the scenes: triangles made here, written as TOML and OBJ for `xfrustum verify` |
 | `ray_caster` | the right renderer: every line against every triangle, in plain NumPy |
 | `toys` | the wrong renderers, each a few lines on top of the right one |
 | `new_toys` | more of them, written later, and pairs of two mistakes |
 | `differences` | how wrong a picture really is, by brute force |
-| `outcomes` | what `xfrustum verify` says of each, and the table of all |
+| `outcomes` | result of `xfrustum verify` for each, and the table of all |
 
 `python -m tests.wrong_renderers` prints the table, and how many were named; `--group` takes a part
 of it.

@@ -19,8 +19,7 @@ class Difference:
     """Shares of the pixels that show something, in truth or picture, of the worst hogel."""
 
     different: float
-    """Share of pixels that are not what they should be, by however little (colors: by more than
-    rounding).
+    """Share of pixels that differ, by however little (colors: by more than rounding).
     """
     wrong: float
     """Share of pixels whose object is another (or none, or invalid), or whose triangle their line

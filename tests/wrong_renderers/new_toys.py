@@ -49,11 +49,11 @@ class Slip:
     name for the defect, and may give none."""
     encodings: tuple[str, ...] = ENCODINGS
     scene: str | None = None
-    world: Callable[[World], World] | None = None  # What is done to the scene
+    world: Callable[[World], World] | None = None  # Change of the scene
     place: Place = lambda world, i, j: (i, j)  # Column and row of the hogel that is drawn
     mistakes: Mistakes | Callable[[World, int, int], Mistakes] = RIGHT
     radiance: Callable[[Floats], Floats] | None = None  # From linear radiance to bytes / 255
-    change: Callable[[Picture], Picture] | None = None  # What is done to the picture
+    change: Callable[[Picture], Picture] | None = None  # Change of the picture
 
     def of_hogel(self, world: World, i: int, j: int) -> Mistakes:
         return self.mistakes if isinstance(self.mistakes, Mistakes) else self.mistakes(world, i, j)
@@ -199,7 +199,7 @@ SLIPS: dict[str, Slip] = {
         names="axes-exchanged",
         world=axes((0, 1, 0), (1, 0, 0), (0, 0, 1)),
     ),
-    # Through a centered frustum the pictures are those of mirrored films in a mirrored order.
+    # A centered frustum shows mirrored films in a mirrored order.
     "x-negated": Slip(
         words="x is negated",
         names="axes-exchanged orientation aperture-order",

@@ -16,7 +16,7 @@ from tests.wrong_renderers.ray_caster import Picture
 from tests.wrong_renderers.toys import Toy
 from tests.wrong_renderers.worlds import World
 
-LIMIT = 0.01  # `verify`'s own limit of wrong pixels in each hogel, where nobody states another
+LIMIT = 0.01  # default limit of wrong pixels in each hogel of `verify`
 
 BEYOND_DOUBT = 1.5 * LIMIT
 """A renderer with more than this in its worst hogel must not pass; between it and none at all it
@@ -66,7 +66,7 @@ scenes.
 
 
 def sizes_of(toy: str, world: World) -> Sizes:
-    """Return the sizes that must be told of a renderer's faults from triangle numbers."""
+    """Return the sizes of a renderer's defects that triangle numbers must give."""
     (width, height), (columns, rows) = world.size, world.hogels
     of_world: dict[str, Sizes] = {
         "corners": {
@@ -97,18 +97,14 @@ class Finding:
     """One printed reason."""
 
     name: str
-    explains: (
-        float | None
-    )  # Share of the wrong pixels, as `verify` says; None where it does not say
+    explains: float | None  # Share of the wrong pixels by `verify`; None without one
     alternatives: tuple[str, ...]
     value: float | str
     interval: tuple[float | None, float | None]
     words: str
 
     def tells(self, size: float | str) -> bool:
-        """Whether the finding has a size: to a fiftieth of it and within its interval, or as its
-        words.
-        """
+        """True if the finding has a size: within a fiftieth and its interval, or as a word."""
         if isinstance(size, str):
             return size == self.value or size in self.words
         low, high = (size if end is None else end for end in self.interval)
@@ -128,8 +124,8 @@ class Outcome:
     truth: Difference
     verdict: str
     findings: tuple[Finding, ...]
-    rejected: tuple[str, ...]  # Names of faults that `verify` says do not explain the images
-    admits: bool  # Whether `verify` says that no known fault explains the images
+    rejected: tuple[str, ...]  # Names of defects that do not explain the images by `verify`
+    admits: bool  # True if no known defect explains the images by `verify`
     wrong: int  # Number of pixels that `verify` counts as wrong in the images as found
     residual: int  # Number of wrong pixels after correction, except those that rounding explains
     displacement: float | None  # Largest 99th percentile of displacement of a hogel by `verify`, px
@@ -150,12 +146,12 @@ class Outcome:
         return 1 - self.residual / self.wrong if self.wrong else None
 
     def named(self, names: Iterable[str]) -> bool:
-        """Whether one of the names was given, or one that refines it: `pitch-x` refines `pitch`."""
+        """True if one of the names is there, or one that refines it: `pitch-x` refines `pitch`."""
         return matches(self.names, names)
 
     @property
     def all_named(self) -> bool:
-        """Whether a name of each mistake was given."""
+        """True if each mistake has a name."""
         return all(self.named(cause) for cause in TOYS[self.case.toy].causes(self.case.encoding))
 
     @property
@@ -174,16 +170,12 @@ class Outcome:
 
     @property
     def false_explanation(self) -> bool:
-        """Whether a reason is told, and the images corrected for it are wrong by the limit for all
-        images.
-        """
+        """True if a cause is named, and images corrected for it exceed the limit."""
         return bool(self.findings) and self.left > LIMIT
 
     @property
     def whole(self) -> bool:
-        """Whether correction must mend all: a true cause beside one without a name leaves what that
-        makes.
-        """
+        """True if correction must mend all: a cause without a name leaves wrong pixels."""
         return TOYS[self.case.toy].group == "classic" or self.all_named
 
     @property
@@ -204,7 +196,7 @@ class Outcome:
 
 
 def matches(shown: Iterable[str], names: Iterable[str]) -> bool:
-    """Return whether one of the names was said, or one that refines it."""
+    """Return whether one of the names is there, or one that refines it."""
     names = tuple(names)
     return any(entry == name or entry.startswith(f"{name}-") for entry in shown for name in names)
 
@@ -317,7 +309,7 @@ def cases(
 
 
 HEADER = (
-    "| scene | renderer | encoding | truly wrong | verdict | found (share explained, as said) | taken away "
+    "| scene | renderer | encoding | truly wrong | verdict | found (share explained) | taken away "
     "| alternatives | said not to explain | truth |\n|" + 10 * " --- |"
 )
 

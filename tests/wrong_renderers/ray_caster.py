@@ -1,8 +1,7 @@
 """The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's
 first wins.
 
-What the toys get wrong is a setting here where it concerns geometry; by default everything is
-right.
+Mistakes of geometry are settings here; by default everything is right.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ class Mistakes:
 
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Translation of the scene, mm
     scale: float = 1.0  # Factor of the scene about the plate's center, while the plate stays
-    any_reach: bool = False  # Whether surfaces out of reach are drawn too
+    any_reach: bool = False  # True if surfaces out of reach are drawn too
     reach: tuple[float, float] = (
         1.0,
         1.0,
@@ -116,7 +115,7 @@ def lines(
     """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by
     CONVENTIONS.md.
 
-    The lines are those of C (camera 0) or of C* (camera 1), which are the same where nothing is
+    The lines belong to C (camera 0) or C* (camera 1), which are the same where nothing is
     wrong.
     """
     (columns, rows), (width, height) = world.hogels, world.resolution
@@ -214,7 +213,7 @@ def rank(s: Floats, winner: str) -> Floats:
 
 
 def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
-    """Return what a depth buffer stores of each s, signed as s; equal ones go to the triangle drawn
+    """Return the stored depth of each s, signed as s; equal ones go to the triangle drawn
     first.
     """
     w = np.abs(s) + wrong.near
@@ -225,7 +224,7 @@ def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NotebookRepr:
-    """The image of one aperture: triangle numbers, -1 for none, and linear radiance, not rounded."""
+    """Image of an aperture: triangle numbers, -1 for none, and unrounded linear radiance."""
 
     triangle: Ints  # (H, W) triangle numbers
     radiance: Floats  # (H, W, 3) linear radiance

@@ -2,8 +2,8 @@
 would write.
 
 `expected` has, by encoding, the mistakes, each with the names of faults of which one must be found,
-or be among the alternatives; an encoding without names asks only that nothing false is said. Names
-are those of docs/verify.md. The classic renderers are here; `new_toys` adds the others.
+or be among the alternatives; an encoding without names demands only that nothing false is named, as
+in docs/verify.md. The classic renderers are here; `new_toys` adds the others.
 """
 
 import io
@@ -27,7 +27,7 @@ Draw = Callable[[World, int, int, str], Picture]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Toy:
-    """A renderer and what `verify` must say of it."""
+    """A renderer, and the names that `verify` must give."""
 
     name: str
     words: str  # Description of the mistake in words
@@ -40,11 +40,11 @@ class Toy:
     group: str = "classic"  # One of `GROUPS`
 
     def causes(self, encoding: str) -> tuple[frozenset[str], ...]:
-        """Return the names of each mistake; `verify` must say one of each."""
+        """Return the names of each mistake; `verify` must give one of each."""
         return self.expected.get(encoding, ())
 
     def names(self, encoding: str) -> frozenset[str]:
-        """Return all names that `verify` may say."""
+        """Return all names that `verify` may give."""
         return frozenset().union(*self.causes(encoding))
 
 
@@ -57,7 +57,8 @@ TWINS = {
 }
 """Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s
 alone: to
-move all apertures is to move the scene the other way; g times as large a scene is a g times smaller plate."""
+move all apertures is to move the scene the other way; g times as large a scene is a g times smaller
+plate."""
 
 
 TOYS: dict[str, Toy] = {}
@@ -185,7 +186,7 @@ def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def gamma(right: Picture) -> Picture:
-    """The film is fitted to a screen, which was not asked for."""
+    """The film is fitted to a screen that is not stated."""
     return ray_caster.eight_bits(ray_caster.srgb(right / 255))
 
 
@@ -371,7 +372,7 @@ add(
     Mistakes(scale=10.0, any_reach=True),
     "scene-scale does-not-explain",
 )
-# In the harbor no hogel sees any of it: black pictures tell nothing.
+# In the harbor no hogel sees any of it: black pictures show nothing.
 add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale", scene="attic")
 
 # Halves.
@@ -424,7 +425,7 @@ SCREEN_MISTAKES = {
     "not-recentered": ("no camera is sheared", Mistakes(shear=(0.0, 0.0))),
     "shear-sign": ("C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
 }
-"""Words and mistakes by the name of the fault, which is also that of the renderer."""
+"""Words and mistakes by the name of the defect, also the renderer's."""
 for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
     add(_fault, _words, _mistakes, _fault, scene="attic")
     _both = f"{_words}; both cameras step back by 2"

@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 class Part:
     """One object: its triangles and its material (linear RGB, Phong).
 
-    `hidden` is said of objects that no line shows; the ray caster leaves them out, and counts them.
+    `hidden` objects are shown by no line; the ray caster leaves them out, and counts them.
     """
 
     name: str
@@ -27,9 +27,7 @@ class Part:
     specular: float = 0.2
     exponent: float = 8.0
     hidden: bool = False
-    smooth: bool = (
-        False  # Whether the normals at corners are those of the vertices, and not the triangle's
-    )
+    smooth: bool = False  # True if normals at corners are the vertices', and not the triangle's
 
     @cached_property
     def normals(self) -> Floats:
@@ -119,7 +117,8 @@ class World:
         text = (
             f'name = "{self.name}"\nunits = "mm"\n'
             f"[plate]\nsize = {list(self.size)}\nhogels = {list(self.hogels)}\n"
-            f"[frustum]\nresolution = {list(self.resolution)}\n{frustum}\nreach = {list(self.reach)}\n"
+            f"[frustum]\nresolution = {list(self.resolution)}\n{frustum}\n"
+            f"reach = {list(self.reach)}\n"
             f"[[light]]\ndirection = {list(self.light)}\n"
         )
         for part in self.parts:
@@ -158,7 +157,7 @@ def sheet(
 def pebble(
     center: tuple[float, float, float], radii: tuple[float, float, float], bumps: int
 ) -> tuple[Floats, Ints]:
-    """A closed, bumpy ellipsoid; its poles lie along a slanted axis, so nothing of it is symmetric."""
+    """A closed, bumpy ellipsoid with poles along a slanted axis, without symmetry."""
 
     def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
         around, along = 2 * np.pi * p, np.pi * (0.02 + 0.96 * q)

@@ -75,7 +75,7 @@ def verified(
     faults: dict[str, Any] = {}
     for name in names:
         faults |= FAULTS[name][0]
-    # Pivot and fit need an offset; that is not what is asked about.
+    # Pivot and fit need an offset, which is stated.
     stated = faults["near"] if {"pivot", "fit"} & set(names) else None
     world = scene or small(size=SIZE)
     with Faulty(scene=world, **faults) as renderer:
@@ -159,8 +159,7 @@ def test_accepted_conventions_are_named_but_not_judged() -> None:
 # Pictures without numbers are registered with the reference's own.
 
 
-# A recentered frustum's images do not tell all apart: moved screens, shifts, missing or reversed
-# shears.
+# Images of a recentered frustum leave open moved screens, shifts, missing or reversed shears.
 
 
 def evidence_of(
@@ -184,7 +183,7 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
     scene = small("asymmetric-recentered", 32)
     assert scene.frustum.screen is not None
     per_px = scene.frustum.screen.size[0] / 32
-    # The first name is that of what a renderer rather does: pixels are sampled within themselves.
+    # The first name is the likelier mistake: pixels are sampled within themselves.
     for shift, first, other in (
         (0.5, "shift-x", "screen-center-x"),
         (3.0, "screen-center-x", "shift-x"),
@@ -215,7 +214,7 @@ def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear()
 
 @pytest.mark.slow
 def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() -> None:
-    """With both shears reversed, the corner hogel of this attic shows what is behind the plate
+    """With both shears reversed, the corner hogel of this attic shows surfaces behind the plate
     alone.
     """
     (case,) = chosen(names=["L3-attic-0"])
@@ -232,7 +231,7 @@ def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() ->
 
 def test_numbers_that_explain_only_together_are_one_finding() -> None:
     scene = oblong()
-    # Behind the plate alone, where a wider film undoes most of what an offset does.
+    # Behind the plate alone, where a wider film undoes most of an offset.
     behind = replace(scene, frustum=replace(scene.frustum, reach=(1e-3, scene.frustum.reach[1])))
     model = RendererModel(near=3.0, fov=(1 / 1.1, 1 / 1.1))
     test = evidence_of(behind, model)

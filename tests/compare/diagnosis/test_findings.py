@@ -1,4 +1,6 @@
-"""Findings explain wrong pixels, or are none; and faults that show the same images say so."""
+"""Findings explain wrong pixels, or are none; and defects that show the same images name each
+other.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,7 +61,7 @@ def of_model(
     shown: Sequence[str] = ("triangle", "object"),
     apertures: Sequence[tuple[int, int]] | None = None,
 ) -> Verification:
-    """Verify what a model draws in some hogels of a scene, or in all."""
+    """Verify the images of a model in some hogels of a scene, or in all."""
     reference = Reference(scene)
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
@@ -273,9 +275,7 @@ def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
 
 @pytest.mark.slow
 def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
-    """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them
-    named.
-    """
+    """Two hogels of 63 are exchanged, none of the 25 diagnosed ones; text names them."""
     scene = oblong()
     scene = replace(scene, plate=replace(scene.plate, hogels=(9, 7)))
     reference, exchanged = Reference(scene), {(3, 2): (7, 5), (7, 5): (3, 2)}

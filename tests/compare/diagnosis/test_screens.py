@@ -1,4 +1,4 @@
-"""Recentered frusta: exchanged screens, films of one row, and restored numbers of offset cameras."""
+"""Recentered frusta: exchanged screens, films of one row, restored numbers."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,8 @@ def recentered(folder: Path, hogels: tuple[int, int], resolution: tuple[int, int
     middle.
     """
     text = named("beside", "mm") + (
-        f"[plate]\nsize = [30.0, 30.0]\nhogels = {list(hogels)}\n[frustum]\nresolution = {list(resolution)}\n"
+        f"[plate]\nsize = [30.0, 30.0]\nhogels = {list(hogels)}\n"
+        f"[frustum]\nresolution = {list(resolution)}\n"
         f"screen = {{ height = -100.0, center = [{CENTER_X}, 0.0], size = [200.0, 120.0] }}\n"
         "reach = [40.0, 110.0]\n"
     )
@@ -85,7 +86,7 @@ def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
 
 
 def test_numbers_are_restored_from_what_the_renderer_states(tmp_path: Path) -> None:
-    """A picture whose numbers are mixed shows offset cameras where its author states a near offset."""
+    """Mixed numbers are restored from offset cameras where their author states them."""
     reference = Reference(recentered(tmp_path, (1, 1), (80, 48)))
     nominal = RendererModel(near=6.0)
     (image,) = stored(reference, nominal)

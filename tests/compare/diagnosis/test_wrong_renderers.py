@@ -1,9 +1,7 @@
-"""No false pass, no false reason: what `verify` says of renderers that are wrong in ways that
-people are.
+"""No false pass and no false cause of `verify` for renderers with common mistakes.
 
 The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong
-they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of
-what was run.
+they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table.
 """
 
 import contextlib
@@ -33,7 +31,7 @@ from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, SRGB, TWINS
 from xfrustum.cli.main import main
 
-MAX_DISPLACEMENT_PX = 0.5  # `verify`'s own limit, where nobody states another
+MAX_DISPLACEMENT_PX = 0.5  # default limit of `verify`
 
 DISPLACED = {name for name in TOYS if name.startswith("moved")}
 DISPLACED |= {"rolled", "corners", "near", "fov", "half-angle", "square-film"}
@@ -61,8 +59,7 @@ NOT_YET_NAMED = frozenset(
         "three-quarters-bilinear",
     ]
 ) | {"+".join(pair) for pair in PAIRS if "flat-normals" not in pair}
-"""Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are
-named.
+"""Renderers that must not pass and get no false cause, but need not be named yet.
 """
 
 
@@ -104,7 +101,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         return
     if outcome.truth.wrong > BEYOND_DOUBT:
         assert outcome.verdict == "fail", f"{outcome.truth.wrong:.1%} are wrong"
-        # At least half of what brute force counts is counted: nothing invalid is left out.
+        # At least half of brute force's count is counted: nothing invalid is left out.
         assert case.toy == "winding" or outcome.wrong >= outcome.truth.pixels / 2
     for finding in outcome.findings:
         assert finding.explains is not None, f"{finding.name} does not say what it explains"
@@ -123,8 +120,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     seldom = case.encoding != "triangle-id"
-    # A true cause that mends too little, as where numbers are mixed with others', is told as a
-    # guess.
+    # A true cause that mends too little, as where numbers are mixed, becomes a guess.
     guessed = all(
         matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding)
     )
@@ -152,7 +148,7 @@ def test_there_are_more_than_twenty_and_they_are_wrong() -> None:
     assert (draw(world, 0, 0).triangle >= 0).any()
 
 
-# The command line says the same.
+# The command line gives the same result.
 
 
 def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, str]:
@@ -194,7 +190,7 @@ def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
     ],
 )
 def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> None:
-    """Plain pictures of another shading are judged by their outlines, where that is asked for."""
+    """Plain pictures of another shading are judged by their outlines, where selected."""
     case = Case(scene="attic", toy=toy, encoding="rgb")
     status, text = verify_by_command(studio, case, "--compare", "geometry")
     assert status == (toy not in ("relit", "gamma", "right")), text
@@ -202,9 +198,7 @@ def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> Non
 
 @pytest.mark.slow
 def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(studio: Studio) -> None:
-    """A half that is missing is as black: the verdict stays, and the text says what the renderer
-    can do.
-    """
+    """A missing half is as black: the verdict stays, and the text gives advice."""
     case = Case(scene="attic", toy="headlight", encoding="rgb")
     status, text = verify_by_command(studio, case, "--compare", "geometry")
     assert status == 1

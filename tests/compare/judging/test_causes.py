@@ -1,4 +1,4 @@
-"""The cause of a foreign renderer's wrong pixel: by hand on one triangle, cut by the film's border."""
+"""Causes of wrong pixels, by hand on one triangle cut by the film's border."""
 
 import math
 from dataclasses import replace
@@ -48,7 +48,7 @@ def scene_of_one_triangle() -> Scene:
 
 
 def cut() -> tuple[Floats, Floats]:
-    """Return the sides and the diagonals of the part on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
+    """Return sides and diagonals of the part on the film, (4, 2, 2) and (2, 2, 2)."""
     a, b, c = PLACES
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
     polygon = np.array([a, b, on_bc, on_ca])
@@ -70,7 +70,7 @@ def causes(
 
 @pytest.fixture(scope="module")
 def pictures() -> Pictures:
-    """Return the scene, how it is drawn, what that shows exactly, and a picture that shows nothing."""
+    """Return scene, model, exact picture, and an empty picture."""
     scene, model = scene_of_one_triangle(), RendererModel(near=NEAR, shift=SHIFT)
     exact = trace_drawn(Reference(scene), model, CENTER)
     lost = replace(
@@ -144,7 +144,7 @@ def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
 
 @pytest.mark.slow
 def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
-    """Cracks between triangles are edges; a surface that is not there at all has its outline alone."""
+    """Cracks between triangles are edges; a missing surface has its outline alone."""
     count = 2 * SIZE  # Four triangles along each pixel
     cells = np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 1, 2)
     halves = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]])

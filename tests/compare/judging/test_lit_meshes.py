@@ -24,9 +24,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
-PLATE_PER_MESH = (
-    0.35  #: side of the plate, over that of the mesh: films are inside of the mesh's outline
-)
+PLATE_PER_MESH = 0.35  #: side of the plate over the mesh's: films are inside of the mesh's outline
 AMBIENT, DIFFUSE = 0.12, 0.8  #: of a light at the camera
 
 WRONG = {

@@ -1,4 +1,4 @@
-"""Displacement of images that name objects: 0 where no pixel differs, and not asked for without
+"""Displacement of images that name objects: 0 where no pixel differs, and not limited without
 outlines.
 """
 

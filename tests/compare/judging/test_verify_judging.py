@@ -1,4 +1,4 @@
-"""No false pass: what does not exist is wrong, figures say what they count, displacements are
+"""No false pass: what does not exist is wrong, figures name their counts, displacements are
 measured.
 """
 
@@ -203,7 +203,7 @@ def test_text_page_junit_and_json_give_the_figures_that_were_limited(
     for output in (text, page, junit):
         assert words in output
         assert moved in output
-        # No share of wrong pixels stands without saying wrong what.
+        # No share of wrong pixels stands without its figure.
         assert not re.search(r"\bwrong (pixels )?\(|are wrong", output)
     triangles = data["as_found"]["wrong"]
     for output in (text, page, junit):
@@ -258,7 +258,7 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
     gray[:, 50:] += 1.0
     gray[8:90:6, 54:92] = 0
     gray[:, 60:92:8] *= 0.5
-    # Contrast counts up to a cap, as that of pictures does.
+    # Contrast counts up to a cap, as in pictures.
     (across, down), (moved_across, moved_down) = (
         steps_of(entry) for entry in (gray, np.roll(gray, shift, axis=1))
     )
@@ -271,7 +271,7 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
 
 
 def test_geometry_passes_another_shading(hogels: Hogels) -> None:
-    """Of wrong renderers, among them one that rolls its pictures, the table says that they fail."""
+    """Wrong renderers fail in the table, one that rolls its pictures among them."""
     geometry = verified(hogels["right"], headlight, apertures=[(0, 0), (1, 1)], compare="geometry")
     assert geometry.passed
     assert geometry.summary()["compared"] == "geometry"

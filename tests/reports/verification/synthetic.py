@@ -30,7 +30,7 @@ def scene() -> Scene:
 
 
 def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hogel:
-    """Return a hogel with so many wrong surfaces, twice as many wrong triangles; missing where
+    """Return a hogel with `wrong` wrong surfaces, twice as many wrong triangles; missing where
     None.
     """
     aperture: Aperture = scene().plate.aperture(*place)
@@ -59,7 +59,7 @@ def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hog
 
 
 def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) -> Verification:
-    """Return a verification of hogels with so many wrong surfaces each."""
+    """Return a verification of hogels with some numbers of wrong surfaces."""
     return Verification(
         scene=scene(),
         source="hogels/{i}x{j}.png",
@@ -83,7 +83,7 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 def commit(folder: Path, subject: str) -> str:
-    """Commit what is there, if anything, and return the commit's name; the first makes the
+    """Commit all files, if any, and return the commit's name; the first makes the
     repository.
     """
     if not (folder / ".git").exists():

@@ -86,7 +86,7 @@ def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) ->
     }
     for setting, value in settings.items():
         git(folder, "config", setting, str(value))
-    # Of the same size: git compares the content, by way of the filter.
+    # Equal sizes make git compare the content, by way of the filter.
     (folder / "a.txt").write_text("2\n")
     assert held(folder, RIGHT, approve=True).run.commit == name
     control = shutil.copytree(folder, tmp_path / "control", symlinks=True)

@@ -53,7 +53,7 @@ def written(plate: PlateRows, name: str, folder: Path) -> Path:
     return folder
 
 
-def asked(scene: Scene, place: Path, layout: str | None = None) -> Verification:
+def verified(scene: Scene, place: Path, layout: str | None = None) -> Verification:
     return verify(scene, str(place), encoding="triangle-id", layout=layout)
 
 
@@ -77,7 +77,9 @@ slow = pytest.mark.slow
 )
 def test_a_true_plate_is_right_in_every_layout(name: str, shape: str, tmp_path: Path) -> None:
     scene, plate = plated(shape)
-    result = asked(scene, written(plate, name, tmp_path), name if shape == "horizontal" else None)
+    result = verified(
+        scene, written(plate, name, tmp_path), name if shape == "horizontal" else None
+    )
     assert result.passed
     assert f"layout {name}" in result.source
 
@@ -104,13 +106,13 @@ def mirrored(plate: PlateRows) -> PlateRows:
 
 
 MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
-    # Plate, layout, what is changed in the plate or in its files, how it is read, faults, and their
+    # Plate, layout, change of the plate or its files, how it is read, faults, and their
     # words.
     "columns before rows, upright": (
         *("full", "burnett", None, "hogels"),
         *({"orientation", "aperture-order"}, "turned by 180 degrees"),
     ),
-    # Names of two numbers may be either; the numbers and sizes of the pictures tell which.
+    # Names of two numbers may be either; the numbers and sizes of the pictures decide.
     "views as hogels": ("full", "views", None, "hogels", {"layout"}, "hold "),
     "rows from the top": (
         *("full", "hocking", None, "/hogel_{i:04d}_0003_{j:04d}_0003.png"),
@@ -154,7 +156,7 @@ def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
     if read is not None and read.startswith("/"):
         result = verify(scene, f"{tmp_path}{read}", encoding="triangle-id")
     else:
-        result = asked(scene, tmp_path, read)
+        result = verified(scene, tmp_path, read)
     assert result.passed == (not named)
     assert faults(result) == named
     assert words in "; ".join(
@@ -168,9 +170,7 @@ def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
 
 
 def sheared_views(scene: Scene, factor: float) -> PlateRows:
-    """Return a plate of views by eyes on the screen, each sheared by a factor of what the plate
-    needs.
-    """
+    """Return a plate of views from the screen, sheared by a factor of the plate's need."""
     screen = scene.frustum.screen
     assert screen is not None
     (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
@@ -189,13 +189,13 @@ def sheared_views(scene: Scene, factor: float) -> PlateRows:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 0.83])
 def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
-    """A vendor's sample shears by 0.83 of what its focal plane needs at its default angle, 45
+    """A vendor's sample shears by 0.83 of its focal plane's need at its default angle, 45
     degrees.
     """
     scene = scene_of((48, 1), (7, 7))
     screen = Screen(height=150.0, center=(0.0, 0.0), size=(80.0, 2.0))
     scene = replace(scene, frustum=replace(scene.frustum, screen=screen))
-    result = asked(scene, written(sheared_views(scene, factor), "quilt", tmp_path))
+    result = verified(scene, written(sheared_views(scene, factor), "quilt", tmp_path))
     assert result.passed == (factor == 1.0)
     named = [(fault.fault, round(float(fault.value), 2)) for fault in result.diagnosis.faults]
     assert named == ([] if factor == 1.0 else [("view-shear", factor)])
@@ -216,8 +216,8 @@ def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_la
     scene, plate = plated("full")
     (written(plate, "views", tmp_path) / "3_4.png").unlink()
     with pytest.raises(InputError, match="cannot be read in the layout hocking"):
-        asked(scene, tmp_path, "hocking")
-    result = asked(scene, tmp_path)
+        verified(scene, tmp_path, "hocking")
+    result = verified(scene, tmp_path)
     assert {hogel.problem for hogel in result.hogels} == {
         f"{tmp_path}: has no file such as 3_4.png"
     }
@@ -225,7 +225,8 @@ def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_la
 
 def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:
     plate = PlateRows.from_pixels(np.zeros((3, 3, 8, 8, 3), np.uint8))
-    result = asked(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
+    result = verified(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
     [line] = [line for line in table(result).splitlines() if "the scene says" in line]
-    words = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), and the scene says 5 x 5"
+    words = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), "
+    words += "and the scene says 5 x 5"
     assert line.startswith(f"25 hogels: read as hogels, {words} hogels of 16 x 16")

@@ -1,4 +1,6 @@
-"""Samples of another renderer's plate: the verdict of `verify` on each hogel, and a bound on the rest."""
+"""Samples of another renderer's plate: the verdict of `verify` on each hogel, and a bound on the
+rest.
+"""
 
 import json
 import shutil
@@ -18,7 +20,7 @@ HOGELS = (5, 4)
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene, and its plate as images; in the folder `bad` those of a column are missing."""
+    """A scene, and its plate as images; in the folder `bad` the files of a column are missing."""
     folder = tmp_path_factory.mktemp("drawn")
     objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
     scene = folder / "boxes.toml"
@@ -37,7 +39,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def verified(drawn: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
-    """Run the command on the good images, or on those of a folder, and return its JSON object."""
+    """Run the command on the good images, or on a folder's, and return its JSON object."""
     words = ["verify", str(drawn / "boxes.toml"), *more, "--quiet", "--json"]
     status = main(words)
     printed = capsys.readouterr()
@@ -50,15 +52,20 @@ def test_a_sample_has_the_verdicts_of_verify_and_bounds_the_plate(
     pattern = str(drawn / "bad" / "{i}x{j}.exr")
     plate = verify(open_scene(drawn / "boxes.toml"), pattern).hogels
     whole = {hogel.aperture.index: hogel for hogel in plate}
-    found = verified(drawn, capsys, pattern, "--sample", "9", "--seed", "3", "--out", str(tmp_path))
-    assert len(found["hogels"]) == 9 and found["sample"]["hogels"] == 20
-    for hogel in found["hogels"]:
+    verification = verified(
+        drawn, capsys, pattern, "--sample", "9", "--seed", "3", "--out", str(tmp_path)
+    )
+    assert len(verification["hogels"]) == 9 and verification["sample"]["hogels"] == 20
+    for hogel in verification["hogels"]:
         assert hogel["verdict"] == whole[tuple(hogel["aperture"])].verdict
-    failed = sum(hogel["verdict"] != "pass" for hogel in found["hogels"])
-    assert found["sample"]["beyond"] == failed > 0 and found["status"] == 1
-    assert found["share_beyond_at_most"] == share_beyond(failed, 9, 20, risk_of_claim(1))
-    assert found["share_beyond_at_most"] >= sum(not one.passed for one in whole.values()) / 20
-    assert found["confidence"] == 0.95
+    failed = sum(hogel["verdict"] != "pass" for hogel in verification["hogels"])
+    assert verification["sample"]["beyond"] == failed > 0 and verification["status"] == 1
+    assert verification["share_beyond_at_most"] == share_beyond(failed, 9, 20, risk_of_claim(1))
+    assert (
+        verification["share_beyond_at_most"]
+        >= sum(not entry.passed for entry in whole.values()) / 20
+    )
+    assert verification["confidence"] == 0.95
     rows = pq.read_table(tmp_path / "hogels.parquet").to_pylist()
     assert sum(row["beyond"] for row in rows) == failed
     for row in rows:
@@ -71,8 +78,12 @@ def test_a_sample_has_the_verdicts_of_verify_and_bounds_the_plate(
 def test_all_hogels_in_the_sample_are_facts(
     drawn: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = verified(drawn, capsys, str(drawn / "{i}x{j}.exr"), "--sample", "20")
-    assert (found["share_beyond_at_most"], found["confidence"], found["status"]) == (0.0, 1.0, 0)
+    verification = verified(drawn, capsys, str(drawn / "{i}x{j}.exr"), "--sample", "20")
+    assert (
+        verification["share_beyond_at_most"],
+        verification["confidence"],
+        verification["status"],
+    ) == (0.0, 1.0, 0)
 
 
 @pytest.mark.parametrize("workers", [(), pytest.param(("--workers", "2"), marks=pytest.mark.slow)])
@@ -101,10 +112,10 @@ def test_parts_of_a_job_array_judge_a_sample_between_them(
 
 def test_a_sample_is_of_the_whole_plate(drawn: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pattern = str(drawn / "{i}x{j}.exr")
-    for more, told in (
+    for more, text in (
         (("--sample", "3", "--apertures", "0,0"), "omit --apertures"),
         (("--sample", "3", "--until", "1%"), "exclude each other"),
         (("--until", "40%", "--part", "1/2", "--out", "nowhere"), "use --sample"),
     ):
-        found = verified(drawn, capsys, pattern, *more)
-        assert found["status"] == 2 and told in found["errors"]
+        verification = verified(drawn, capsys, pattern, *more)
+        assert verification["status"] == 2 and text in verification["errors"]

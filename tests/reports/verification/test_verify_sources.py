@@ -1,4 +1,4 @@
-"""Files, commands and functions that do not give what they should are reported, hogel by hogel."""
+"""Failing files, commands and functions are reported, hogel by hogel."""
 
 import itertools
 import json
@@ -122,7 +122,8 @@ def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
 RENDERER = """
 import os, shutil, signal, sys, time
 i, j, out, copies = sys.argv[1:]
-what = {"1,0": "hang", "2,0": "crash", "0,1": "nothing", "1,1": "garbage", "2,1": "elsewhere"}.get(f"{i},{j}")
+kinds = {"1,0": "hang", "2,0": "crash", "0,1": "nothing", "1,1": "garbage"}
+what = (kinds | {"2,1": "elsewhere"}).get(f"{i},{j}")
 if what == "hang":
     # A child that outlives its parent must end too.
     if os.fork() == 0:
@@ -234,7 +235,7 @@ def test_any_subset_of_an_exr_files_channels_is_judged(
     assert result.diagnosis.faults == ()
 
 
-# What a verification says: of refuted faults, of guesses, and of displacement that is not known.
+# Text of refuted defects, guesses, and unknown displacement.
 
 SHIFT = Defect(
     fault="shift-x",
@@ -369,7 +370,7 @@ PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
     [
         (FAIL, PASS, True),
         (FAIL, FAIL, False),
-        (FAIL, BLIND, False),  # blinded by the correction: nothing says that it is right
+        (FAIL, BLIND, False),  # blinded by the correction
         (BLIND, BLIND, True),
         (BLIND, PASS, True),
         (BLIND, FAIL, False),

@@ -1,5 +1,5 @@
-"""`verify` judges positions in OpenEXR as exactly as files hold them, and says what formats have
-changed.
+"""`verify` judges positions in OpenEXR as exactly as files hold them, and names formats that
+changed pixels.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Verifications in blocks equal those of one process, whichever process judges the blocks."""
+"""Verifications in blocks equal one process's, whichever process judges the blocks."""
 
 import json
 import shutil

@@ -71,11 +71,11 @@ def _tolerance(text: str) -> Any:
     return Stated.from_text(text)
 
 
-def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
-    """Return what options ask of a baseline, its folder among it; None where there is none."""
+def _baseline(baseline: Path | None, **request: Any) -> dict[str, Any] | None:
+    """Return the options of a baseline, its folder included; None where there is none."""
     if baseline is not None:
-        return {"folder": baseline, **asked}
-    for name in filter(options.is_given, asked):
+        return {"folder": baseline, **request}
+    for name in filter(options.is_given, request):
         raise click.UsageError(f"{options.flag_of(name)} is about --baseline DIR: give it too")
     return None
 
@@ -153,8 +153,8 @@ class _Verify(options.Measured):
         ),
     )
 
-    def found(self, scene: Scene) -> Verification | None:
-        """Judge here or where the options say; None where other parts are not finished yet."""
+    def verified(self, scene: Scene) -> Verification | None:
+        """Judge in this process or by workers; None where other parts are not finished yet."""
         from xfrustum.reports.verification.jobs import verify_on
         from xfrustum.reports.verification.verification import VerifyOptions, verify
 
@@ -175,13 +175,13 @@ class _Verify(options.Measured):
     "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'"
 )
 def verify(asked: _Verify) -> int:
-    """Judge the hogel images of any renderer, and say what is wrong with it.
+    """Judge the hogel images of any renderer, and name its defects.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
-    folder or a picture in one of the layouts (docs/layouts.md). --sample and --until bound the share
-    of the plate's hogels that fail, and write hogels.parquet. Exit status 1 if any hogel is missing
-    or exceeds a limit, or the bound exceeds --until; with --baseline, once measures are accepted, if any got worse or a
-    stated limit is exceeded.
+    folder or a picture in one of the layouts (docs/layouts.md). --sample and --until bound the
+    share of the plate's hogels that fail, and write hogels.parquet. Exit status 1 if any hogel is
+    missing or exceeds a limit, or the bound exceeds --until; with --baseline, once measures are
+    accepted, if any got worse or a stated limit is exceeded.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.common.outputs import check_writable_file
@@ -195,41 +195,46 @@ def verify(asked: _Verify) -> int:
     if asked.baseline is not None:
         accepted.check_folder(asked.baseline["folder"])
         accepted.accepted_runs(asked.baseline["folder"])
-    found = asked.found(opened)
-    if found is None:
+    verification = asked.verified(opened)
+    if verification is None:
         options.note("this part is judged; the last one to be finished writes the verification")
         return 0
     options.warn_of(opened)
     encoding = asked.judged["encoding"]
-    if encoding in ("triangle-id", "object-id") and found.judged.startswith("colors"):
+    if encoding in ("triangle-id", "object-id") and verification.judged.startswith("colors"):
         options.note(
             f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
         )
     if asked.out is not None:
-        write_verification(found, asked.out)
+        write_verification(verification, asked.out)
     if asked.junit is not None:
-        write_junit(found, asked.junit)
+        write_junit(verification, asked.junit)
     if asked.baseline is None:
-        asked.tell(found.summary, lambda: table(found))
-        return 0 if found.kept else options.LIMIT_EXCEEDED
-    said = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
+        asked.tell(verification.summary, lambda: table(verification))
+        return 0 if verification.kept else options.LIMIT_EXCEEDED
+    stated_ = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and asked.judged["command"] is None:
-        said["encoding"] = None  # what is stated although it is the default judges the same
+        stated_["encoding"] = None  # the stated default judges the same
     folder = asked.baseline.pop("folder")
-    held = accepted.baseline(found, folder, accepted.BaselineOptions(**said, **asked.baseline))
+    held = accepted.baseline(
+        verification, folder, accepted.BaselineOptions(**stated_, **asked.baseline)
+    )
     problem = accepted.append_step_summary(held)
     if problem is not None:
         options.note(problem)
     # Where measures are accepted, limits count only if they were stated.
     stated = any(map(options.is_given, ("max_wrong", "max_displacement_px", "max_color")))
     limited = stated or not (held.compared or held.approved)
-    passed = held.passed and (found.passed or not limited)
-    text = f"{table(found)}\n{accepted.lines(held)}"
+    passed = held.passed and (verification.passed or not limited)
+    text = f"{table(verification)}\n{accepted.lines(held)}"
     if (
-        passed and not found.passed
+        passed and not verification.passed
     ):  # limits that are not the user's are exceeded as they were when accepted
-        text += "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
-    asked.tell(lambda: {**found.summary(), "baseline": held.summary()}, lambda: text)
+        text += (
+            "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were "
+        )
+        text += "not stated"
+    asked.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
 
 
