@@ -166,19 +166,6 @@ def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
     assert parts_of(tmp_path) == undisturbed
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("patient")
-def test_workers_of_a_scheduler_make_the_same_bytes(
-    tmp_path: Path, undisturbed: dict[str, bytes]
-) -> None:
-    port = free_port()
-    with dask(*scheduler(port)), dask(*worker(port)):
-        run(ToyJob.at(tmp_path), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
-        with pytest.raises(InputError, match=r"^a bad block; mend it \(worker on .*\)$"):
-            run(ToyJob.at(tmp_path / "bad", bad=5), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
-    assert parts_of(tmp_path) == undisturbed
-
-
 def test_a_scheduler_that_does_not_answer_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,46 +191,35 @@ def test_a_scheduler_that_dies_ends_the_command_in_one_line_and_the_next_one_goe
             work.result(LONGEST_WAIT_S)
         with dask(*scheduler(port)), dask(*worker(port)):
             run(job, where)
+            with pytest.raises(InputError, match=r"^a bad block; mend it \(worker on .*\)$"):
+                run(ToyJob.at(tmp_path / "bad", bad=5), where)
     assert parts_of(tmp_path) == undisturbed
 
 
-def device_of(session: ToySession) -> str | None:
-    return os.environ.get(DEVICE_VARIABLE)
+def devices_of(session: ToySession, number: int) -> tuple[str | None, str | None]:
+    return os.environ.get(DEVICE_VARIABLE), os.environ.get(CUDA_VARIABLE)
 
 
-def test_processes_draw_on_the_devices_that_they_are_given(
+def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    """CUDA counts cards in another order; the numbers that EGL returns need cards to be tested."""
+    for variable in (DEVICE_VARIABLE, CUDA_VARIABLE):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(blocks, "_gpus", lambda: (2,))
-    job = ToyJob.at(tmp_path)
-    with open_workers(Engine(workers=1, devices=(3, 4)), len(NUMBERS)) as workers:
-        assert workers.ask(job, device_of) == "3"
-    with open_workers(Engine(), len(NUMBERS)) as workers:  # the one GPU of the machine
-        assert (workers.count, workers.ask(job, device_of)) == (1, "2")
-    with open_workers(Engine(workers=1), len(NUMBERS), draws=False) as workers:
-        assert workers.ask(job, device_of) is None
-    assert DEVICE_VARIABLE not in os.environ
-
-
-def test_each_process_traces_on_the_card_that_it_draws_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """CUDA counts cards in another order. That EGL tells CUDA's numbers is not tested: it needs cards."""
-    monkeypatch.delenv(CUDA_VARIABLE, raising=False)
     monkeypatch.setattr(context, "cuda_index", {3: 1}.get)
     job = ToyJob.at(tmp_path)
-    # As many questions as processes, all asked before the first answer: each answers one.
+    with open_workers(Engine(workers=1, devices=(3, 4)), len(NUMBERS)) as workers:
+        assert workers.ask(job, devices_of, 0)[0] == "3"
+    with open_workers(Engine(), len(NUMBERS)) as workers:  # the only GPU of the machine
+        assert (workers.count, workers.ask(job, devices_of, 0)[0]) == (1, "2")
+    with open_workers(Engine(workers=1), len(NUMBERS), draws=False) as workers:
+        assert workers.ask(job, devices_of, 0)[0] is None
+    assert DEVICE_VARIABLE not in os.environ
+    # As many calls as processes, before the first answer: each process answers one.
     with open_workers(Engine(workers=2, devices=(3, 5)), len(NUMBERS)) as workers:
-        found = dict(answer for _, answer in workers.map(job, cards_of, range(2)))
-    assert found == {"3": "1", "5": None}
-    monkeypatch.setenv(CUDA_VARIABLE, "6")
-    with open_workers(Engine(workers=1, devices=(3,)), len(NUMBERS)) as workers:
-        assert workers.ask(job, cards_of, 0) == ("3", "6")
-
-
-def cards_of(session: ToySession, number: int) -> tuple[str | None, str | None]:
-    return os.environ.get(DEVICE_VARIABLE), os.environ.get(CUDA_VARIABLE)
+        answers = dict(answer for _, answer in workers.map(job, devices_of, range(2)))
+    assert answers == {"3": "1", "5": None}
 
 
 def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(
