@@ -54,12 +54,18 @@ Arrays = dict[str, NDArray[Any]]
 class Pixels:
     """Numbers of pixels of a hogel, or of all hogels of a case."""
 
-    shown: int = 0  #: image or truth shows something
-    wrong: int = 0  #: shown, and different from the truth
-    tie: int = 0  #: wrong, and a surface of the truth's tie
-    edge: int = 0  #: wrong by rounding at an edge, or too close to one to be judged
-    order: int = 0  #: wrong by rounding of depths
-    lost: int = 0  #: wrong by rounding against the cleared depth
+    #: image or truth shows something
+    shown: int = 0
+    #: shown, and different from the truth
+    wrong: int = 0
+    #: wrong, and a surface of the truth's tie
+    tie: int = 0
+    #: wrong by rounding at an edge, or too close to one to be judged
+    edge: int = 0
+    #: wrong by rounding of depths
+    order: int = 0
+    #: wrong by rounding against the cleared depth
+    lost: int = 0
     unexplained: int = 0
 
     def __add__(self, other: Pixels) -> Pixels:
@@ -170,6 +176,7 @@ def _judged_triangles(
 ) -> Pixels:
     shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
     differs = truth.triangle != image.triangle
+    # Exact ties have no true triangle: any of their surfaces is right.
     tied = differs & _ties(truth, image.triangle)
     judged_pixels = np.flatnonzero(differs & ~tied)
     causes = find_causes(scene.triangles, cameras, truth, image, judged_pixels)
@@ -221,6 +228,7 @@ def _near_edges(
     excused = np.zeros_like(pixels)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")
     for down, right in NEIGHBORS:
+        # An edge within rounding of the pixel's center would show this neighbor's triangle there.
         moved = np.roll(padded, (-down, -right), axis=(0, 1))[inner, inner]
         candidates = np.flatnonzero(pixels & ~excused & (moved != truth.triangle))
         other = replace(truth, triangle=np.ascontiguousarray(moved))

@@ -35,7 +35,8 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 
 #: name of an archive in messages, and advice
 MESSAGE = "archive of a conformance suite", "xfrustum conformance export makes one"
-ARCHIVE = f"conformance-{SUITE}.zip"  #: name of the archive in the folder of `--out`
+#: name of the archive in the folder of `--out`
+ARCHIVE = f"conformance-{SUITE}.zip"
 #: time of every file in an archive, so that equal suites have equal bytes: the paper's year
 STORED_TIME = (1997, 1, 1, 0, 0, 0)
 
@@ -57,6 +58,7 @@ def accepted(case: Case) -> str:
 
 def described(case: Case, scene: Scene) -> dict[str, Any]:
     """Return case.json: the question, its scene, and the materials and lights of the surfaces."""
+    # The film of each aperture is stated, so that renderers need not derive it.
     reference = Reference(scene)
     first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
     apertures = []
@@ -164,6 +166,7 @@ def _wavefront(scene: Scene) -> str:
         if normals is not None:
             lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
             flat |= np.asarray(np.isnan(normals[part.faces]).any(axis=(1, 2)))
+        # `usemtl` holds for all faces up to the next one.
         used = None
         for place, face in enumerate(part.faces.tolist()):
             if part.texture_of_triangle is not None and part.texture_of_triangle[place] != used:
@@ -187,6 +190,7 @@ def _binary_gltf(scene: Scene) -> bytes:
 
     def mesh(part: SceneObject) -> Any:
         normals, colors = part.vertex_normals, part.vertex_colors
+        # `process=False` keeps vertices and the order of triangles.
         made = trimesh.Trimesh(
             vertices=part.vertices,
             faces=part.faces,
@@ -280,6 +284,7 @@ def export(cases: Sequence[Case], out: Path, done: Callable[[], object] = lambda
 
             add("suite.json", json.dumps({"suite": SUITE, "digest": suite_digest()}).encode())
             for case in cases:
+                # Entries are sorted and dated alike: equal suites give equal archives.
                 scene = case.open()
                 with TempPath(scratch_folder(), folder=True) as folder:
                     write_case(case, scene, folder.path)

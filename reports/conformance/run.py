@@ -35,8 +35,10 @@ from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.files.foreign_images import Encoding, bytes_of, read_foreign
 from xfrustum.scenes.model.device_model import DeviceModel
 
-UNSUPPORTED_FILE = "unsupported"  #: file with the reason, in place of images
-MAX_REASON_BYTES = 1 << 16  #: size of such a file
+#: file with the reason, in place of images
+UNSUPPORTED_FILE = "unsupported"
+#: size of such a file
+MAX_REASON_BYTES = 1 << 16
 SUFFIXES = (".png", ".exr")
 
 Drawing = Callable[[Path, dict[str, Any], tuple[int, int]], Any]
@@ -74,13 +76,17 @@ class Verdict:
     name: str
     level: str
     verdict: CaseOutcome
-    cause: str | None = None  #: names of faults, or a `Failure`; of unsupported cases, the reason
-    words: tuple[str, ...] = ()  #: sentences about the failure
+    #: names of faults, or a `Failure`; of unsupported cases, the reason
+    cause: str | None = None
+    #: sentences about the failure
+    words: tuple[str, ...] = ()
     #: by fault, others that explain the same images: the level decides (`agreed`)
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    hogels: int = 0  #: judged hogels, >= 0
+    #: judged hogels, >= 0
+    hogels: int = 0
     pixels: Pixels = field(default_factory=Pixels)
-    pictures: dict[str, str] = field(default_factory=dict)  #: of the worst hogel, data URLs by name
+    #: of the worst hogel, data URLs by name
+    pictures: dict[str, str] = field(default_factory=dict)
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -97,10 +103,14 @@ class Verdict:
 class CaseRenderer:
     """A renderer: exactly one of command, images and python."""
 
-    command: str | None = None  #: program run once per case, with {case} and {out}, folders
-    images: str | None = None  #: folder with a folder of images per case
-    python: str | None = None  #: module:function, a `Drawing`
-    timeout_s: float = 60.0  #: time of a command per case, seconds, > 0
+    #: program run once per case, with {case} and {out}, folders
+    command: str | None = None
+    #: folder with a folder of images per case
+    images: str | None = None
+    #: module:function, a `Drawing`
+    python: str | None = None
+    #: time of a command per case, seconds, > 0
+    timeout_s: float = 60.0
 
     def __post_init__(self) -> None:
         if sum(value is not None for value in (self.command, self.images, self.python)) != 1:
@@ -130,6 +140,7 @@ class CaseRenderer:
         module, _, name = str(self.python).partition(":")
         if not module or not name:
             raise InputError(f"--python {self.python!r}: give module:function")
+        # The program `xfrustum`, unlike `python -m`, does not search the working folder.
         if str(Path.cwd()) not in sys.path:
             sys.path.insert(0, str(Path.cwd()))
         try:
@@ -225,8 +236,10 @@ class RunOptions:
     """Means by which the images of a renderer are judged."""
 
     truths: Truths = traced
-    device: DeviceModel = ANY_DEVICE  #: model by whose roundings wrong pixels are explained
-    pictures: bool = True  #: whether to keep pictures of failed cases
+    #: model by whose roundings wrong pixels are explained
+    device: DeviceModel = ANY_DEVICE
+    #: whether to keep pictures of failed cases
+    pictures: bool = True
 
 
 def run(
@@ -259,6 +272,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         except UnsupportedError as reason:
             return replace(verdict, verdict=CaseOutcome.UNSUPPORTED, cause=str(reason))
         except Problem as problem:
+            # The scratch folder has another name in each run, and statements must not differ.
             text = str(problem).replace(f"{scratch.path}/", "")
             return replace(verdict, cause=Failure.MISSING, words=(text,))
         pixels = Pixels()
@@ -268,6 +282,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         verdict = replace(verdict, hogels=len(images), pixels=pixels)
         if pixels.within(case):
             return replace(verdict, verdict=CaseOutcome.PASS)
+        # `verify` would name culling or a scale for pictures of nothing.
         if not any(map(_shows, images.values())):
             text = "nothing is shown, in any hogel"
             return replace(verdict, cause=Failure.NOTHING_SHOWN, words=(text,))
@@ -305,6 +320,7 @@ def _diagnosed(
     """Return the verdict of a failed case with the faults that `verify` names, and pictures."""
     from xfrustum.reports.verification.verification import verify  # noqa: PLC0415 - loads long
 
+    # In a pattern of files, braces of the folder's own name are escaped.
     folder = str(out).replace("{", "{{").replace("}", "}}")
     result = verify(
         scene,

@@ -18,7 +18,8 @@ from xfrustum.reports.conformance.run import CaseOutcome, Verdict
 from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
-MAX_LISTED = 20  #: failed cases that the terminal lists
+#: failed cases that the terminal lists
+MAX_LISTED = 20
 #: colors of a badge, by the names of badge services
 COLORS = {
     CaseOutcome.PASS: "brightgreen",
@@ -34,13 +35,15 @@ class Statement:
 
     renderer: str
     device: str
-    device_model: str  #: name of the model by which rounding is explained
+    #: name of the model by which rounding is explained
+    device_model: str
     verdicts: tuple[Verdict, ...]
 
     @cached_property
     def counts(self) -> dict[str, Counter[str]]:
         """Numbers of cases by judged level and outcome, and of the cases that were not run."""
         counts = {}
+        # In the order of levels, whatever the order of verdicts.
         for level in LEVELS:
             run = Counter(str(case.verdict) for case in self.verdicts if case.level == level)
             if run:

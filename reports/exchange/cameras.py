@@ -29,7 +29,8 @@ class Renderer(StrEnum):
 
 #: files of the cameras C and C*
 CAMERA_FILES = {"json": "cameras.json", "gltf": "cameras.gltf", "mitsuba": "sensors.json"}
-TRIANGLES_FILE = "scene.npz"  #: numbered triangles and objects (`write_triangles`)
+#: numbered triangles and objects (`write_triangles`)
+TRIANGLES_FILE = "scene.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,8 @@ class CameraFiles:
 
     renderer: Renderer
     files: tuple[Path, ...]
-    next_step: str  #: advice to the user, one sentence
+    #: advice to the user, one sentence
+    next_step: str
 
 
 def write_cameras(
@@ -83,6 +85,7 @@ def write_cameras(
     cameras = cameras_of(scene, settings, apertures or scene.default_apertures())
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
+    # The cameras come first in the result, whatever their name.
     with Staging(out, (name, TRIANGLES_FILE)) as staging:
         staging.write(name, written)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
@@ -100,6 +103,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
         name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")
     }
     shading["environment"] = None if environment is None else environment.radiance
+    # Uncompressed, because readers in other languages parse it.
     np.savez(
         path,
         vertices=scene.vertices,

@@ -31,11 +31,14 @@ from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
 from xfrustum.scenes.files.plate_files import PlateRows
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
-ZARR, ZARR_SUFFIX = "zarr", ".zarr"  #: layout name of Zarr groups, and suffix of their folders
-LAYOUT_ATTRIBUTE = "xfrustum:converted"  #: source of a converted group
+#: layout name of Zarr groups, and suffix of their folders
+ZARR, ZARR_SUFFIX = "zarr", ".zarr"
+#: source of a converted group
+LAYOUT_ATTRIBUTE = "xfrustum:converted"
 NUMBERED = Reading(
     encoding=Encoding.TRIANGLE_ID
-)  #: pixels that hold triangle numbers; see `packed`
+    #: pixels that hold triangle numbers; see `packed`
+)
 
 
 class PlateArray(StrEnum):
@@ -51,7 +54,8 @@ class GroupPlate:
 
     rows: PlateRows
     array: PlateArray
-    missing: int  #: hogels that were never drawn, >= 0; 0 where the group does not state it
+    #: hogels that were never drawn, >= 0; 0 where the group does not state it
+    missing: int
 
 
 def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
@@ -76,6 +80,7 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
     shape = layouts.PlateShape(hogels=(columns, rows), resolution=(width, height))
+    # Zarr allocates whole chunks and shards, whose declared sizes can be any.
     largest = max(
         math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ())
     )
@@ -128,6 +133,7 @@ def write_group(
         compressors=[COMPRESSOR],
         fill_value=0 if colored else -1,
         dimension_names=("row", "column", "v", "u", "rgb")[: len(shape)],
+        # Without files, hogels of zeros would look like missing ones.
     ).with_config({"write_empty_chunks": True})
     for row in range(shape[0]):
         for column, hogel in enumerate(plate.row(row)):
@@ -148,26 +154,37 @@ class Conversion:
     """Result of a conversion."""
 
     source: Path
-    out: Path  #: folder or file that was written
+    #: folder or file that was written
+    out: Path
     read_as: str
-    reasons: tuple[str, ...]  #: evidence for the layout that was read, one clause each
+    #: evidence for the layout that was read, one clause each
+    reasons: tuple[str, ...]
     written_as: str
     hogels: tuple[int, int]
-    resolution: tuple[int, int]  #: width and height of each hogel as read, pixels
-    files: int  #: of Zarr groups, the number of hogels
-    losses: tuple[str, ...]  #: data that the layout cannot store; none where every bit was kept
-    notes: tuple[str, ...]  #: expectations of readers that the files do not meet
+    #: width and height of each hogel as read, pixels
+    resolution: tuple[int, int]
+    #: of Zarr groups, the number of hogels
+    files: int
+    #: data that the layout cannot store; none where every bit was kept
+    losses: tuple[str, ...]
+    #: expectations of readers that the files do not meet
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionOptions:
     """Facts that files need not state themselves."""
 
-    hogels: tuple[int, int] | None = None  #: columns and rows, which a mosaic does not state
-    tiles: tuple[int, int] | None = None  #: columns and rows of tiles of a quilt to be written
-    suffix: str | None = None  #: .png or .exr; None: .exr for floating point, else .png
-    array: PlateArray | str | None = None  #: array of a Zarr group to be read or written
-    aspect: float | None = None  #: width over height of the plate; None: ratio of hogels
+    #: columns and rows, which a mosaic does not state
+    hogels: tuple[int, int] | None = None
+    #: columns and rows of tiles of a quilt to be written
+    tiles: tuple[int, int] | None = None
+    #: .png or .exr; None: .exr for floating point, else .png
+    suffix: str | None = None
+    #: array of a Zarr group to be read or written
+    array: PlateArray | str | None = None
+    #: width over height of the plate; None: ratio of hogels
+    aspect: float | None = None
 
 
 def convert(
@@ -255,6 +272,7 @@ def _into_group(
         TempPath(out.absolute().parent, folder=True) as temporary,
         progress_bar(count, "convert", "hogel", shown=progress) as bar,
     ):
+        # The rename makes the group appear as a whole.
         made = temporary.path / "group"
         described: dict[str, object] = {"source": str(source), "layout": done.read_as}
         write_group(plate, made, array, described, bar.update)
@@ -286,7 +304,8 @@ def _into_files(
         aspect=options.aspect,
         tiles=options.tiles,
     )
-    target.stated(plate.shape)  # tiles that do not hold the views are refused before the work
+    # Tiles that do not hold the views are refused before the work.
+    target.stated(plate.shape)
     count = layout.file_count(plate.shape)
     with Staging(out.absolute().parent if single else out) as staging:
         with progress_bar(count, "convert", "file", shown=progress) as bar:
@@ -301,7 +320,8 @@ def _into_files(
     )
 
 
-DRAWING_SUFFIX = ".drawing.zarr"  #: ending of a group that is kept until its files are written
+#: ending of a group that is kept until its files are written
+DRAWING_SUFFIX = ".drawing.zarr"
 
 
 @dataclass(frozen=True, kw_only=True)

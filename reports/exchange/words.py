@@ -34,6 +34,7 @@ def losses(plate: PlateRows, target: Target) -> tuple[str, ...]:
 
 def notes(plate: PlateRows, target: Target) -> tuple[str, ...]:
     """Return the expectations of a layout's readers that its files do not meet."""
+    # Facts about other programs that no pixel of the files shows.
     if target.layout.name == "burnett":
         return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
     if target.layout.name != "quilt":

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
 
-SUITE = "1.0"  #: version of the suite
+#: version of the suite
+SUITE = "1.0"
 FOLDER = Path(__file__).parent / SUITE
 
 #: levels and their subjects; each is passed by itself
@@ -51,12 +52,18 @@ class Case:
 
     name: str
     level: str
-    scene: str  #: scene file of the suite without .toml, or a built-in scene
-    hogels: tuple[tuple[int, int], ...]  #: column and row of each
-    encoding: str  #: content of pixels: `triangle-id`, `object-id`, `rgb` or `srgb`
-    why: str  #: subject of the case, one sentence
-    resolution: tuple[int, int] | None = None  #: W, H, pixels; None: the scene's
-    near: float | None = None  #: offset of the paper's cameras, scene units; None: true frustum
+    #: scene file of the suite without .toml, or a built-in scene
+    scene: str
+    #: column and row of each
+    hogels: tuple[tuple[int, int], ...]
+    #: content of pixels: `triangle-id`, `object-id`, `rgb` or `srgb`
+    encoding: str
+    #: subject of the case, one sentence
+    why: str
+    #: W, H, pixels; None: the scene's
+    resolution: tuple[int, int] | None = None
+    #: offset of the paper's cameras, scene units; None: true frustum
+    near: float | None = None
     depth: DepthFormat = DepthFormat.D32F
     mapping: DepthMapping = DepthMapping.REVERSED
     #: largest share of shown pixels that can be wrong without an accepted reason, 0 to 1. L0 fails
@@ -64,9 +71,12 @@ class Case:
     #: wrong, and each wrong convention at least 56 % of some case, so that L0 has 0.3. Colors in L4
     #: show neither slivers narrower than a pixel nor surfaces beyond the film's border: 0.005.
     wrong: float = 0.0
-    tolerance: float | None = None  #: of linear radiance; None: `COLOR_TOLERANCE`
-    digest: str = ""  #: SHA-256 of triangles and ties of the truth in all hogels
-    radiance: float | None = None  #: mean of the true colors
+    #: of linear radiance; None: `COLOR_TOLERANCE`
+    tolerance: float | None = None
+    #: SHA-256 of triangles and ties of the truth in all hogels
+    digest: str = ""
+    #: mean of the true colors
+    radiance: float | None = None
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Case:

@@ -15,7 +15,8 @@ NORMAL = ("N.X", "N.Y", "N.Z")
 COLOR = ("R", "G", "B")
 VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
-ANY_ID = "id"  #: number of a triangle or of an object
+#: number of a triangle or of an object
+ANY_ID = "id"
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 #: layers of other programs with the content of our channels, lower case
 _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
@@ -25,7 +26,8 @@ _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     (OBJECT,): frozenset({"indexob", "object index"}),
 }
 _AXES = {3: ("xyz", "rgb"), 1: ("x", "r", "")}  # last letters of the channels of a layer
-MAX_LISTED = 24  #: channels in an error message
+#: channels in an error message
+MAX_LISTED = 24
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +55,7 @@ def listed(present: Sequence[StoredChannel]) -> str:
     """Return the names of channels, for errors."""
     names = [channel.words for channel in present]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    # Cryptomatte looks like numbers of objects, and needs its own manifest to be read.
     secret = any("crypto" in name.lower() for name in names)
     return ", ".join(names[:MAX_LISTED]) + more + (" (Cryptomatte is not read)" if secret else "")
 
@@ -74,6 +77,7 @@ def located(
         elif same:
             several[name] = same
     missing -= places.keys() | several.keys()
+    # A group of channels comes from one layer, or not at all.
     for group, layers in _LAYERS.items():
         if not missing.issuperset(group):
             continue
@@ -108,6 +112,7 @@ def _complete_sets(
     by_layer: dict[tuple[int, str], dict[str, StoredChannel]] = {}
     for channel in present:
         layer, axis = channel.layer_and_axis
+        # The same layer can lie in several parts.
         if layer in layers:
             key = channel.part, channel.name.rpartition(".")[0]
             by_layer.setdefault(key, {})[axis] = channel

@@ -53,9 +53,12 @@ _OPTIONAL = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty"
 #: attributes as JSON, whose numbers are the shortest digits that give the same double again
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 EYE_JSON = TypeAdapter(Eye)
-MAGIC = bytes.fromhex("762f3101")  #: first bytes of every OpenEXR file
-MAX_PIXELS = (2**31 - 1) // 4  #: the library counts a channel's bytes, 4 a pixel, in 32 bits
-FAR = 1e10  #: coordinate that renderers store, or exceed, for no surface
+#: first bytes of every OpenEXR file
+MAGIC = bytes.fromhex("762f3101")
+#: the library counts a channel's bytes, 4 a pixel, in 32 bits
+MAX_PIXELS = (2**31 - 1) // 4
+#: coordinate that renderers store, or exceed, for no surface
+FAR = 1e10
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # in the order of OpenEXR's codes
 _SILENT = threading.Lock()  # two redirections at once would restore each other's file
 
@@ -95,10 +98,13 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 class Header:
     """Declarations of all parts of an OpenEXR file of flat pixels."""
 
-    attributes: Mapping[str, Any]  #: of the first part that has them
-    size: tuple[int, int]  #: W, H of the display window, pixels
+    #: of the first part that has them
+    attributes: Mapping[str, Any]
+    #: W, H of the display window, pixels
+    size: tuple[int, int]
     channels: tuple[StoredChannel, ...]
-    compressions: tuple[Any, ...]  #: of each part
+    #: of each part
+    compressions: tuple[Any, ...]
 
 
 def read_header(path: Path) -> Header:
@@ -127,6 +133,7 @@ def read_header(path: Path) -> Header:
         for header in reversed(headers):
             attributes |= header
     stored = sum(count * math.prod(part) for count, part in zip(counts, sizes, strict=True))
+    # 4 bytes are the largest pixel of a channel; planes of the display window are copies.
     check_declared(path, 4 * (stored + math.prod(size)), "pixels")
     compressions = tuple(header["compression"] for header in headers)
     return Header(attributes=attributes, size=size, channels=channels, compressions=compressions)
@@ -143,7 +150,8 @@ def _size(window: Any) -> tuple[int, int]:
 class ReadPlanes:
     """Channels of a file by the names of our contract."""
 
-    planes: dict[str, NDArray[Any]]  #: (H, W) of the display window, types as stored
+    #: (H, W) of the display window, types as stored
+    planes: dict[str, NDArray[Any]]
     header: Header
     places: dict[str, StoredChannel]
 
@@ -161,6 +169,7 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
     pixels.
     """
     header = read_header(path)
+    # One of several candidates would be a guess.
     places, several = located(header.channels, names)
     refuse_several(path, several)
     with _file(path, header_only=False) as file:
@@ -239,6 +248,7 @@ def read_image(
     planes, header = read.planes, read.header
     if counted is not None and ANY_ID in planes and counted not in planes:
         planes[counted], read.places[counted] = planes[ANY_ID], read.places[ANY_ID]
+    # The camera of a foreign renderer is not trusted: its image answers for the stated hogel.
     own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
     camera = own or camera
     if camera is None:
@@ -321,6 +331,7 @@ def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
             f"{path}: channel {place.words} is stored with {kind}, which changes its values; "
             "write P.X P.Y P.Z with the compression ZIP"
         )
+    # Only DWA has a level; it bounds the error of a coefficient.
     level = read.header.attributes.get("dwaCompressionLevel")
     bounds = [
         uncertainty(read.planes[name], place.name, read.header.compressions[place.part], level)
@@ -420,6 +431,7 @@ def _rows(
     attributes: Mapping[str, bytes],
 ) -> Iterator[Callable[[Planes], None]]:
     """Write a lossless file from the top down: yield a function that writes the next rows."""
+    # Names and number types of attributes follow from the library's default header.
     header: dict[str, Any] = OpenEXR.Header(*size)
     header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
     header["channels"] = {
@@ -518,6 +530,7 @@ def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | N
     """Write channels (H, W) of any type into a file in place; InputError where that fails."""
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
+    # Callers write into a folder that is committed as a whole.
     try:
         with _rows(path, (width, height), types, attributes or {}) as write:
             write(planes)

@@ -14,8 +14,10 @@ _B44 = (OpenEXR.B44_COMPRESSION, OpenEXR.B44A_COMPRESSION)
 _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
 #: rounding to half precision: relative error, and absolute error of subnormal numbers
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25
-PXR24_ROUNDING = 2.0**-16  #: relative error; PXR24 keeps 15 of the 23 bits of a fraction
-DWA_LEVEL = 45.0  #: level of files that state none
+#: relative error; PXR24 keeps 15 of the 23 bits of a fraction
+PXR24_ROUNDING = 2.0**-16
+#: level of files that state none
+DWA_LEVEL = 45.0
 DWA_TABLE_NORM = 53.668
 """Norm of JPEG's luminance table over its least entry, 10.
 

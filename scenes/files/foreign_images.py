@@ -19,11 +19,14 @@ from xfrustum.scenes.representation import ShortRepr
 class Encoding(StrEnum):
     """The meaning of a picture's RGB values; an OpenEXR file names its own channels."""
 
-    RGB = "rgb"  #: linear radiance
-    SRGB = "srgb"  #: radiance encoded as sRGB
+    #: linear radiance
+    RGB = "rgb"
+    #: radiance encoded as sRGB
+    SRGB = "srgb"
     #: red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing
     TRIANGLE_ID = "triangle-id"
-    OBJECT_ID = "object-id"  #: the same with the object's number
+    #: the same with the object's number
+    OBJECT_ID = "object-id"
 
 
 class Transfer(StrEnum):
@@ -61,8 +64,10 @@ class Transfer(StrEnum):
 class StoredPixels(ShortRepr):
     """A picture's pixels as its file stores them."""
 
-    rgb: Bytes  #: (H, W, 3)
-    lossy: str = ""  #: name of the file's format where it changes pixels, such as "JPEG"
+    #: (H, W, 3)
+    rgb: Bytes
+    #: name of the file's format where it changes pixels, such as "JPEG"
+    lossy: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -79,9 +84,12 @@ class Reading:
     encoding: Encoding
     #: channels (0 red, 1 green, 2 blue) of the high, middle and low byte of a number
     channels: tuple[int, int, int] = (0, 1, 2)
-    offset: int = 1  #: difference of stored and actual numbers
-    background: int = 0  #: stored integer of no surface
-    transfer: Transfer | None = None  #: of colors; None: the encoding's
+    #: difference of stored and actual numbers
+    offset: int = 1
+    #: stored integer of no surface
+    background: int = 0
+    #: of colors; None: the encoding's
+    transfer: Transfer | None = None
 
     @property
     def first_is_lost(self) -> bool:
@@ -100,6 +108,7 @@ class Reading:
 
     def numbers(self, packed: Numbers) -> Numbers:
         """Return the numbers (H, W) of stored integers, `NOTHING` for no surface."""
+        # Integers below the offset name no surface either.
         known = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, known).astype(np.int32)
 
@@ -153,6 +162,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
         if reading.transfer is not None:
             color = reading.transfer.linear(radiance(stored_rgb(image), Encoding.RGB))
         return replace(image, triangle=nothing, object=nothing, color=color)
+    # Pictures hold numbers or colors; OpenEXR files can hold both.
     numbers = reading.numbers(stored_integers(image, reading))
     color = None if isinstance(image, ForeignImage) else image.color
     is_object = reading.encoding is Encoding.OBJECT_ID

@@ -58,20 +58,27 @@ class PlateShape:
 class Layout:
     """Names, order and orientation of the files of a plate."""
 
-    name: str  #: name on the command line; several rows may share one
-    meaning: str  #: content of a file, one clause
+    #: name on the command line; several rows may share one
+    name: str
+    #: content of a file, one clause
+    meaning: str
     #: regular expression of a file name without suffix; its groups are numbers
     pattern: str
-    stem_format: str  #: format of a file name without suffix
+    #: format of a file name without suffix
+    stem_format: str
     #: groups that count files: hogel column i and row j, pixel row r and column c
     numbers: str
     #: view (.., 3) of a file's pixels in a plate, by the file's numbers and the stated numbers:
     #: (H, W), or (tile row, H, tile column, W); None for one file per hogel
     view: Callable[[Pixels, Index, Index], Pixels] | None = field(default=None, repr=False)
-    stated: tuple[str, ...] = ()  #: groups with the same value in all names
-    horizontal: bool = False  #: horizontal parallax only: one pixel row of each hogel
-    upward: bool = False  #: hogel rows counted from the bottom
-    turned: bool = False  #: pictures turned by 180 degrees
+    #: groups with the same value in all names
+    stated: tuple[str, ...] = ()
+    #: horizontal parallax only: one pixel row of each hogel
+    horizontal: bool = False
+    #: hogel rows counted from the bottom
+    upward: bool = False
+    #: pictures turned by 180 degrees
+    turned: bool = False
 
     @property
     def in_hogels(self) -> bool:
@@ -122,6 +129,7 @@ class Layout:
         known
             Shape that the scene, or a file beside the pictures, states.
         """
+        # Names that state the plate's size, or a known plate, allow hogels without files.
         counts = []
         for axis in range(len(self.numbers)):
             numbers = {index[axis] for index in counted}
@@ -196,6 +204,7 @@ def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
 
 #: all layouts; the first that fits the names of some files is taken
 LAYOUTS = (
+    # First: its names fit the pattern of `hogels`, too.
     Layout("hocking", "one picture per hogel, rows counted upward, names state the plate's size",
            r"hogel_(?P<i>\d{4})_(?P<columns>\d{4})_(?P<j>\d{4})_(?P<rows>\d{4})",
            "hogel_{i:04}_{columns:04}_{j:04}_{rows:04}", "ij",
@@ -205,6 +214,7 @@ LAYOUTS = (
     Layout("hocking-columns", "one picture per hogel column, a line per hogel, mirrored",
            r"Hogel_Column_(?P<i>\d+)", "Hogel_Column_{i}", "i",
            lambda pixels, index, _: middle_row(pixels)[:, index[0], ::-1], horizontal=True),
+    # A camera's place ends some names with an underscore.
     Layout("stanford", "one view per pixel of a hogel, row before column, with camera positions",
            r"out_(?P<r>\d+)_(?P<c>\d+)_-?\d+(?:\.\d*)?_-?\d+(?:\.\d*)?_?",
            "out_{r:02}_{c:02}_{v:.6f}_{u:.6f}", "rc", _pixel_view),
@@ -216,16 +226,20 @@ LAYOUTS = (
            "{stem}_qs{columns}x{rows}a{aspect:.4g}", "",
            lambda pixels, _, tiles: tiled_views(pixels, tiles),
            stated=("columns", "rows"), horizontal=True),
+    # Names of other layouts begin with out_, hogel_ or Hogel_.
     Layout("burnett", "one aperture view per hogel, y before x, turned by 180 degrees",
            r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?", "name_{j}_{i}",
            "ij", turned=True),
     Layout("hogels", "one picture per hogel, column before row, row 0 at the top",
            r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)", "hogel_{i}x{j}", "ij"),
+    # Last: every name fits.
     Layout("mosaic", "one picture, hogel (i, j) is the tile at column i, row j", r".+", "{stem}",
            "", lambda pixels, _, __: pixels.transpose(0, 2, 1, 3, 4)),
 )  # fmt: skip
-NAMES = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))  #: names on the command line
-SINGLE_PICTURES = ("mosaic", "quilt")  #: layouts whose one picture can have a name of its own
+#: names on the command line
+NAMES = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
+#: layouts whose one picture can have a name of its own
+SINGLE_PICTURES = ("mosaic", "quilt")
 
 
 def layouts_named(name: str) -> tuple[Layout, ...]:
@@ -241,9 +255,12 @@ class Target:
 
     layout: Layout
     suffix: str = ".png"
-    stem: str = ""  #: beginning of the name of a single picture; the layout's name where empty
-    aspect: float | None = None  #: width over height of a quilt's plate; None: ratio of hogels
-    tiles: tuple[int, int] | None = None  #: columns and rows of a quilt; None: by its views
+    #: beginning of the name of a single picture; the layout's name where empty
+    stem: str = ""
+    #: width over height of a quilt's plate; None: ratio of hogels
+    aspect: float | None = None
+    #: columns and rows of a quilt; None: by its views
+    tiles: tuple[int, int] | None = None
 
     @property
     def floating(self) -> bool:

@@ -20,11 +20,14 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
 
-TEXT_KEY = "xfrustum:layout"  #: keyword of a PNG text with a plate's layout, a JSON object
+#: keyword of a PNG text with a plate's layout, a JSON object
+TEXT_KEY = "xfrustum:layout"
 #: chunk gAMA of a PNG file with linear pixels: the exponent 1 in units of 1 / 100,000
 LINEAR_GAMMA = (100_000).to_bytes(4, "big")
-LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")  #: Pillow's names; WebP and others need not be lossy
-RGB_MODES = ("RGB", "RGBA", "P", "L", "1")  #: Pillow's modes that convert to 8-bit RGB losslessly
+#: Pillow's names; WebP and others need not be lossy
+LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
+#: Pillow's modes that convert to 8-bit RGB losslessly
+RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
 #: exceptions of Pillow for files that are no picture, or a damaged one
 _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
@@ -33,9 +36,12 @@ _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 class Picture:
     """A picture as its file stores it, row 0 at the top."""
 
-    pixels: Pixels  #: (H, W, 3), levels from 0 to 255 (uint8) or floating point
-    lossy: str = ""  #: file format that changes pixels, such as "JPEG"
-    linear: bool = False  #: whether a PNG file states that its pixels are linear radiance
+    #: (H, W, 3), levels from 0 to 255 (uint8) or floating point
+    pixels: Pixels
+    #: file format that changes pixels, such as "JPEG"
+    lossy: str = ""
+    #: whether a PNG file states that its pixels are linear radiance
+    linear: bool = False
 
 
 @contextmanager
@@ -48,6 +54,7 @@ def _opened(path: Path) -> Iterator[Any]:
             input_files.open_image(file) as picture,
         ):
             yield picture
+    # A subclass of OSError, and thus before the others.
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: is not an image that can be read") from error
     except _DAMAGE as error:
@@ -92,6 +99,7 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
     """
     suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
+        # Through memory: Pillow leaves a part of a file behind when the disk is full.
         info, buffer = PngInfo(), io.BytesIO()
         if text:
             info.add_text(TEXT_KEY, json.dumps(text))

@@ -32,9 +32,12 @@ from xfrustum.scenes.files.pictures import (
     write_picture,
 )
 
-PLATE_FILE = "plate.json"  #: plate of the hogels that the script for Blender renders
-MAX_FACTS_BYTES = 1 << 24  #: size of such a file; a hundred thousand objects with their colors
-MAX_BYTES_IN_MEMORY = 1 << 28  #: size of a plate's pixels, beyond which a scratch file holds them
+#: plate of the hogels that the script for Blender renders
+PLATE_FILE = "plate.json"
+#: size of such a file; a hundred thousand objects with their colors
+MAX_FACTS_BYTES = 1 << 24
+#: size of a plate's pixels, beyond which a scratch file holds them
+MAX_BYTES_IN_MEMORY = 1 << 28
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,9 +48,12 @@ class PlateRows:
     dtype: np.dtype[Any]
     #: function of a row's number that returns its pixels (columns, H, W, 3), or raises InputError
     row: Callable[[int], Pixels]
-    linear: bool = False  #: whether pixels are known to be linear radiance
-    pixels: Pixels | None = None  #: (rows, columns, H, W, 3), where the whole plate is held
-    lossy: str = ""  #: file format that changes pixels, such as "JPEG"
+    #: whether pixels are known to be linear radiance
+    linear: bool = False
+    #: (rows, columns, H, W, 3), where the whole plate is held
+    pixels: Pixels | None = None
+    #: file format that changes pixels, such as "JPEG"
+    lossy: str = ""
 
     @classmethod
     def from_pixels(cls, pixels: Pixels, lossy: str = "", *, linear: bool = False) -> PlateRows:
@@ -83,6 +89,7 @@ def empty_pixels(shape: PlateShape, dtype: np.dtype[Any]) -> Pixels:
     if size <= MAX_BYTES_IN_MEMORY:
         return np.zeros(shape.array, dtype)
     try:
+        # The mapping outlives the closed file, which has no name and leaves nothing behind.
         with tempfile.TemporaryFile() as file:
             return np.memmap(file, dtype, "w+", shape=shape.array)
     except (OSError, ValueError, OverflowError) as error:
@@ -106,6 +113,7 @@ def converted(pixels: Pixels, *, floating: bool) -> Pixels:
         return pixels if pixels.dtype.kind == "f" else (pixels / 255).astype(np.float32)
     if pixels.dtype.kind != "f":
         return pixels
+    # In double precision, so that levels divided by 255 return as the same levels.
     shares = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
     return np.rint(255 * shares).astype(np.uint8)
 
@@ -114,12 +122,16 @@ def converted(pixels: Pixels, *, floating: bool) -> Pixels:
 class FileSet:
     """Files of a plate in a layout."""
 
-    place: Path  #: folder or file that was named
+    #: folder or file that was named
+    place: Path
     layout: Layout
-    files: dict[Index, Path]  #: paths by the numbers that count them
-    stated: Index  #: numbers that all names state alike; see `Layout.stated`
+    #: paths by the numbers that count them
+    files: dict[Index, Path]
+    #: numbers that all names state alike; see `Layout.stated`
+    stated: Index
     shape: PlateShape
-    strangers: int  #: pictures of the folder with names of other layouts, >= 0
+    #: pictures of the folder with names of other layouts, >= 0
+    strangers: int
 
     @property
     def beyond(self) -> int:
@@ -153,6 +165,7 @@ class FileSet:
         """
         if not self.layout.in_hogels:
             return self.plate
+        # Missing files are reported before any work.
         for index in self.layout.indices(self.shape):
             self._path(index)
         first = self._read(next(self.layout.indices(self.shape)))
@@ -217,6 +230,7 @@ def stored_size(layout: Layout, shape: PlateShape, stated: Index) -> tuple[int, 
     """Return height and width of the pictures of a layout."""
     if layout.view is None:
         return shape.resolution[1], shape.resolution[0]
+    # The view of a broadcast scalar has the shape of a file's pixels and takes no memory.
     first = (0,) * len(layout.numbers)
     held = layout.view(np.broadcast_to(np.uint8(0), shape.array), first, stated).shape[:-1]
     return (held[0] * held[1], held[2] * held[3]) if len(held) == 4 else (held[0], held[1])
@@ -250,6 +264,7 @@ def find_files(
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
     if candidates:
+        # The first of equals: `max` keeps the order of layouts.
         return max(
             candidates,
             key=lambda files: (-files.strangers, known is not None and files.shape == known),
@@ -360,6 +375,7 @@ def write_files(
         )
         text: dict[str, object] | None = None
         if layout.name == "mosaic":
+            # No name of a mosaic states how many hogels it has.
             text = {"layout": layout.name, "hogels": shape.hogels, "resolution": shape.resolution}
         write_picture(folder / target.file_name(index, shape), picture, text)
         done()

@@ -129,8 +129,8 @@ def test_a_right_renderer_passes_and_an_archive_gives_the_same_statement_without
     ("name", "names"),
     [
         pytest.param("mirrored", FEW, marks=pytest.mark.slow),
-        ("blue-red", FEW),
-        ("no-front", FEW),
+        ("blue-red", FEW[:1]),
+        ("no-front", FEW[:1]),
         ("back-over-front", ["L0-half-over-half"]),
         ("nearest", ["L0-farthest-wins"]),
         ("farthest", ["L0-nearest-wins"]),
