@@ -101,7 +101,7 @@ def _parts(triangles: Floats, low: float, high: float) -> tuple[Floats, Mask]:
         with np.errstate(invalid="ignore"):
             share = np.divide(below, below - above, out=np.zeros_like(z), where=crossing)
             points = triangles + share[..., None] * (ends - triangles)
-        points[..., 2] = height
+        points[..., 2] = np.where(crossing, height, points[..., 2])  # heights may be infinite
         corners.append(points)
         valid.append(crossing)
     return np.concatenate(corners, axis=1), np.concatenate(valid, axis=1)
