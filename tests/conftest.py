@@ -14,6 +14,8 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from tests.support.worlds import World
 
 # NumPy's libraries wait busily for their threads, too, which small matrices do not need
@@ -69,6 +71,25 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> World:
 def world(request: pytest.FixtureRequest) -> World:
     """Each of the three worlds in turn."""
     return cast("World", request.getfixturevalue(request.param))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def records_follow_their_schemas() -> Iterator[None]:
+    """Check every JSON object that a command prints in any test against the schema of its record."""
+    options = import_module("xfrustum.cli.options")
+    printed = options.Printed.tell
+
+    def checked(self: Any, summary: Callable[[], Any], text: Callable[[], str]) -> None:
+        if self.as_json:
+            record = summary()
+            import_module("tests.support.records").check_printed(record)
+            printed(self, lambda: record, text)
+        else:
+            printed(self, summary, text)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(options.Printed, "tell", checked)
+        yield
 
 
 @cache

@@ -35,8 +35,8 @@ class Commands(click.Group):
     """Group whose commands are loaded one by one, and listed by use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of all commands, those that a program has added last."""
-        return [*MODULES, *self.commands]
+        """Return the names of all listed commands, those added by another program last."""
+        return [*MODULES, *(name for name, one in self.commands.items() if not one.hidden)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
@@ -120,6 +120,15 @@ def cli(
             context.with_resource(input_files.input_memory(max_input_memory))
         if max_hogels is not None:
             context.with_resource(input_files.largest_plate(max_hogels))
+
+
+@cli.command(hidden=True)
+@click.argument("name", required=False)
+def schema(name: str | None) -> None:
+    """Print the JSON schema of the record NAME, or the names of all records."""
+    from xfrustum.reports import schemas
+
+    click.echo("\n".join(schemas.schema_names()) if name is None else schemas.schema_text(name))
 
 
 COMPLETION_VARIABLE = "_XFRUSTUM_COMPLETE"

@@ -1,0 +1,64 @@
+"""JSON schemas of records: valid, closed, and with the keys of the contract."""
+
+import json
+from typing import Any
+
+import jsonschema
+import pytest
+from click.testing import CliRunner
+
+from tests.support.records import problems
+from tests.support.worlds import World
+from xfrustum import compare_images
+from xfrustum.cli.app import cli
+from xfrustum.reports.schemas import schema_names, schema_text
+
+CONTRACT = {
+    "compare": "pixels judged covered at_plate surface triangle displacement_px height radiance",
+    "budget": "links",
+    "survey": "hogels judged beyond share_beyond_at_most confidence tolerance_px worst workers wall_s settings",
+    "view": "eyes",
+    "plan": "near near_range depth mapping slabs sentence binds split limits plate command",
+    "check": "effects unread",
+    "verify": "verdict diagnosis where",
+    "device": "renderer version software subpixel_bits snaps_depth depth filter_bits varyings tried",
+    "conformance-list": "suite cases",
+}
+"""Keys that a record always has, by its name."""
+
+
+def objects(schema: Any) -> list[dict[str, Any]]:
+    """Return all schemas of objects with properties within a schema."""
+    if isinstance(schema, list):
+        return [one for part in schema for one in objects(part)]
+    if not isinstance(schema, dict):
+        return []
+    own = [schema] if "properties" in schema and "additionalProperties" in schema else []
+    return own + [one for part in schema.values() for one in objects(part)]
+
+
+@pytest.mark.parametrize("name", schema_names())
+def test_a_schema_is_valid_and_lists_all_keys(name: str) -> None:
+    schema = json.loads(schema_text(name))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["title"] and objects(schema)
+    assert all(part["additionalProperties"] is False for part in objects(schema))
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_the_keys_of_the_contract_are_required(name: str) -> None:
+    assert set(CONTRACT[name].split()) <= set(json.loads(schema_text(name))["required"])
+
+
+def test_a_missing_key_an_unknown_key_and_another_type_are_problems(tiny: World) -> None:
+    record = compare_images(tiny.truth(), tiny.raster(), tiny.reference).summary()
+    assert problems("compare", record) == []
+    assert problems("compare", {k: v for k, v in record.items() if k != "judged"})
+    assert problems("compare", record | {"extra": 1})
+    assert problems("compare", record | {"pixels": "many"})
+
+
+def test_the_command_prints_schemas_and_their_names() -> None:
+    names = CliRunner().invoke(cli, ["schema"]).stdout.split()
+    assert names == schema_names()
+    assert json.loads(CliRunner().invoke(cli, ["schema", "compare"]).stdout)["title"]

@@ -1,0 +1,35 @@
+"""Records that commands print, checked against the JSON schemas of the package."""
+
+import json
+from functools import cache
+from typing import Any
+
+import click
+import jsonschema
+
+from xfrustum.reports.common.outputs import json_ready
+from xfrustum.reports.schemas import schema_text
+
+
+@cache
+def validator(name: str) -> Any:
+    """Return the validator of a record."""
+    return jsonschema.Draft202012Validator(json.loads(schema_text(name)))
+
+
+def problems(name: str, record: object) -> list[str]:
+    """Return the places where a record differs from its schema, each with the reason."""
+    return [
+        f"{name}{error.json_path[1:]}: {error.message[:200]}"
+        for error in validator(name).iter_errors(json_ready(record))
+    ]
+
+
+def check_printed(record: object) -> None:
+    """Check the record of the command that runs, named like it: `bench-truth`, `device-replay`."""
+    context = click.get_current_context()
+    name = "-".join(context.command_path.split()[1:])
+    if name == "device":
+        kind = next((option for option in ("list", "replay") if context.params.get(option)), None)
+        name = "device" if kind is None else f"device-{kind}"
+    assert problems(name, record) == []
