@@ -24,9 +24,9 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
-	@echo 'make test      all checks but the slow tests: ruff, mypy, import-linter, pytest'
+	@echo 'make test      all checks but the slow tests: ruff, pyrefly, import-linter, pytest'
 	@echo 'make test-quick  one of each of them, in under a minute'
-	@echo 'make test-all  the same, with the slow tests'
+	@echo 'make test-all  the same, with mypy and the slow tests'
 	@echo 'make test-blender  the tests that need Blender, which it installs into build/blender (900 MB)'
 	@echo 'make test-device  how the graphics card at hand does, in 8 minutes and without a network: build/device-report.md'
 	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
@@ -52,8 +52,9 @@ test-all: PYTEST_ARGS ?= -m ''
 test test-all: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/mypy
+	.venv/bin/pyrefly check
 	.venv/bin/lint-imports
+	$(if $(filter test-all,$@),.venv/bin/mypy)
 	.venv/bin/pytest $(PYTEST_ARGS)
 
 test-quick: setup
