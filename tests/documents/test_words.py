@@ -15,7 +15,7 @@ def test_words_of_clean_rooms() -> None:
     [
         ('"""That which is measured."""', "begins with 'That'"),
         ('"""Errors. Whether one is left out is open."""', "begins with 'Whether'"),
-        ("x = 1  # What is left", "begins with 'What'"),
+        ("x = 1\n# What is left", "begins with 'What'"),
         ("# The camera is told\n# its near plane.\nx = 1", "'told'"),
         ('"""Errors.\n\nThose of C alone."""', "begins with 'Those'"),
         ("def f(asked: int) -> int:\n    return asked", "the name 'asked'"),

@@ -7,10 +7,8 @@ violation and exits with status 1 if there is any.
 from __future__ import annotations
 
 import ast
-import io
 import re
 import sys
-import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -123,12 +121,10 @@ def violations(source: str) -> Iterator[Violation]:
     for number, line in enumerate(source.splitlines(), 1):
         if len(line) > COLUMNS:
             yield number, f"{len(line)} columns, at most {COLUMNS}"
-    tree = ast.parse(source)
-    for number, text in (*docstrings(tree), *comments(source)):
+    texts, names = docstrings_and_names(ast.parse(source))
+    for number, text in (*texts, *comments(source)):
         yield from ((number, problem) for problem in problems(text))
-    for number, name in stored_names(tree):
-        if name in NAMES:
-            yield number, f"the name {name!r}: use the noun"
+    yield from ((n, f"the name {name!r}: use the noun") for n, name in names if name in NAMES)
 
 
 def problems(text: str) -> Iterator[str]:
@@ -143,24 +139,30 @@ def problems(text: str) -> Iterator[str]:
             yield f"{match[0]!r} ({advice}): {flat[max(0, match.start() - 25) :][:60]!r}"
 
 
-def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each docstring, the strings below attributes included."""
+def docstrings_and_names(tree: ast.Module) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Return docstrings, the strings below attributes included, and stored names, with lines."""
+    texts, names = [], []
     for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        for statement in body if isinstance(body, list) else ():
-            value = statement.value if isinstance(statement, ast.Expr) else None
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                yield statement.lineno, value.value
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(text))):
+                texts.append((node.lineno, text))
+            case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
+                names.append((node.lineno, name))
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                names.append((node.lineno, name))
+    return texts, names
 
 
 def comments(source: str) -> Iterator[tuple[int, str]]:
     """Yield line and text of each comment; comments on consecutive lines are joined."""
     start, last, text = 0, -1, ""
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type != tokenize.COMMENT or re.match(r"#\s*(?:noqa|fmt:|type:|!)", token.string):
+    for row, line in enumerate(source.splitlines(), 1):
+        # Two blanks set a comment apart from code, and hardly ever occur before # in a string.
+        place = 0 if line.lstrip().startswith("#") else line.rfind("  # ") + line.rfind("  #:") + 1
+        words = line[place:].lstrip("#: ")
+        if place < 0 or not words or re.match(r"(?:noqa|fmt:|type:|!)", words):
             continue
-        row, words = token.start[0], token.string.lstrip("#: ")
-        if row == last + 1 and token.line.lstrip().startswith("#"):
+        if row == last + 1 and place == 0:
             last, text = row, f"{text} {words}"
             continue
         if text:
@@ -168,17 +170,6 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
         start, last, text = row, row, words
     if text:
         yield start, text
-
-
-def stored_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each variable, parameter, function and assigned attribute."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.lineno, node.id
-        elif isinstance(node, ast.arg):
-            yield node.lineno, node.arg
-        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            yield node.lineno, node.name
 
 
 def modules(paths: tuple[str, ...]) -> Iterator[Path]:
