@@ -102,7 +102,9 @@ def assert_named(result: Verification, *names: str) -> None:
     assert result.summary()["corrected"]["causes"]["unexplained"] <= 2
 
 
-@pytest.mark.parametrize("name", ["corners", "near", "missing"])
+@pytest.mark.parametrize(
+    "name", ["corners", pytest.param("near", marks=pytest.mark.slow), "missing"]
+)
 def test_a_fault_of_sampling_of_the_cameras_or_of_composition_is_named_from_few_small_hogels(
     name: str,
 ) -> None:

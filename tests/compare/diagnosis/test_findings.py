@@ -80,7 +80,10 @@ def by_name(result: Verification) -> dict[str, Defect]:
     [
         (RendererModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
         (RendererModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
-        (RendererModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
+        pytest.param(
+            *(RendererModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_film_a_lens_a_shading_and_a_camera_are_named_from_few_small_hogels(
@@ -212,6 +215,7 @@ def test_whatever_the_offset_its_interval_contains_it(
 # Findings rest on wrong pixels: none without them, and all findings together must explain them.
 
 
+@pytest.mark.slow
 def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(
     tmp_path: Path,
 ) -> None:
