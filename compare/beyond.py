@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 PERCENTILE = 99.0  #: percentile of displacement that a tolerance limits
 
+#: Largest share of pixels in the plate itself, where displacement is undefined, that leaves the
+#: percentile defined: the same pixels that the percentile leaves out.
 MAX_UNDEFINED = 1 - PERCENTILE / 100
-"""Largest share of pixels in the plate itself, where displacement is undefined, that leaves the percentile
-defined: the same pixels that the percentile leaves out."""
 
 
 def displacement_p99(numbers: ComparisonNumbers) -> float:

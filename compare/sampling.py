@@ -152,7 +152,8 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
     """Return the upper bound of the share with a property, by Clopper and Pearson (1934)."""
     if beyond >= sampled:
         return 1.0
-    return float(scipy.special.betaincinv(beyond + 1, sampled - beyond, confidence))
+    test = scipy.stats.binomtest(beyond, sampled, alternative="less")
+    return float(test.proportion_ci(confidence, method="exact").high)
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
@@ -194,9 +195,9 @@ def clean_sample(share: float, hogels: int, risk: float) -> int:
     return size
 
 
+#: Default size of a sample, hogels: if none of them is beyond the limits, at most 1 % of all are,
+#: with a confidence of 95 % (0.95 to the power 1/299 is 0.99).
 DEFAULT_SAMPLE = 300
-"""Default size of a sample, hogels: if none of them is beyond the limits, at most 1 % of all are, with
-a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
 
 
 @dataclass(frozen=True, kw_only=True)

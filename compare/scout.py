@@ -26,22 +26,23 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+#: Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is
+#: six.
 FILM_PIXELS = 24
-"""Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is six."""
 
+#: Apertures of the first lattice, about; a look costs some 10 ms on a mesh of 40,000 triangles.
 LATTICE_APERTURES = 400
-"""Apertures of the first lattice, about; a look costs some 10 ms on a mesh of 40,000 triangles."""
 
+#: Largest number of apertures that are looked through, those around the worst ones included.
 MAX_APERTURES = 1000
-"""Largest number of apertures that are looked through, those around the worst ones included."""
 
+#: Apertures that are looked through since vertices lie right behind or before them, the nearest
+#: ones: what is smaller than the distances of the lattice shows itself so.
 NEAREST_APERTURES = 200
-"""Apertures that are looked through since vertices lie right behind or before them, the nearest ones: what is
-smaller than the distances of the lattice shows itself so."""
 
+#: Difference of the heights of neighboring lines, relative to the larger one, from which on an
+#: outline lies between them.
 OUTLINE_JUMP = 0.1
-"""Difference of the heights of neighboring lines, relative to the larger one, from which on an outline lies
-between them."""
 
 REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are looked through next
 

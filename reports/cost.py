@@ -35,8 +35,9 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Doub
 from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
+#: Measured pictures of each configuration unless told otherwise: the fewest by which times are told
+#: apart.
 REPEAT = 5
-"""Measured pictures of each configuration unless told otherwise: the fewest by which times are told apart."""
 
 NEARS_PER_REACH = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6)
 DEPTHS = (
@@ -47,16 +48,16 @@ DEPTHS = (
     (DepthFormat.D24, DepthMapping.LOGARITHMIC),
     (DepthFormat.D24, DepthMapping.LINEAR),
 )
+#: Heights of one, two and three cuts in about geometric progression, as planners place them; see
+#: docs/method.md, "Splitting".
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
-"""Heights of one, two and three cuts in about geometric progression, as planners place them; see
-docs/method.md, "Splitting"."""
 NEARS_PER_CUT = (1e-1, 1e-2)
+#: Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing,
+#: and leave a gap of near on both sides of the plate. Their depth buffer is D32F reversed, which
+#: needs no large near.
 NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
-"""Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing, and
-leave a gap of near on both sides of the plate. Their depth buffer is D32F reversed, which needs no
-large near."""
+#: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
-"""Near plane at which samples and effects are measured: their cost does not depend on it."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -339,8 +340,9 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_M
 
 COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` but the first
 
+#: Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked
+#: for.
 STRICTER_FRACTION = 0.2
-"""Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -500,9 +502,9 @@ def _described(option: Option) -> str:
 
 FILES = PAGE, DATA = "index.html", "cost.json"
 
+#: Displacement at which all smaller ones are drawn: 32-bit positions cannot tell them apart, and a
+#: logarithmic axis has no zero.
 SMALLEST_DRAWN_PX = 1e-4
-"""Displacement at which all smaller ones are drawn: 32-bit positions cannot tell them apart, and a
-logarithmic axis has no zero."""
 
 
 def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:

@@ -22,11 +22,10 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 
+#: Near offset as a share of the reach, where none is asked for. What is farther than a percent of
+#: the reach from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a
+#: reversed float depth buffer resolves 2^-24 of any distance, however small the near plane.
 NEAR_PER_REACH = 1e-6
-"""Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
-from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth
-buffer
-resolves 2^-24 of any distance, however small the near plane."""
 
 LATTICE = (
     4  #: apertures along each side of the plate among which the second perspective of C* is chosen
@@ -34,13 +33,13 @@ LATTICE = (
 
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
+#: Names of the pictures of C*: as the camera sees it, and of another aperture.
 _AS_SEEN, _OTHER = "c-star-as-seen", "c-star-other"
-"""Names of the pictures of C*: as the camera sees it, and of another aperture."""
+#: Names of the files that are written; that of another aperture only where the plate has one.
 FILES = (
     _PAGE,
     *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN), _AS_SEEN, _OTHER)),
 )
-"""Names of the files that are written; that of another aperture only where the plate has one."""
 
 
 def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:

@@ -23,9 +23,9 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.representation import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
+#: Largest number of cells along a side of a map: a cell of a larger plate stands for several
+#: hogels, and each is five pixels wide on the page.
 MAX_MAP_CELLS = 120
-"""Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
-each is five pixels wide on the page."""
 
 MAP_PIXELS = 260  #: height of the map of a plate as high as wide, on the page
 MARK = "#D55E00"  #: color of the marks of apertures

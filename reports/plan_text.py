@@ -24,18 +24,18 @@ from xfrustum.tolerances import MAX_WRONG
 if TYPE_CHECKING:
     from xfrustum.reports.planning import PlanReport
 
+#: Names of the judges that may bind near.
 PIXELS, EYE, DEPTH, NOTHING = "pixels", "eye", "depth buffer", "none"
-"""Names of the judges that may bind near."""
 
+#: Visible effects of near.
 NOTICED = {STEREO: "change of depth", CRACK: "crack at the plate"}
-"""Visible effects of near."""
 
+#: Errors of a hogel, by the names of their fields.
 MEASURES = {
     "displacement_p99_px": "displacement (99 %)",
     "surface_fraction": "wrong surfaces",
     "depth_wrong": "surfaces wrong by depth",
 }
-"""Errors of a hogel, by the names of their fields."""
 
 MAX_NAMED = 5  #: largest number of heights or apertures that a sentence lists
 

@@ -60,8 +60,9 @@ FILES = PAGE, DATA = "index.html", "plan.json"
 
 LINE_CHARACTERS = 100  #: largest number of characters in a line of text
 
+#: Pixels of both eyes' films that confirm a plan, each of another hogel: a minute of two cores or
+#: less.
 CONFIRMED_HOGELS = 20_000
-"""Pixels of both eyes' films that confirm a plan, each of another hogel: a minute of two cores or less."""
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9)  #: shares of the scanned hogels whose largest near is listed
 

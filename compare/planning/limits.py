@@ -15,12 +15,12 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
 
+#: The cheapest depth buffer, the usual one, and the finest whose depth no fragment writes.
 COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
-"""The cheapest depth buffer, the usual one, and the finest whose depth no fragment writes."""
 
 
 @dataclass(frozen=True, kw_only=True)

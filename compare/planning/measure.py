@@ -29,16 +29,16 @@ from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+#: Ratio to the predicted separation of the ends between which the smallest one is bisected on a
+#: logarithmic scale, and number of halvings: they leave 2 log2(8) / 2^7 octaves, 3 %.
 SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
-"""Ratio to the predicted separation of the ends between which the smallest one is bisected on a
-logarithmic scale, and number of halvings: they leave 2 log2(8) / 2^7 octaves, 3 %."""
 
+#: Cells along each side of the film of sheets, and pixels along each side of a cell.
 CELLS, CELL_PIXELS = 32, 8
-"""Cells along each side of the film of sheets, and pixels along each side of a cell."""
 
+#: Share of their height |z|, and least number of separations, over which the cells of a sheet are
+#: spread toward the plate, so that not all their depths round alike.
 SPREAD, SPREAD_SEPARATIONS = 0.02, 4.0
-"""Share of their height |z|, and least number of separations, over which the cells of a sheet are spread
-toward the plate, so that not all their depths round alike."""
 
 
 @dataclass(frozen=True, kw_only=True)

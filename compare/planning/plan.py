@@ -31,15 +31,16 @@ from xfrustum.tolerances import MAX_WRONG
 
 MAX_SAMPLES = 3  #: largest number of samples: each further one follows one that disproved a plan
 
+#: Confidence of the bound of each sample, for all to hold together: they are independent (Sidak
+#: 1967).
 EACH = CONFIDENCE ** (1 / MAX_SAMPLES)
-"""Confidence of the bound of each sample, for all to hold together: they are independent (Sidak 1967)."""
 
 WORST_VIEWS = 4  #: number of worst scanned apertures from which a plan is first made
 
+#: Scanned displacement, in tolerances, from which on an aperture is traced in full before it is
+#: trusted, and how many at a time, the worst first: one line in a hundred of 576 is six, which give
+#: a 99th percentile to a factor of two at best.
 SUSPECTED_EXCESS, MAX_SUSPECTED = 0.5, 8
-"""Scanned displacement, in tolerances, from which on an aperture is traced in full before it is
-trusted, and how many at a time, the worst first: one line in a hundred of 576 is six, which give a 99th
-percentile to a factor of two at best."""
 
 MAX_ROUNDS = 8  #: largest number of plans that are made anew with apertures that joined
 

@@ -25,25 +25,27 @@ from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, DepthRange
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
 
+#: Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside
+#: it.
 SMALLEST_PER_REACH = 1e-8
-"""Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside it."""
 
+#: Factor within which predicted and measured smallest separations agree: predictions must order
+#: sheets that are this many times closer than required.
 SEPARATION_MARGIN = 2.0
-"""Factor within which predicted and measured smallest separations agree: predictions must order
-sheets that are this many times closer than required."""
 
+#: Ratio of successive separations for which cuts are placed, where gaps in the scene are narrower
+#: than the required separation, and their number: down to 1/4096 of it.
 TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
-"""Ratio of successive separations for which cuts are placed, where gaps in the scene are narrower than
-the required separation, and their number: down to 1/4096 of it."""
 
 INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and its half
 
 MAX_CUTS = 16  #: largest number of cuts: each slab is a pass over the whole scene, for each camera
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}  #: bytes of a depth value
 
+#: Margin beyond which more is worth nothing. Apertures that no scan has traced take little of it:
+#: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605
+#: scanned.
 ENOUGH_MARGIN = 10.0
-"""Margin beyond which more is worth nothing. Apertures that no scan has traced take little of it: of all
-4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605 scanned."""
 
 
 def round_number(index: int) -> float:

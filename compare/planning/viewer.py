@@ -14,8 +14,8 @@ from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
+#: Names of visible effects of near: change of disparity, and the crack at the plate.
 STEREO, CRACK = "stereo", "crack"
-"""Names of visible effects of near: change of disparity, and the crack at the plate."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,9 +31,9 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
+#: Relative distance from a cut within which a surface counts on both of its sides: rounding moves
+#: the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.
 HEIGHT_TOLERANCE_RATIO = 1e-9
-"""Relative distance from a cut within which a surface counts on both of its sides: rounding moves the
-surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
 
 NEIGHBORHOOD_PX = 3  #: width of a neighborhood in pixels: one to each side
 Done = Callable[[int], object]  #: progress, called with a number of hogels

@@ -17,8 +17,8 @@ from xfrustum.scenes.plate.double_frustum import (
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 from xfrustum.scenes.representation import ShortRepr
 
+#: What each link changes; link k leads from image k to image k + 1 of the chain.
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
-"""What each link changes; link k leads from image k to image k + 1 of the chain."""
 
 PIVOT = 1  #: the link that moves the center of the shear
 RASTERIZATION = (
@@ -27,8 +27,8 @@ RASTERIZATION = (
 #: link between slabs and rasterization that a chain has where its settings cull faces
 CULLING = "culling"
 
+#: The depth buffer without a depth problem: what it alone shows rightly is charged to depth.
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
-"""The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -34,24 +34,25 @@ from xfrustum.scenes.plate.double_frustum import (
 )
 from xfrustum.scenes.plate.plate import Frustum
 
+#: Largest share of pixels that may show the wrong surface at a separation that counts as ordered;
+#: equal to `tolerances.MAX_WRONG`.
 MAX_MISORDERED_FRACTION = 0.01
-"""Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to
-`tolerances.MAX_WRONG`."""
 
+#: Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is
+#: rounded.
 CLIP_DEPTH_ROUNDINGS = 3
-"""Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is rounded."""
 
 PLANE_ROUNDINGS = 2  #: roundings of a triangle's plane equation: one step along x and one along y
 
+#: Roundings of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the
+#: plane equation of 1 / w, and the reciprocal of 1 / w.
 W_ROUNDINGS = 6
-"""Roundings of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the plane
-equation of 1 / w, and the reciprocal of 1 / w."""
 
+#: Roundings of the depth that a fragment computes from w. Linear depth has a difference, a
+#: division, and storing; the logarithm counts its half units in the last place. The approximation
+#: error of the logarithm beyond rounding is the same for two depths so near to each other, and
+#: cancels.
 EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
-"""Roundings of the depth that a fragment computes from w. Linear depth has a difference, a division, and
-storing; the logarithm counts its half units in the last place. The approximation error of the
-logarithm
-beyond rounding is the same for two depths so near to each other, and cancels."""
 
 
 def smallest_separation(
@@ -128,9 +129,9 @@ def depth_variance(
     return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2) / 12)
 
 
+#: Mean of m_1^2 + m_2^2 + m_3^2 over a triangle, with m the weights of its corners: the part of the
+#: variance of a corner's depth that a pixel's has.
 CORNERS_SQUARED = 0.5
-"""Mean of m_1^2 + m_2^2 + m_3^2 over a triangle, with m the weights of its corners: the part of the
-variance of a corner's depth that a pixel's has."""
 
 
 def pair_variance(
@@ -180,30 +181,31 @@ def float32_spacing(values: Floats) -> Floats:
 
 ANY = safe_model()  #: the device of shares that are asked for without one
 
+#: Largest ratio of the share that the worst draw order gets wrong to the share expected when the
+#: order is unknown. Surfaces that are stored at the same depth are wrong half the time when the
+#: order is unknown, and always when it is the worst.
 MAX_ORDER_FACTOR = 2.0
-"""Largest ratio of the share that the worst draw order gets wrong to the share expected when the order is
-unknown. Surfaces that are stored at the same depth are wrong half the time when the order is
-unknown, and
-always when it is the worst."""
 
+#: Bins of w in each octave: rounding errors change by less than half a percent within a bin (1 /
+#: 256), and the jump between octaves falls between two bins.
 BINS_PER_OCTAVE = 256
-"""Bins of w in each octave: rounding errors change by less than half a percent within a bin (1 / 256), and
-the jump between octaves falls between two bins."""
 
+#: Number of low mantissa bits of a float32 that vary within one bin.
 _BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
-"""Number of low mantissa bits of a float32 that vary within one bin."""
 
+#: Standard deviations of the depth error beyond which the order is taken as certain: the normal
+#: distribution leaves a share of 1e-9 there.
 MAX_DOUBT_DEVIATIONS = 6.0
-"""Standard deviations of the depth error beyond which the order is taken as certain: the normal
-distribution leaves a share of 1e-9 there."""
 
+#: Smallest step of a format that is used, as a part of the depth error. A smaller step changes
+#: nothing beside the error, and the difference quotient of `_misordered` would lose it in float64's
+#: rounding.
 MIN_STEP_PER_ERROR = 1e-3
-"""Smallest step of a format that is used, as a part of the depth error. A smaller step changes nothing
-beside the error, and the difference quotient of `_misordered` would lose it in float64's rounding."""
 
 
+#: Distances (N,) to next surfaces, and to the next ones drawn earlier; None where the order is not
+#: known.
 Gaps = tuple[Floats, Floats | None]
-"""Distances (N,) to next surfaces, and to the next ones drawn earlier; None where the order is not known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -408,8 +410,8 @@ def _chance(
     return found
 
 
+#: Mappings whose depths are as far apart as those of another one.
 _ALIKE = {DepthMapping.GL: DepthMapping.STANDARD, DepthMapping.REVERSED: DepthMapping.STANDARD}
-"""Mappings whose depths are as far apart as those of another one."""
 
 
 def _difference(
@@ -428,9 +430,10 @@ def _difference(
             assert_never(mapping)
 
 
+#: Differences, in steps, between which the chance of a wrong order falls from one to zero: where it
+#: is not known which surface is drawn first, where the other one is drawn later, and where it is
+#: drawn earlier.
 _COIN, _LATER, _EARLIER = (-1, 1), (-1, 0), (0, 1)
-"""Differences, in steps, between which the chance of a wrong order falls from one to zero: where it is not
-known which surface is drawn first, where the other one is drawn later, and where it is drawn earlier."""
 
 
 def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int, int]) -> Floats:
@@ -444,9 +447,10 @@ def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int
     return np.asarray(error / ((ends[1] - ends[0]) * step) * (integral(ahead) - integral(behind)))
 
 
+#: Largest error of the difference of two depths, in steps, at which it counts where they lie
+#: between steps. Six standard deviations of each, 6 / sqrt(2) 0.25 = 1.06 steps, reach no farther
+#: than the next step.
 MAX_SHARP_ERROR = 0.25
-"""Largest error of the difference of two depths, in steps, at which it counts where they lie between steps.
-Six standard deviations of each, 6 / sqrt(2) 0.25 = 1.06 steps, reach no farther than the next step."""
 
 
 def _misordered_steps(

@@ -35,22 +35,23 @@ class Reasons:
 
 NO_REASONS = Reasons()  #: of predictions that hold
 
+#: Fewest pixels of which a prediction is held to a factor of 3: a Poisson number of 10 is off by
+#: that in one of 100, and pixels go wrong by twos, as neighbors.
 MIN_PIXELS = 20
-"""Fewest pixels of which a prediction is held to a factor of 3: a Poisson number of 10 is off by that in one
-of 100, and pixels go wrong by twos, as neighbors."""
 
+#: Share of points from outside the film from which on displacement is not held to a factor of 3:
+#: five times what the 99th percentile leaves out. On the built-in scenes the least that is off by
+#: more is 7 %.
 MAX_OUTSIDE = 0.05
-"""Share of points from outside the film from which on displacement is not held to a factor of 3: five times
-what the 99th percentile leaves out. On the built-in scenes the least that is off by more is 7 %."""
 
+#: Share of the picture that may show triangles whose sides are so many times the plate's diagonal.
 MAX_LARGE, LARGE_SIDE = 0.01, 8.0
-"""Share of the picture that may show triangles whose sides are so many times the plate's diagonal."""
 
+#: Largest share of contours beside surfaces that are a single pixel wide. A surface of width w < 1
+#: px is shown in a share w of the rows that it crosses, so that its contours are 1 / w times as
+#: long as those seen: with this share, surfaces of a twentieth of a pixel make a prediction three
+#: times too small.
 MAX_THIN = 0.1
-"""Largest share of contours beside surfaces that are a single pixel wide. A surface of width w < 1 px
-is shown in a share w of the rows that it crosses, so that its contours are 1 / w times as long as
-those seen: with this share, surfaces of a twentieth of a pixel make a prediction three times too
-small."""
 
 
 def chance(pixels: float, together: float = 0.0) -> Reason | None:

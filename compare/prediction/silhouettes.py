@@ -44,21 +44,19 @@ from xfrustum.scenes.plate.plate import Frustum
 
 Pair = tuple[float, float]  #: of edges along rows, and along columns
 
+#: Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A
+#: line that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies
+#: within two sigma on either side, and the normal is exact. On stairs that lean less the normal is
+#: too near to an axis, but by at most 1/5 of a radian, and on average along the line by nothing. A
+#: wider filter would round corners off, and mix contours that are as near to each other.
 CONTOUR_SIGMA_PX = 1.5
-"""Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
-that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies within two
-sigma on either side, and the normal is exact. On stairs that lean less the normal is too near to an
-axis, but by at most 1/5 of a radian, and on average along the line by nothing. A wider filter would
-round corners off, and
-mix contours that are as near to each other."""
 
+#: Distance, in spacings of neighboring lines, by which neighboring points must lie off each other's
+#: tangent planes to count as an occlusion. Two points of one surface lie at most one spacing off,
+#: with one crease between them, measured from the face that the line meets less steeply; two
+#: spacings on a surface that bends twice. An occlusion that is closer is not found. This makes no
+#: difference: both surfaces are displaced alike, but for 4 t / W of their displacement.
 MIN_OCCLUSION_SPACINGS = 2
-"""Distance, in spacings of neighboring lines, by which neighboring points must lie off each other's tangent
-planes to count as an occlusion. Two points of one surface lie at most one spacing off, with one
-crease between them, measured from the face that the line meets less steeply; two spacings on a
-surface that bends twice. An occlusion that is closer is not found. This makes no difference: both
-surfaces are displaced alike,
-but for 4 t / W of their displacement."""
 
 
 class Kind(IntEnum):

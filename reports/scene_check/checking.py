@@ -35,22 +35,23 @@ from xfrustum.scenes.model.visibility import (
 )
 from xfrustum.scenes.representation import counted
 
+#: Place and size of the part of the picture that shows space, pixels.
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
-"""Place and size of the part of the picture that shows space, pixels."""
 
+#: Shown around everything, as a share of it; and size on the picture below which an object gets a
+#: ring.
 MARGIN, SMALL_PX = 0.04, 7.0
-"""Shown around everything, as a share of it; and size on the picture below which an object gets a ring."""
 
+#: What lies farther beyond the reach, or beside the plate, than this share of the whole reach is
+#: not shown but named: one mesh in other units must not shrink all others to a dot.
 FARTHEST = 0.75
-"""What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
-but named: one mesh in other units must not shrink all others to a dot."""
 
 MAX_DRAWN = 5  #: largest number of objects that are drawn: as many as the template has colors
 
 FINER = 2  #: cells of the mask of an outline per pixel of the picture, in either direction
 
+#: Attribute of the views' first element, which a page does not need: it knows what svg is.
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
-"""Attribute of the views' first element, which a page does not need: it knows what svg is."""
 
 Outline = list[tuple[float, float]]
 

@@ -31,8 +31,8 @@ from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_NEAR_PER_REACH = 1e-3  #: near offset where none is stated, share of the longest reach
 
+#: Numbers of sub-apertures whose errors are listed: the middle alone, and affordable ones.
 EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
-"""Numbers of sub-apertures whose errors are listed: the middle alone, and affordable ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +173,7 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     ]
 
 
+#: Properties of objects that call for an effect; cameras are called for by places.
 _CALLING = {
     Effect.SMOOTH_NORMALS: "normals at {} vertices",
     Effect.VERTEX_COLORS: "colors at {} vertices",
@@ -182,7 +183,6 @@ _CALLING = {
     Effect.SPECULAR: "a material with a specular coefficient",
     Effect.REFLECTION: "a reflective material",
 }
-"""Properties of objects that call for an effect; cameras are called for by places."""
 
 _REFUSALS = {
     Refusal.NO_ENVIRONMENT: "there is no environment to reflect",

@@ -24,19 +24,20 @@ from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.model.visibility import PLATE_ROUNDING, box, in_plate
 
+#: Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes.
 FOV_DEG, RESOLUTION = 60.0, 512
-"""Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""
 
+#: Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and
+#: how much larger plate and reach are at least than what they must hold.
 HOGELS, ROOM = 61, 1.1
-"""Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and how much
-larger plate and reach are at least than what they must hold."""
 
+#: Deviation from a whole number of cells, and from the distance of a viewer, that counts as none:
+#: quotients of lengths in other units have a few roundings of doubles.
 WHOLE = 1e-9
-"""Deviation from a whole number of cells, and from the distance of a viewer, that counts as none: quotients
-of lengths in other units have a few roundings of doubles."""
 
+#: Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is
+#: needed.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-"""Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is needed."""
 
 
 class Place(StrEnum):

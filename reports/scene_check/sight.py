@@ -24,9 +24,9 @@ MAX_NAMED_OBJECTS = 3  #: largest number of objects that one message names
 
 FACING_RESOLUTION = (64, 64)  #: pixels of the images in which back faces are counted
 
+#: Smallest size of an object, share of the plate's longer side, without a warning. A smaller object
+#: is more likely in other units: a pixel of a hogel is a hundredth of that side, or more.
 MIN_SIZE_FRACTION = 0.01
-"""Smallest size of an object, share of the plate's longer side, without a warning. A smaller object is
-more likely in other units: a pixel of a hogel is a hundredth of that side, or more."""
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+#: Message by signal; its exit status is 128 plus its number, as shells report it.
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-"""Message by signal; its exit status is 128 plus its number, as shells report it."""
 
 RETRY_S = 0.02  #: time until the exception is raised again where it did not arrive
 

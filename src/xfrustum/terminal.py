@@ -14,12 +14,12 @@ _UNPRINTABLE = re.compile(
     "]"
 )
 
+#: Code points that Python puts for the bytes 0x80 to 0xff of a file name that is no UTF-8.
 _ESCAPED_BYTES = range(0xDC80, 0xDD00)
-"""Code points that Python puts for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
 
 
+#: Largest number of characters of a message; the middles of long words go first, then its own.
 MAX_MESSAGE = 500
-"""Largest number of characters of a message; the middles of long words go first, then its own."""
 
 
 def say(message: str) -> None:

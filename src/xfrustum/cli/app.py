@@ -10,6 +10,7 @@ import click
 
 from xfrustum.cli.options import COUNT_FROM_1, Read
 
+#: Module of `commands` and names of commands by use, in the order in which people need them.
 USES = {
     "Begin with a scene": ("scene", "scenes new check"),
     "Answer for one aperture": ("aperture", "trace raster"),
@@ -22,13 +23,12 @@ USES = {
     "Studies and benchmarks": ("studies", "study bench"),
     "Checks of xfrustum itself": ("studies", "selfcheck device"),
 }
-"""Module of `commands` and names of commands by use, in the order in which people need them."""
 
+#: Commands of earlier versions, and the command that replaces each.
 REPLACED = {"recommend": "plan", "explain": "check", "figure7": "study figure7"}
-"""Commands of earlier versions, and the command that replaces each."""
 
+#: Module of each command.
 MODULES = {name: module for module, names in USES.values() for name in names.split()}
-"""Module of each command."""
 
 
 class Commands(click.Group):
@@ -48,8 +48,8 @@ class Commands(click.Group):
         if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
         module = import_module(f"xfrustum.cli.commands.{MODULES[cmd_name]}")
-        found: click.Command = getattr(module, cmd_name)
-        return found
+        command: click.Command = getattr(module, cmd_name)
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by use, each with its first sentence."""
@@ -131,8 +131,9 @@ def schema(name: str | None) -> None:
     click.echo("\n".join(schemas.schema_names()) if name is None else schemas.schema_text(name))
 
 
+#: Environment variable with the instruction of a shell, such as `bash_source`
+#: (docs/commands/index.md).
 COMPLETION_VARIABLE = "_XFRUSTUM_COMPLETE"
-"""Environment variable with the instruction of a shell, such as `bash_source` (docs/commands/index.md)."""
 
 
 def invoke(arguments: Sequence[str]) -> int:

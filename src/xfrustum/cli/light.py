@@ -29,9 +29,9 @@ def _points(text: str) -> int | float:
 
 _POINTS = options.or_auto(options.Read("N|P%", _points, "a number of points, a share such as 5%"))
 
+#: Error of an edge, radiance, for which `auto` says what it would take: a level of 8 bits takes
+#: many times more points.
 COARSER = 0.05
-"""Error of an edge, radiance, for which `auto` says what it would take: a level of 8 bits takes many times
-more points."""
 _OF_SCENE = "  [default: the scene's]"
 
 RASTER = ("effects", "supersample", "multisample", "aperture_samples")

@@ -17,8 +17,9 @@ from collections.abc import Sequence
 from xfrustum import interrupts
 from xfrustum.terminal import say
 
+#: Exit status where the user can mend what is wrong; after an error of the program itself
+#: (EX_SOFTWARE).
 BAD_INPUT, UNEXPECTED_ERROR = 2, 70
-"""Exit status where the user can mend what is wrong; after an error of the program itself (EX_SOFTWARE)."""
 
 TRACEBACK_OPTION = "--traceback"
 
@@ -26,6 +27,7 @@ _FREE, _PERMISSION = (
     "free some space or choose another place",
     "choose another place, or ask for permission",
 )
+#: Advice to the user about errors of the operating system, by their numbers; others are unexpected.
 ADVICE = {
     errno.ENAMETOOLONG: "give a shorter name",
     errno.ENOSPC: _FREE,
@@ -37,7 +39,6 @@ ADVICE = {
     errno.ELOOP: "mend the symbolic links",
     errno.EMFILE: "raise the limit on open files (ulimit -n)",
 }
-"""Advice to the user about errors of the operating system, by their numbers; others are unexpected."""
 
 
 def run() -> int:

@@ -37,14 +37,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 S = TypeVar("S", bound=str)
 
+#: Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that
+#: differs.
 LIMIT_EXCEEDED = 1
-"""Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
 
+#: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
 TRACERS = ("embree", "mitsuba")
-"""`xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two."""
 
+#: Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst
+#: apertures.
 AUTO = "auto"
-"""Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst apertures."""
 
 
 @dataclass(frozen=True)
