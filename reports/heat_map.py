@@ -159,7 +159,7 @@ def plate_map(
         ]
     shown = np.log10(np.where(values > 0, values, np.nan)) if logarithmic else values
     (columns, rows), (width, height) = plate.hogels, plate.size
-    heat = {
+    heat: dict[str, Any] = {
         "type": "heatmap",
         "x": (np.arange(values.shape[1]) + 0.5) * columns / values.shape[1] - 0.5,
         "y": (np.arange(values.shape[0]) + 0.5) * rows / values.shape[0] - 0.5,

@@ -133,7 +133,7 @@ def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
 def replay(
     recording: tuple[dict[str, str], list[RecordedFrame]],
     model: DeviceModel | None = None,
-    begun: Callable[[RecordedFrame], None] = lambda frame: None,
+    begun: Callable[[RecordedFrame], object] = lambda frame: None,
 ) -> Replayed:
     """Explain recorded frames by a model, None for the model of their device.
 

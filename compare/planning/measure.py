@@ -216,7 +216,7 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
         pairs = []
         for number, (camera, ends, first) in enumerate(places):
-            heights = random.uniform(*ends, int((owner == number).sum()))
+            heights = random.uniform(ends[0], ends[1], int((owner == number).sum()))
             pairs.append(
                 SheetPair(camera=camera, heights=heights, separation=separation, loser_first=first)
             )

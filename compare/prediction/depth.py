@@ -372,8 +372,12 @@ def _chance(
         paired.append(at := np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far)))
         pairs.append((w[at], some[at], other[at]))
     pairs.append((w, np.abs(clear - w), clear))
+
     # Most of the time goes into arrays that do not depend on the buffer.
-    apart = cache(lambda kind, mapping: _difference(*pairs[kind], slab, mapping))
+    @cache
+    def apart(kind: int, mapping: DepthMapping) -> Floats:
+        return _difference(*pairs[kind], slab, mapping)
+
     found = np.zeros((len(settings), w.size))
     for wrong, buffer in zip(found, settings, strict=True):
         depth, mapping = buffer.depth, buffer.mapping

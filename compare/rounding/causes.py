@@ -161,6 +161,7 @@ def _drawn_by(
     # Each image's heights are compared as exactly as the image has them.
     may_draw = np.concatenate([camera.may_draw(height) for camera in cameras for height in heights])
     slots = np.flatnonzero(may_draw & np.tile(exists, len(cameras)))
+    # pyrefly: ignore [bad-argument-type] - indices of 32 bits serve as well, without a copy
     return PixelTriangles.from_pixels(triangles, cameras, number, (columns, rows), slots)
 
 
@@ -226,7 +227,7 @@ def _near_seam(
 def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
     """Return where pixels are sampled, (N, 2) in pixels from the film's left and upper border."""
     columns, rows = pixels
-    return np.stack((columns + 0.5 + shift[0], rows + 0.5 + shift[1]), axis=1)
+    return np.stack((columns + 0.5 + shift[0], rows + 0.5 + shift[1]), axis=1, dtype=np.float64)
 
 
 def scattered(shape: tuple[int, ...], pixels: Indices, values: Mask | bool = True) -> Mask:

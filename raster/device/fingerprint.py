@@ -264,7 +264,10 @@ def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Finge
     edges, covered = list(edge_triangles()), []
     for corners in edges:
         canvas.draw(
-            program, np.concatenate([corners, np.zeros((3, 2))], axis=1), DepthFormat.D32F, "4f 2f"
+            program,
+            np.concatenate([corners, np.zeros((3, 2), np.float32)], axis=1),
+            DepthFormat.D32F,
+            "4f 2f",
         )
         covered.append(canvas.picture(0)[..., 0] != EMPTY)
     return Fingerprint(

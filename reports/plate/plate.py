@@ -177,7 +177,8 @@ def _judged(
             y=here.y,
             comparison=frame.comparison.numbers,
         )
-        return JudgedPlateHogel(**{**vars(plate_hogel(image, content)), "measured": measured})
+        channels: dict[str, Any] = vars(plate_hogel(image, content))
+        return JudgedPlateHogel(**channels, measured=measured)
 
     with closing(evaluator.frames(apertures, [settings], request)) as frames:
         yield from map(stored, frames)

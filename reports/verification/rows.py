@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import pyarrow as pa
 
@@ -34,7 +35,8 @@ class RowNumbers(HogelNumbers):
         if numbers is None:
             return None
         causes = None if numbers.causes is None else RoundingCauses(**numbers.causes)
-        return cls(**{**vars(numbers), "causes": causes})
+        values: dict[str, Any] = {**vars(numbers), "causes": causes}
+        return cls(**values)
 
 
 @dataclass(frozen=True, kw_only=True)

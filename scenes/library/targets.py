@@ -129,7 +129,7 @@ def crossing() -> tuple[SceneObject, ...]:
     distance = np.maximum(np.maximum(columns - 2, -1 - columns), np.maximum(rows - 1, -1.5 - rows))
     fade = np.clip(distance / 6, 0, 1)
     wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
-    points = np.stack([columns, rows, 2 * columns + wave], axis=-1)
+    points = np.stack([columns, rows, 2 * columns + wave], axis=-1, dtype=np.float64)
     return (
         shapes.as_object("wave", shapes.open_grid(points)),
         _shape("sphere", 12.0, (0.0, 0.0, 0.0), (-12.0, 8.0, 55.0)),

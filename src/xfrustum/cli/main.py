@@ -13,6 +13,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from xfrustum import interrupts
 from xfrustum.terminal import say
@@ -61,7 +62,7 @@ def run() -> int:
             warnings.simplefilter("ignore")
             # Of Python's warnings only this one is for users; its class would load OpenGL.
             warnings.filterwarnings("once", message=".* draws in software")
-            warnings.showwarning = lambda message, *_: say(f"warning: {message}")
+            warnings.showwarning = _show_warning
     status = main()
     for stream in streams:
         try:
@@ -90,6 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(interrupts.WORDS[interrupts.received])
         status = 128 + interrupts.received
     return status
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    say(f"warning: {message}")
 
 
 def _status_of(error: BaseException, *, shown: bool) -> int:

@@ -162,7 +162,8 @@ class _Verify(options.Measured):
         apertures = options.indices_of(scene, self.judged["apertures"])
         if self.judged["sample"] is not None and self.judged["until"] is not None:
             raise click.UsageError("--sample and --until exclude each other: give one of them")
-        judged = VerifyOptions(**{**self.judged, **how, "apertures": apertures})
+        values: dict[str, Any] = {**self.judged, **how, "apertures": apertures}
+        judged = VerifyOptions(**values)
         if self.engine is None:
             return verify(scene, self.source, judged)
         if judged.layout is not None:
