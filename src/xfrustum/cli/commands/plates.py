@@ -36,14 +36,14 @@ class _Plate(options.Measured):
     check = flag("Read all finished hogels in full, and draw damaged ones again.")
     layout = option(
         options.LAYOUT,
-        "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
+        "Write NAME-LAYOUT too; or, where --out is not NAME.zarr, the layout alone.",
     )
     ignore_disk_space = flag("Begin where the disk may be too small: hogels are compressed.")
     engine = options.engine_options("this process")
     out = option(options.FOLDER, "Folder of a Zarr group.", required=True)
 
     def refuse_contradictions(self) -> None:
-        """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
+        """Refuse a plate with no renderer or two, and light that a rasterizer lacks."""
         problem, light = "", self.light
         if self.truth and self.settings is not None:
             problem = "--truth is traced with the true frustum: leave out --near and its options"
@@ -57,8 +57,10 @@ class _Plate(options.Measured):
         elif self.layout and (
             self.blocks is not None or (self.engine and not self.engine.part.everything)
         ):
-            problem = "--layout writes whole plates: leave out --apertures and --part, or draw these first, "
-            problem += "without it"
+            problem = (
+                "--layout writes whole plates: leave out --apertures and --part, or draw these "
+            )
+            problem += "first, without it"
         elif self.check and self.engine is not None:
             problem = "--check reads a plate in this process: leave out --workers and the like"
         if problem:
@@ -192,7 +194,8 @@ def survey(asked: _Survey) -> int:
     """
     if asked.images is not None:
         raise click.UsageError(
-            "survey --images is replaced by `xfrustum verify SCENE SOURCE --sample N`, or --until Q%"
+            "survey --images is replaced by `xfrustum verify SCENE SOURCE --sample N`, or by "
+            "--until Q%"
         )
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.survey.answer import PAGE
