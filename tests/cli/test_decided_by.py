@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
@@ -110,29 +109,6 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     )
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
     np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
-
-
-def test_a_report_against_a_plain_tracer_says_so_at_the_top(
-    certified: tuple[dict[str, Any], str], tmp_path: Path
-) -> None:
-    """Against Embree's own picture the raster is nearly right, for both confuse the surfaces alike."""
-    content, page = reported(tmp_path / "report", "--decided-by", "embree")
-    assert content["decided_by"] == "embree"
-    assert content["tracers_alone"] == []
-    (row,) = content["rows"]
-    assert row["comparison"]["certainty"]["unexamined"] == row["comparison"]["pixels"]
-    assert page.index("<b>Not examined.</b>") < page.index("Recommendation")
-    assert "what Embree shows alone" in page
-    assert "alone would have got wrong" not in page
-    (right,) = certified[0]["rows"]
-    assert row["comparison"]["triangle"]["wrong"] != right["comparison"]["triangle"]["wrong"]
-    for kind in ("surface", "triangle"):
-        assert sum(cause[kind] for cause in row["causes"]) == row["comparison"][kind]["wrong"]
-    (flat,) = pq.read_table(tmp_path / "report" / "measurements.parquet").to_pylist()
-    assert flat["decided_by"] == "embree"
-    assert content["best"]["sentence"].endswith(" (truth: Embree alone, not examined).")
-    assert content["best"]["sentence"] in page.replace("\N{NO-BREAK SPACE}", " ")
-    assert "not examined" not in certified[0]["best"]["sentence"]
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:

@@ -3,10 +3,8 @@
 import json
 import math
 import os
-import re
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests import device_report
 from tests.support.scene_file import film, part
 from tests.support.views import SHARED
 from xfrustum.cli.main import main
@@ -107,29 +104,6 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
         assert (answer["unexplained"] > 0) == (name == "shifted")
 
 
-def test_the_report_of_a_device_counts_tests_and_says_what_there_was_no_time_for(
-    tmp_path: Path,
-) -> None:
-    log, session = tmp_path / "tests.xml", device_report.Session(limit_s=0.0)
-    cases = '<testcase/><testcase><skipped message="no card"/></testcase>'
-    failed = (
-        '<testcase classname="tests.a" name="b"><failure message="1 == 2&#10;more"/></testcase>'
-    )
-    log.write_text(f"<testsuites><testsuite>{cases}{failed}</testsuite></testsuites>")
-    assert device_report.counted("all", log) == [
-        "- all: 1 passed, 1 failed, 1 skipped",
-        "  - failed: tests.a::b: 1 == 2",
-        "  - skipped 1: no card",
-    ]
-    assert not device_report.device(session, tmp_path)
-    device_report.tests(session, card=False)
-    told = session.text()
-    assert all(
-        f"- pytest {words}: there was no time left" in told for _, words in device_report.TESTS
-    )
-    assert "tests of the truth on CUDA: the device that draws is no card" in told
-
-
 def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -212,20 +186,6 @@ def test_a_card_that_is_not_registered_with_egl_is_named_with_what_to_do(card: P
     vendor.parent.mkdir()
     vendor.write_text("{}")
     assert "libraries" in str(context.overlooked_card())
-
-
-def test_software_is_said_to_be_software_where_there_is_a_card(card: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        opened = context.open_context()
-    renderer = context.describe(opened)["renderer"]
-    opened.release()
-    if not context.is_software(renderer):
-        pytest.skip("the device at hand is a card")
-    with pytest.warns(
-        context.SoftwareWarning, match=f"{re.escape(renderer)} draws in software.*H100"
-    ):
-        context.open_context().release()
 
 
 def test_a_variable_that_asks_for_software_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

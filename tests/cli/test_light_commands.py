@@ -12,7 +12,6 @@ from PIL import Image
 
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -115,21 +114,6 @@ def test_light_paths_bring_their_variance_to_the_comparison(
     run("trace boxes.toml --quiet --out exact.exr")
     run("compare exact.exr r.exr --json")
     assert printed(capsys)["radiance"]["noise"] is None
-
-
-def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> None:
-    run("budget boxes.toml --near 1 --json --out budget")
-    told = printed(capsys)
-    assert told["links"] and told["judged"] == 40 * 30
-    links = [link["name"] for link in told["radiance"]["links"]]
-    assert links == [*LINKS, "eye vector", "shading", "clipping", "8-bit output"]
-    assert told["radiance"]["links"][0]["rms"] > told["radiance"]["links"][-1]["rms"] > 0
-    assert json.loads(Path("budget/budget.json").read_text()) == told
-    assert {f"radiance-{name.replace(' ', '-')}.png" for name in (*links, "total")} <= {
-        path.name for path in Path("budget").iterdir()
-    }
-    run("budget boxes.toml --near 1")
-    assert "radiance changes by" in capsys.readouterr().out
 
 
 def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
