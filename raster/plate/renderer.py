@@ -55,8 +55,8 @@ FilmParts = Mapping[tuple[int, int], FilmPart]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FrameRequest:
-    """Requested parts of the films of one submission."""
+class FilmWindows:
+    """Drawn windows of the films of one submission."""
 
     #: (L, 4) least and largest u and v of each part, with its pixels' borders; see
     #: `clusters.clip_planes`
@@ -69,7 +69,7 @@ class FrameRequest:
     def from_apertures(
         cls, apertures: Sequence[Aperture], parts: FilmParts | None, size: tuple[int, int]
     ) -> Self:
-        """Return the request of hogels with films of W, H pixels; whole films without `parts`."""
+        """Return the windows of hogels with films of W, H pixels; whole films without `parts`."""
         if parts is None:
             return cls(windows=WHOLE_FILM, box=None)
         width, height = size
@@ -93,7 +93,7 @@ class FrameRequest:
 
 
 #: whole films
-WHOLE = FrameRequest(windows=WHOLE_FILM, box=None)
+WHOLE = FilmWindows(windows=WHOLE_FILM, box=None)
 
 
 Item = TypeVar("Item")
@@ -209,7 +209,7 @@ class PlateRenderer(ContextOwner):
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(slot, group, FrameRequest.from_apertures(group, parts, size))
+                    self._draw(slot, group, FilmWindows.from_apertures(group, parts, size))
                     # The device fills these pixels while the next submission's vertices are
                     # transformed.
                     GL.glFlush()
@@ -253,7 +253,7 @@ class PlateRenderer(ContextOwner):
         self,
         slot: Slot,
         apertures: Sequence[Aperture],
-        request: FrameRequest = WHOLE,
+        request: FilmWindows = WHOLE,
         enabled: int = moderngl.DEPTH_TEST,
     ) -> None:
         picture = self._picture

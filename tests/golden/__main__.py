@@ -33,7 +33,7 @@ other processors add them in other orders."""
 
 
 @dataclass(kw_only=True)
-class SettingStats:
+class Difference:
     """Values that were compared, and those that differ."""
 
     compared: int = 0
@@ -50,9 +50,9 @@ class SettingStats:
                 print(f"  {title}: {line}")
 
 
-def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> SettingStats:
+def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Difference:
     """Compare integers bit for bit, and reals to some roundings of float32 of the largest value."""
-    tally = SettingStats(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
+    tally = Difference(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
     for key in sorted(set(old) & set(new)):
         a, b = np.asarray(old[key]), np.asarray(new[key])
         tally.compared += a.size
@@ -80,9 +80,9 @@ def alike(a: object, b: object, place: str = "") -> bool:
 
 def compare_answers(
     old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]
-) -> SettingStats:
+) -> Difference:
     """Compare leaf by leaf; keys are named where they have gone or come."""
-    tally = SettingStats(gone=sorted(set(old) - set(new)))
+    tally = Difference(gone=sorted(set(old) - set(new)))
     for name in sorted(set(old) & set(new)):
         a, b = old[name], new[name]
         kept = [place for place in a if not OF_THE_RUN.search(place.rpartition(".")[2].lower())]
@@ -131,7 +131,7 @@ def make(folder: Path, parts: list[str]) -> None:
 
 def compare(parts: list[str]) -> bool:
     """Print what differs from the corpus, part by part; return whether nothing does."""
-    tallies: dict[str, SettingStats] = {}
+    tallies: dict[str, Difference] = {}
     for part, arrays in (("truths", truths.truths), ("rasters", truths.rasters)):
         if part in parts:
             tallies[part] = compare_arrays(np.load(HERE / f"{part}.npz"), arrays())

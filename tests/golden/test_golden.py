@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tests.golden import answers, truths
-from tests.golden.__main__ import HERE, SettingStats, compare_answers, compare_arrays
+from tests.golden.__main__ import HERE, Difference, compare_answers, compare_arrays
 from tests.support.long_tail import thinned
 from xfrustum import Rasterizer, open_scene
 
 
-def held_against(part: str, step: int) -> SettingStats:
+def held_against(part: str, step: int) -> Difference:
     """Compare every so many of a part's scenes; one that the corpus has and this checkout not is gone."""
     with np.load(HERE / f"{part}.npz") as old:
         known = dict.fromkeys(key.partition("|")[0] for key in old.files)

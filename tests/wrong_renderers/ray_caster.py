@@ -223,20 +223,20 @@ def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NotebookRepr:
+class Drawing:
     """Image of an aperture: triangle numbers, -1 for none, and unrounded linear radiance."""
 
     triangle: Ints  # (H, W) triangle numbers
     radiance: Floats  # (H, W, 3) linear radiance
 
 
-def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> NotebookRepr:
+def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Drawing:
     """Draw one hogel, once."""
     key = (i, j, wrong)
     if key not in world.drawn:
         world.drawn[key] = _draw(world, i, j, wrong)
     shown = world.drawn[key]
-    assert isinstance(shown, NotebookRepr)
+    assert isinstance(shown, Drawing)
     return shown
 
 
@@ -253,7 +253,7 @@ def met(world: World, i: int, j: int) -> Ints:
     return keys
 
 
-def _draw(world: World, i: int, j: int, wrong: Mistakes) -> NotebookRepr:
+def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Drawing:
     hits, along = all_hits(world, i, j, wrong)
     first = rank(coarse(hits.s, world, wrong) if wrong.depth_bits else hits.s, wrong.winner)
     order = np.lexsort((first, hits.pixel))
@@ -263,7 +263,7 @@ def _draw(world: World, i: int, j: int, wrong: Mistakes) -> NotebookRepr:
     triangle, radiance = np.full(height * width, -1), np.zeros((height * width, 3))
     triangle[pixel] = hits.triangle[order][at]
     radiance[pixel] = shade(world, hits.of(order[at]), along[order][at], wrong)
-    return NotebookRepr(
+    return Drawing(
         triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3)
     )
 
@@ -298,7 +298,7 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
     return np.asarray((around + shine)[:, None] + diffuse * np.maximum(facing, 0)[:, None])
 
 
-def numbers(world: World, shown: NotebookRepr, encoding: str) -> Ints:
+def numbers(world: World, shown: Drawing, encoding: str) -> Ints:
     """Return ids: the triangle's or the object's number + 1, 0 for none."""
     if encoding == "triangle-id":
         return shown.triangle + 1
