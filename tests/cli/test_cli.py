@@ -249,7 +249,7 @@ BAD = [
     ("plan boxes.toml --viewer=600mm --aperture=1,1", "leave out"),
     ("plan boxes.toml --viewer=far", "such as 600"),
     ("plan boxes.toml --viewer=600parsec", "not known"),
-    ("plan boxes.toml --viewer=5mm --quiet", "larger distance"),
+    ("plan boxes.toml --viewer=5mm --ipd=30 --quiet", "larger distance"),
     ("plate asymmetric --truth --near 0.1 --out x.zarr", "leave out --near"),
     ("plate asymmetric --depth d16 --out x.zarr", "give --near too"),
     ("plate asymmetric --near 0.1 --shadows --out x.zarr", "add --truth"),
