@@ -117,8 +117,8 @@ class GrowingSample:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        asked = RandomSample(hogels=self.first, seed=self.seed)
-        settle(self, first=min(asked.hogels, self.hogels), seed=asked.seed)
+        sample = RandomSample(hogels=self.first, seed=self.seed)
+        settle(self, first=min(sample.hogels, self.hogels), seed=sample.seed)
 
     @property
     def looks(self) -> int:

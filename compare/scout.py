@@ -198,13 +198,13 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
     # The scene's resolution does not matter to the cost.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
     reference = Reference(replace(scene, frustum=frustum), effects=frozenset())
-    found: dict[tuple[int, int], CoarseView] = {}
+    views: dict[tuple[int, int], CoarseView] = {}
 
     def look_through(indices: Iterable[tuple[int, int]]) -> None:
-        wanted = [index for index in dict.fromkeys(indices) if index not in found]
-        wanted = wanted[: MAX_APERTURES - len(found)]
-        for image in reference.stream(scene.plate.aperture(*index) for index in wanted):
-            found[image.camera.aperture.index] = CoarseView.from_image(
+        missing = [index for index in dict.fromkeys(indices) if index not in views]
+        missing = missing[: MAX_APERTURES - len(views)]
+        for image in reference.stream(scene.plate.aperture(*index) for index in missing):
+            views[image.camera.aperture.index] = CoarseView.from_image(
                 image, scene.frustum.resolution
             )
             done(1)
@@ -224,19 +224,19 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
         [scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])]
     )
     look_through(nearest_cells(scene, min(NEAREST_APERTURES, MAX_APERTURES // 5)))
-    step = [max((b - a for a, b in itertools.pairwise(one)), default=1) for one in places]
-    while len(found) < MAX_APERTURES:
-        before, step = len(found), [max(1, one // 2) for one in step]
-        worst = sorted(found.values(), key=lambda look: -look.pixels_per_near)[:REFINED_APERTURES]
+    step = [max((b - a for a, b in itertools.pairwise(ticks)), default=1) for ticks in places]
+    while len(views) < MAX_APERTURES:
+        before, step = len(views), [max(1, count // 2) for count in step]
+        worst = sorted(views.values(), key=lambda look: -look.pixels_per_near)[:REFINED_APERTURES]
         neighbors = (
             (look.aperture.column + i * step[0], look.aperture.row + j * step[1])
             for look in worst
             for i, j in itertools.product((-1, 0, 1), repeat=2)
         )
         look_through((i, j) for i, j in neighbors if 0 <= i < columns and 0 <= j < rows)
-        if step == [1, 1] and len(found) == before:
+        if step == [1, 1] and len(views) == before:
             break
-    looks = sorted(found.values(), key=lambda look: look.aperture.index[::-1])
+    looks = sorted(views.values(), key=lambda look: look.aperture.index[::-1])
     return PlateScan(scene=scene, looks=tuple(looks))
 
 

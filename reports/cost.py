@@ -94,12 +94,12 @@ class CostReport(NotebookRepr):
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
 
-        def times(one: Timing | None) -> dict[str, Any] | None:
+        def times(timing: Timing | None) -> dict[str, Any] | None:
             """Return the median, the ends, and the interval of the median, of repeated seconds."""
-            if one is None:
+            if timing is None:
                 return None
-            ends = {"median": one.median, "low": one.lowest, "high": one.highest}
-            return {**ends, "interval": one.interval, "repetitions": one.repetitions}
+            ends = {"median": timing.median, "low": timing.lowest, "high": timing.highest}
+            return {**ends, "interval": timing.interval, "repetitions": timing.repetitions}
 
         return json_object(
             {
@@ -108,33 +108,33 @@ class CostReport(NotebookRepr):
                 "apertures": self.auto and choices(self.auto),
                 "rows": [
                     {
-                        "renderer": one.renderer,
-                        "label": one.label,
-                        "family": one.family,
-                        **one.configuration,
+                        "renderer": option.renderer,
+                        "label": option.label,
+                        "family": option.family,
+                        **option.configuration,
                         "error": {
-                            "displacement_p99_px": one.displacement_p99_px,
-                            "surface_fraction": one.surface_fraction,
+                            "displacement_p99_px": option.displacement_p99_px,
+                            "surface_fraction": option.surface_fraction,
                         },
-                        "time_s": times(one.time_s),
-                        "gpu_s": times(one.gpu_s),
-                        "read_back_s": times(one.read_s),
+                        "time_s": times(option.time_s),
+                        "gpu_s": times(option.gpu_s),
+                        "read_back_s": times(option.read_s),
                         "pareto": best,
                     }
-                    for one, best in zip(self.options, pareto(self.options), strict=True)
+                    for option, best in zip(self.options, pareto(self.options), strict=True)
                 ],
                 "answers": [
                     {
-                        "tolerance_px": one.tolerance_px,
+                        "tolerance_px": answer.tolerance_px,
                         # The option with the least error of the fastest ones, if any keeps the
                         # tolerance.
-                        "configuration": one.option.label if one.option else None,
-                        "time_s": times(one.option.time_s) if one.option else None,
-                        "ranked": one.ranked,
-                        "fastest": [tied.label for tied in one.fastest],
-                        "sentence": one.sentence,
+                        "configuration": answer.option.label if answer.option else None,
+                        "time_s": times(answer.option.time_s) if answer.option else None,
+                        "ranked": answer.ranked,
+                        "fastest": [tied.label for tied in answer.fastest],
+                        "sentence": answer.sentence,
                     }
-                    for one in self.answers
+                    for answer in self.answers
                 ],
                 "answer": self.answer,
                 "upload_s": self.upload_s,
@@ -145,10 +145,10 @@ class CostReport(NotebookRepr):
 
     def table(self) -> str:
         """Return the answers, every option on the front as aligned lines, and which one to take."""
-        rows = [one.cells for one, best in _ascending(self.options) if best]
-        told = [one.sentence for one in self.answers]
+        rows = [option.cells for option, best in _ascending(self.options) if best]
+        sentences = [answer.sentence for answer in self.answers]
         front = aligned([("on the Pareto front", *COLUMNS), *rows])
-        return "\n".join([*told, "", front, "", self.answer])
+        return "\n".join([*sentences, "", front, "", self.answer])
 
 
 def cost(
@@ -190,7 +190,9 @@ def cost(
             reference.tracer  # noqa: B018 - built when first asked for
             upload_s[name] = time.perf_counter() - begun
         device = drawers["auto"].device
-        ways = {one: [*_drawn(scene, one, drawers), *_traced(one, tracers)] for one in apertures}
+        ways = {
+            place: [*_drawn(scene, place, drawers), *_traced(place, tracers)] for place in apertures
+        }
         # All are judged by their first picture, which is not timed; the first aperture is timed.
         timed = ways[apertures[0]]
         pictures = len(timed) * (len(ways) + repeat)
@@ -205,7 +207,7 @@ def cost(
         )
         for (way, _), (p99, wrong), taken in zip(timed, errors, seconds, strict=True)
     ]
-    libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
+    libraries = {key: value for used in tracers.values() for key, value in used.versions.items()}
     return CostReport(
         scene=scene,
         aperture=apertures[0],
@@ -378,7 +380,9 @@ class Option(Way):
         Its time is no worse where its median is not beyond the other's interval, and better where
         the two times are told apart.
         """
-        mine, others = ((one.displacement_p99_px, one.surface_fraction) for one in (self, other))
+        mine, others = (
+            (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
+        )
         if (
             self.time_s.median > other.time_s.interval[1]
             or mine[0] > others[0]
@@ -406,9 +410,9 @@ class FastestWithin:
     def option(self) -> Option | None:
         """The fastest option with the least displacement, then the fewest wrong surfaces."""
 
-        def error(one: Option) -> tuple[float, ...]:
-            moved = max(one.displacement_p99_px, DISPLACEMENT_TIE_PX)
-            return moved, one.surface_fraction, one.time_s.median
+        def error(candidate: Option) -> tuple[float, ...]:
+            moved = max(candidate.displacement_p99_px, DISPLACEMENT_TIE_PX)
+            return moved, candidate.surface_fraction, candidate.time_s.median
 
         return min(self.fastest, key=error, default=None)
 
@@ -420,12 +424,12 @@ def pareto(options: Sequence[Option]) -> list[bool]:
 
 def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     """Return the fastest options within a tolerance, ties included; without a sentence."""
-    ascending = sorted(options, key=lambda one: one.time_s.median)
-    allowed = tuple(one for one in ascending if one.keeps(tolerance_px))
-    repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
+    ascending = sorted(options, key=lambda option: option.time_s.median)
+    allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
+    repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
     if len(allowed) < 2 or not repeated:
         return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
-    tied = tuple(one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
+    tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
     return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
 
 
@@ -443,7 +447,7 @@ def answers(
 def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
     """Return the option to take, in one sentence."""
     ranking, under = rank(options, tolerance_px), f"within {digits(tolerance_px)} px"
-    count, tied = sum(one.keeps(tolerance_px) for one in options), len(ranking.fastest)
+    count, tied = sum(option.keeps(tolerance_px) for option in options), len(ranking.fastest)
     if ranking.option is None:
         return (
             f"Nothing stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
@@ -468,8 +472,8 @@ def _fastest(ranking: FastestWithin) -> str:
     best = _described(ranking.option)
     if count == 1:
         return f"The fastest way to stay {under}: {best}."
-    medians = sorted(1000 * one.time_s.median for one in ranking.fastest)
-    times = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (medians[0], medians[-1])))
+    medians = sorted(1000 * tied.time_s.median for tied in ranking.fastest)
+    times = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (medians[0], medians[-1])))
     apart = f"are not ranked by time, which takes {FEWEST_REPETITIONS} repetitions"
     if ranking.ranked:
         families = Counter(option.family for option in ranking.fastest)
@@ -482,11 +486,11 @@ def _ratio(loose: FastestWithin, strict: FastestWithin) -> str:
     """Return the time of a stricter tolerance over that of a loose one."""
     if not strict.fastest:
         return ""
-    one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
-    if not one.told_below(other):
+    looser, other = loose.fastest[0].time_s, strict.fastest[0].time_s
+    if not looser.told_below(other):
         return " It costs no more time."
-    low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
-    return f" It costs {other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time."
+    low, high = other.interval[0] / looser.interval[1], other.interval[1] / looser.interval[0]
+    return f" It costs {other.median / looser.median:.2f} times ({low:.2f} to {high:.2f}) the time."
 
 
 def _described(option: Option) -> str:
@@ -531,23 +535,30 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     More options are on the front of displacement, time and wrong surfaces than the line goes
     through: a picture with many wrong surfaces may be fast and displaced little.
     """
-    lifted = (max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one in options)
-    drawn = [replace(one, displacement_p99_px=px) for one, px in zip(options, lifted, strict=True)]
+    lifted = (max(drawing.displacement_p99_px, SMALLEST_DRAWN_PX) for drawing in options)
+    drawn = [
+        replace(drawing, displacement_p99_px=px)
+        for drawing, px in zip(options, lifted, strict=True)
+    ]
     front, data = pareto(options), list[Figure]()
     for place, family in enumerate(dict.fromkeys(option.family for option in options)):
-        mine = [(one, best) for one, best in zip(drawn, front, strict=True) if one.family == family]
+        mine = [
+            (drawing, best)
+            for drawing, best in zip(drawn, front, strict=True)
+            if drawing.family == family
+        ]
         color, symbol = look(place)
-        times = [one.time_s for one, _ in mine]
+        times = [timing.time_s for timing, _ in mine]
         # Bars from the lowest to the highest repetition.
         bars = {
-            "array": [1000 * (one.highest - one.median) for one in times],
-            "arrayminus": [1000 * (one.median - one.lowest) for one in times],
+            "array": [1000 * (timing.highest - timing.median) for timing in times],
+            "arrayminus": [1000 * (timing.median - timing.lowest) for timing in times],
         }
         symbols = [symbol + ("" if best else "-open") for _, best in mine]
         data.append(
             {
-                "x": [1000 * one.median for one in times],
-                "y": [one.displacement_p99_px for one, _ in mine],
+                "x": [1000 * drawing.median for drawing in times],
+                "y": [drawing.displacement_p99_px for drawing, _ in mine],
                 "error_x": {
                     "type": "data",
                     "symmetric": False,
@@ -563,8 +574,8 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
                     "color": color,
                 },
                 "text": [
-                    f"{one.label}<br>wrong surface {percent(one.surface_fraction)}"
-                    for one, _ in mine
+                    f"{drawing.label}<br>wrong surface {percent(drawing.surface_fraction)}"
+                    for drawing, _ in mine
                 ],
                 "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
             }
@@ -572,13 +583,15 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     # The options with few wrong surfaces that none beats in time and displacement, the fastest
     # first. Displacements that are drawn at one height are equal.
     planar = [
-        replace(one, surface_fraction=0.0) for one in drawn if one.surface_fraction <= MAX_WRONG
+        replace(drawing, surface_fraction=0.0)
+        for drawing in drawn
+        if drawing.surface_fraction <= MAX_WRONG
     ]
-    line = [one for one, best in _ascending(planar) if best]
+    line = [drawing for drawing, best in _ascending(planar) if best]
     data.append(
         {
-            "x": [1000 * one.time_s.median for one in line],
-            "y": [one.displacement_p99_px for one in line],
+            "x": [1000 * drawing.time_s.median for drawing in line],
+            "y": [drawing.displacement_p99_px for drawing in line],
             "name": f"front, at most {percent(MAX_WRONG)} wrong surfaces",
             "mode": "lines",
             "line": {"color": INK, "width": 1.5, "shape": "hv"},

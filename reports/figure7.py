@@ -75,11 +75,17 @@ def write_figure(
             image = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
             images[camera.value], times_s[camera.value] = image, time.perf_counter() - begun
 
-        def covered(one: Aperture) -> int:
-            return int(rasterizer.render(one, alone, normals=False, color=False).covered.sum())
+        def covered(candidate: Aperture) -> int:
+            return int(
+                rasterizer.render(candidate, alone, normals=False, color=False).covered.sum()
+            )
 
         if other is None:
-            other = max((one for one in lattice if one != aperture), key=covered, default=None)
+            other = max(
+                (candidate for candidate in lattice if candidate != aperture),
+                key=covered,
+                default=None,
+            )
         if other is not None:
             images[_OTHER] = rasterizer.render(other, alone, normals=False)
         device = rasterizer.device["renderer"]

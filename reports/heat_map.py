@@ -61,7 +61,9 @@ def why(choice: ChosenAperture, units: str) -> str:
 def choices(auto: AutoApertures) -> list[dict[str, Any]]:
     """Return the chosen apertures with their reasons, as JSON has them."""
     units = auto.scout.scene.units
-    return [{"aperture": one.aperture.index, "why": why(one, units)} for one in auto.chosen]
+    return [
+        {"aperture": choice.aperture.index, "why": why(choice, units)} for choice in auto.chosen
+    ]
 
 
 def notes(auto: AutoApertures) -> list[str]:
@@ -76,8 +78,8 @@ def notes(auto: AutoApertures) -> list[str]:
             f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no settings draw"
         )
     every = (
-        f"auto: aperture {one['aperture'][0]},{one['aperture'][1]}: {one['why']}"
-        for one in choices(auto)
+        f"auto: aperture {choice['aperture'][0]},{choice['aperture'][1]}: {choice['why']}"
+        for choice in choices(auto)
     )
     return [*lines, *every]
 
@@ -93,8 +95,8 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
         "lines": FILM_PIXELS**2,
         "chosen": choices(auto),
         "looks": [
-            {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names}
-            for one in looks
+            {"aperture": look.aperture.index} | {name: getattr(look, name) for name in names}
+            for look in looks
         ],
     }
 
@@ -103,16 +105,16 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     """Draw the plate's nearest visible |z|, and its outlines, each bright where the error is large."""
     plate, looks = auto.scout.scene.plate, auto.scout.looks
     nearest, outlines = (
-        np.array([getattr(one, name) for one in looks]) for name in ("nearest", "outline_widths")
+        np.array([getattr(look, name) for look in looks]) for name in ("nearest", "outline_widths")
     )
     nothing = ~np.isfinite(nearest)
     nearest[nothing] = outlines[nothing] = np.nan
     # A surface in the aperture itself, at 0, has the color of the smallest other length.
     nearest = np.maximum(nearest, min(nearest[nearest > 0], default=1.0))
-    places = [one.index for one in auto.scout.apertures]
+    places = [aperture.index for aperture in auto.scout.apertures]
     nearest, looked = plate_cells(plate.hogels, places, nearest, np.fmin)
     outlines, _ = plate_cells(plate.hogels, places, outlines)
-    marks = [(one["aperture"], one["why"]) for one in choices(auto)]
+    marks = [(choice["aperture"], choice["why"]) for choice in choices(auto)]
     title = f"nearest visible |z|, {auto.scout.scene.units}"
     heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
     heights["data"][0] |= {"colorscale": "Viridis", "reversescale": True}

@@ -52,16 +52,16 @@ _NO_PLAN = {
 }
 
 
-def reason(found: PlanReport) -> str:
+def reason(report: PlanReport) -> str:
     """Return the reason for a plan, or for the lack of one."""
-    made, units = found.plan, found.scene.units
+    made, units = report.plan, report.scene.units
     if made.settings is None or made.outcome is None:
-        return _reason_of_failure(found)
+        return _reason_of_failure(report)
     parts = ["One pair of frusta is enough."]
     if made.cause is Cause.CUTS:
         cuts = len(made.slabs) - 1
         fewer = f"With {cuts} cut{'s' if cuts > 1 else ''}" if cuts else "Without cuts"
-        parts = [f"{fewer}, even {_shortfall(found)}."]
+        parts = [f"{fewer}, even {_shortfall(report)}."]
     viewer, largest = made.requirement.viewer, made.outcome.largest_near or 0.0
     if viewer is not None and viewer.separation_limit is not None:
         cause, height = viewer.separation_limit
@@ -93,12 +93,12 @@ def reason(found: PlanReport) -> str:
     return " ".join(parts)
 
 
-def _reason_of_failure(found: PlanReport) -> str:
-    cause, scene = found.plan.cause, found.scene
+def _reason_of_failure(report: PlanReport) -> str:
+    cause, scene = report.plan.cause, report.scene
     if cause is Cause.TOO_MANY_CUTS:
-        return f"No plan with up to {MAX_CUTS} cuts: even {_shortfall(found)}."
+        return f"No plan with up to {MAX_CUTS} cuts: even {_shortfall(report)}."
     if cause is Cause.SEPARATION:
-        separation = found.plan.requirement.separation_in(scene.frustum)
+        separation = report.plan.requirement.separation_in(scene.frustum)
         return (
             f"No plan: sheets {separation:.3g} {scene.units} apart are ordered by no depth buffer at the "
             "farthest visible surface, however the frusta are cut."
@@ -106,22 +106,22 @@ def _reason_of_failure(found: PlanReport) -> str:
     if cause is Cause.AT_PLATE:
         smallest = SMALLEST_PER_REACH * scene.frustum.longest_reach
         return (
-            f"No plan: displacement exceeds {found.plan.requirement.tolerance_px:g} px at any near. Surfaces "
+            f"No plan: displacement exceeds {report.plan.requirement.tolerance_px:g} px at any near. Surfaces "
             f"lie closer to the plate than the smallest cut, {smallest:.2g} {scene.units}."
         )
     return _NO_PLAN[cause]
 
 
-def _shortfall(found: PlanReport) -> str:
+def _shortfall(report: PlanReport) -> str:
     """Return the failed settings that come nearest to holding, and their errors."""
-    assert found.plan.outcome is not None and found.plan.outcome.failed is not None
-    units, attempt = found.scene.units, found.plan.outcome.failed
-    settings, requirement = attempt.settings, found.plan.requirement
+    assert report.plan.outcome is not None and report.plan.outcome.failed is not None
+    units, attempt = report.scene.units, report.plan.outcome.failed
+    settings, requirement = attempt.settings, report.plan.requirement
     heights = [f"{height:g}" for height in settings.slabs]
     cuts = f", cut at {', '.join(heights)} {units}," if heights else ""
     if len(heights) > MAX_NAMED:
         cuts = f", cut at {heights[0]} {units} and {len(heights) - 1} times beyond,"
-    separation = requirement.separation_in(found.scene.frustum)
+    separation = requirement.separation_in(report.scene.frustum)
     sheets = ""
     if attempt.predicted.separation * SEPARATION_MARGIN > separation:
         sheets = (
@@ -133,52 +133,52 @@ def _shortfall(found: PlanReport) -> str:
     return f"{label}{cuts} leaves {_amiss(attempt.predicted, requirement, sheets)}"
 
 
-def _amiss(found: Quality, requirement: Requirement, sheets: str = "") -> str:
+def _amiss(quality: Quality, requirement: Requirement, sheets: str = "") -> str:
     """Return the errors that exceed their limits."""
-    parts, ratios = [], requirement.ratios(found)
+    parts, ratios = [], requirement.ratios(quality)
     if ratios["displacement_p99_px"] > 1:
-        moved = f"displaced by {found.displacement_p99_px:.2g} px"
-        if math.isinf(found.displacement_p99_px):
+        moved = f"displaced by {quality.displacement_p99_px:.2g} px"
+        if math.isinf(quality.displacement_p99_px):
             moved = "in the plate itself, where displacement is undefined"
         parts.append(f"one pixel in a hundred {moved}")
     if ratios["surface_fraction"] > 1:
-        parts.append(f"{percent(found.surface_fraction)} of all pixels with the wrong surface")
+        parts.append(f"{percent(quality.surface_fraction)} of all pixels with the wrong surface")
     if ratios["depth_wrong"] > 1:
-        parts.append(f"{percent(found.depth_wrong)} of all pixels wrong by depth")
-    if not sheets and found.misordered > MAX_MISORDERED_FRACTION:
-        sheets = f"{percent(found.misordered)} of the sheets' pixels out of order"
+        parts.append(f"{percent(quality.depth_wrong)} of all pixels wrong by depth")
+    if not sheets and quality.misordered > MAX_MISORDERED_FRACTION:
+        sheets = f"{percent(quality.misordered)} of the sheets' pixels out of order"
     return " and ".join([*parts, sheets] if sheets else parts)
 
 
-def sentence(found: PlanReport) -> str:
+def sentence(report: PlanReport) -> str:
     """Return the answer: settings, whether they hold, the binding limit, and a coarser choice."""
-    settings, units = found.plan.settings, found.scene.units
+    settings, units = report.plan.settings, report.scene.units
     if settings is None:
-        return reason(found)
+        return reason(report)
     cuts = "in one pair of frusta: splitting is not needed"
     if settings.slabs:
         heights = ", ".join(map(digits, settings.slabs))
         cuts = f"split at {heights} {units} from the plate: one pair of frusta is not enough"
     draw = (
-        f"Draw {found.scene.name} with near {digits(settings.near)} {units} and "
+        f"Draw {report.scene.name} with near {digits(settings.near)} {units} and "
         f"{settings.depth_label} depth, {cuts}."
     )
-    return " ".join((draw, *_holds(found), *_what_binds(found), *_coarser(found)))
+    return " ".join((draw, *_holds(report), *_what_binds(report), *_coarser(report)))
 
 
-def _holds(found: PlanReport) -> list[str]:
+def _holds(report: PlanReport) -> list[str]:
     """Return where the plan was measured, and whether it holds there."""
-    made, known = found.plan, found.plan.plate
+    made, known = report.plan, report.plan.plate
     limits = limit_words(made.requirement)
     if known is None:
-        count = len(found.apertures)
+        count = len(report.apertures)
         where = f"the worst of {count} apertures" if count > 1 else "one aperture"
         return [f"It {'holds' if made.within else 'DOES NOT HOLD'}, measured at {where}."]
     parts = []
     if known.infeasible:
         parts.append(_infeasible(known))
     if not made.within and not known.infeasible:
-        parts.append(f"This DOES NOT HOLD: {reason(found)}")
+        parts.append(f"This DOES NOT HOLD: {reason(report)}")
     counted = f"{known.beyond} of {known.sampled} random hogels are"
     if known.confidence == 1:
         counted = f"of all {known.hogels:,} hogels {percent(known.share_beyond_at_most)} are"
@@ -225,9 +225,9 @@ def eye_words(limit: NearLimit, units: str) -> str:
     return f"{'any near' if limit.largest_near is None else near} ({NOTICED[limit.name]})"
 
 
-def _what_binds(found: PlanReport) -> list[str]:
+def _what_binds(report: PlanReport) -> list[str]:
     """Return the near that each judge allows, beginning with the one that binds."""
-    made, units, parts = found.plan, found.scene.units, dict[str, str]()
+    made, units, parts = report.plan, report.scene.units, dict[str, str]()
     assert made.limits is not None
     if (pixels := made.limits.pixels) is not None:
         parts[PIXELS] = (
@@ -239,23 +239,23 @@ def _what_binds(found: PlanReport) -> list[str]:
         if not made.requirement.pixels_count:
             parts[PIXELS] += ", which counts only with --tolerance-px"
     if made.requirement.viewer is not None:
-        distance, limit = made.requirement.viewer.viewer.distance, found.eye_limit
+        distance, limit = made.requirement.viewer.viewer.distance, report.eye_limit
         allowed = "any near" if limit is None else eye_words(limit, units)
         parts[EYE] = f"eyes at {distance:g} {units} allow {allowed}"
-    if found.buffer is not None:
-        parts[DEPTH] = buffer_words(found.buffer, units)
-    first, others = parts.pop(found.binds, None), "; ".join(parts.values())
+    if report.buffer is not None:
+        parts[DEPTH] = buffer_words(report.buffer, units)
+    first, others = parts.pop(report.binds, None), "; ".join(parts.values())
     if first is not None and made.slabs:
         first = f"in one pair {first}"
     bound = [] if first is None else [f"What binds: {first}."]
     return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
 
 
-def _coarser(found: PlanReport) -> list[str]:
+def _coarser(report: PlanReport) -> list[str]:
     """Return the cost of the cheapest depth buffer where the plan takes another one."""
-    assert found.plan.limits is not None
-    first, units = found.plan.limits.buffers[0], found.scene.units
-    if first == found.buffer:
+    assert report.plan.limits is not None
+    first, units = report.plan.limits.buffers[0], report.scene.units
+    if first == report.buffer:
         return []
     if first.smallest_near is None or first.displacement_p99_px is None:
         return [f"With a coarser depth buffer {buffer_words(first, units)}."]

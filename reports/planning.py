@@ -93,7 +93,7 @@ class PlanReport(NotebookRepr):
         """Limit of the plan's depth buffer; None without a plan."""
         buffers = () if self.plan.limits is None else self.plan.limits.buffers
         own = self.plan.depth, self.plan.mapping
-        return next((one for one in buffers if (one.depth, one.mapping) == own), None)
+        return next((limit for limit in buffers if (limit.depth, limit.mapping) == own), None)
 
     @property
     def binds(self) -> str:
@@ -145,7 +145,7 @@ class PlanReport(NotebookRepr):
     def summary(self) -> dict[str, Any]:
         """Return the plan as `plan --json` prints it."""
         made, limits = self.plan, self.plan.limits
-        unknown = dict.fromkeys(one.name for one in fields(Quality))
+        unknown = dict.fromkeys(measure.name for measure in fields(Quality))
         hogels = np.zeros(0) if limits is None else limits.hogels[np.isfinite(limits.hogels)]
         commands = dict(zip(("command", "confirm"), self.commands, strict=False))
         return json_object(
@@ -216,7 +216,7 @@ class PlanReport(NotebookRepr):
         lines = [filled(plan_text.sentence(self))]
         if self.plan.settings is not None:
             lines += ["", filled(plan_text.reason(self)), "", self._errors(), ""]
-            lines += [aligned([_head(self.scene.units), *(one.cells for one in allowed(self))]), ""]
+            lines += [aligned([_head(self.scene.units), *(row.cells for row in allowed(self))]), ""]
         if self.view_zone is not None:
             zone, unit = self.view_zone, MILLIMETERS.get(self.scene.units, 1.0)
             some, every = zone.some_eyes_apart * unit, zone.all_eyes_apart * unit
@@ -265,7 +265,7 @@ class PlanReport(NotebookRepr):
             ("at the worst aperture", "at most", "predicted", "measured")
         ]
         for words, limit, name in limits:
-            both = (f"{getattr(one, name):.3g}" for one in (made.predicted, made.measured))
+            both = (f"{getattr(quality, name):.3g}" for quality in (made.predicted, made.measured))
             rows.append((words, "any" if math.isinf(limit) else f"{limit:.3g}", *both))
         return f"{aligned(rows)}\nrounding by the model of {made.device_model}"
 
@@ -419,18 +419,18 @@ def _head(units: str) -> tuple[str, str, str, str]:
     return "", f"near from, {units}", f"up to, {units}", ""
 
 
-def allowed(found: PlanReport) -> list[Allowed]:
+def allowed(report: PlanReport) -> list[Allowed]:
     """Return the range of near that each judge allows, for tables and figures."""
-    limits, requirement, rows = found.plan.limits, found.plan.requirement, list[Allowed]()
+    limits, requirement, rows = report.plan.limits, report.plan.requirement, list[Allowed]()
     if limits is None:
         return rows
     if limits.pixels is not None:
         name = f"pixels, {requirement.tolerance_px:g} px at the worst hogel"
-        rows.append(Allowed(name, high=limits.pixels, binds=found.binds == PIXELS))
-    for one in limits.eyes:
-        high = math.inf if one.largest_near is None else one.largest_near
-        binds = found.binds == EYE and one == found.eye_limit
-        rows.append(Allowed(f"eyes, {NOTICED[one.name]}", high=high, binds=binds))
+        rows.append(Allowed(name, high=limits.pixels, binds=report.binds == PIXELS))
+    for eye in limits.eyes:
+        high = math.inf if eye.largest_near is None else eye.largest_near
+        binds = report.binds == EYE and eye == report.eye_limit
+        rows.append(Allowed(f"eyes, {NOTICED[eye.name]}", high=high, binds=binds))
     for buffer in limits.buffers:
         low = math.inf if buffer.smallest_near is None else buffer.smallest_near
         name = f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}"
@@ -438,30 +438,30 @@ def allowed(found: PlanReport) -> list[Allowed]:
     return rows
 
 
-def write_plan(found: PlanReport, out: Path) -> tuple[Path, ...]:
+def write_plan(report: PlanReport, out: Path) -> tuple[Path, ...]:
     """Write the page and plan.json, all or nothing."""
-    figures, limits = {"limits": limits_figure(found)}, found.plan.limits
-    if found.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
-        title = f"largest near that keeps {found.plan.requirement.tolerance_px:g} px, {found.scene.units}"
-        places = [one.index for one in found.scan.apertures]
-        values, known = plate_cells(found.scene.plate.hogels, places, limits.hogels, np.fmin)
-        figure = plate_map(found.scene.plate, values, title, known=known, logarithmic=True)
+    figures, limits = {"limits": limits_figure(report)}, report.plan.limits
+    if report.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
+        title = f"largest near that keeps {report.plan.requirement.tolerance_px:g} px, {report.scene.units}"
+        places = [aperture.index for aperture in report.scan.apertures]
+        values, known = plate_cells(report.scene.plate.hogels, places, limits.hogels, np.fmin)
+        figure = plate_map(report.scene.plate, values, title, known=known, logarithmic=True)
         figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
         figures["map"] = figure
     page = {
-        "found": found,
-        "sentence": plan_text.sentence(found),
-        "reason": plan_text.reason(found),
+        "found": report,
+        "sentence": plan_text.sentence(report),
+        "reason": plan_text.reason(report),
         "figures": figures,
-        "rows": [one.cells for one in allowed(found)],
+        "rows": [row.cells for row in allowed(report)],
         "versions": versions(),
     }
-    return write_files(out, {PAGE: html_page("plan.html.j2", page), DATA: found.summary()})
+    return write_files(out, {PAGE: html_page("plan.html.j2", page), DATA: report.summary()})
 
 
-def limits_figure(found: PlanReport) -> Figure:
+def limits_figure(report: PlanReport) -> Figure:
     """Draw the range of near that each judge allows as bars, and the near of the plan as a line."""
-    reach, near, rows = found.scene.frustum.longest_reach, found.plan.near, allowed(found)
+    reach, near, rows = report.scene.frustum.longest_reach, report.plan.near, allowed(report)
     ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
     low = min([*ends, near or reach]) / 30
     bars = [
@@ -484,7 +484,7 @@ def limits_figure(found: PlanReport) -> Figure:
         "height": 110 + 40 * len(bars),
         "showlegend": False,
         "xaxis": {
-            "title": f"near, {found.scene.units}",
+            "title": f"near, {report.scene.units}",
             **log_axis([low, reach]),
             "dtick": max(1, round(math.log10(reach / low) / 5)),
             "range": [math.log10(low), math.log10(reach)],

@@ -74,7 +74,7 @@ def buffer_limits(
     the views; both improve as near grows.
     """
     frustum = views.scene.frustum
-    (low, high), found = search.indices_of(frustum), []
+    (low, high), limits = search.indices_of(frustum), []
     allowed = requirement.separation_in(frustum) / search.SEPARATION_MARGIN
     for depth, mapping in buffers:
 
@@ -94,8 +94,8 @@ def buffer_limits(
             displacement_p99_px=views.displaced(DoubleFrustum(near=near)) if known else None,
             any_near=known and near == search.round_number(low),
         )
-        found.append(limit)
-    return tuple(found)
+        limits.append(limit)
+    return tuple(limits)
 
 
 def hogel_limits(scan: PlateScan, tolerance_px: float) -> Floats:

@@ -63,14 +63,17 @@ def hogel_results(
     exact = with_exact_depth(settings)
     drawn = tuple(dict.fromkeys((settings, exact)))
     with closing(judge.frames(apertures, drawn, FrameRequest(), truths)) as frames:
-        while some := {one.settings: one for one in islice(frames, len(drawn))}:
-            found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
-            wrong, judged = found.errors.surface, max(found.judged, 1)
+        while some := {frame.settings: frame for frame in islice(frames, len(drawn))}:
+            comparison, with_exact = (
+                some[settings].comparison,
+                some[exact].comparison.errors.surface,
+            )
+            wrong, judged = comparison.errors.surface, max(comparison.judged, 1)
             assert wrong is not None and with_exact is not None, "the reference has the scene"
             yield HogelResult(
                 aperture=some[settings].aperture,
-                covered=found.covered,
-                displacement_p99_px=displacement_p99(found),
+                covered=comparison.covered,
+                displacement_p99_px=displacement_p99(comparison),
                 surface_fraction=float(wrong.sum() / judged),
                 depth_wrong=float((wrong & ~with_exact).sum() / judged),
             )
@@ -169,7 +172,7 @@ class SheetFilm:
     ) -> SheetFilm:
         """Tile a film with cells of so many pixels a side; `owner` (cells, cells) has each cell's pair."""
         objects = (
-            one for number, pair in enumerate(pairs) for one in pair.objects(owner == number)
+            sheet for number, pair in enumerate(pairs) for sheet in pair.objects(owner == number)
         )
         side = len(owner) * cell_pixels
         frustum = replace(scene.frustum, resolution=(side, side))

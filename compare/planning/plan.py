@@ -203,7 +203,7 @@ class PlatePlanner:
 
     def plan(self, sample: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
-        if not self._feasible and any(math.isfinite(one.nearest) for one in self.scan.looks):
+        if not self._feasible and any(math.isfinite(look.nearest) for look in self.scan.looks):
             plate = self._plate_result(self._infeasible)
             return Plan(requirement=self.requirement, cause=Cause.EVERY_APERTURE, plate=plate)
         views = self.first_views()
@@ -216,8 +216,8 @@ class PlatePlanner:
             missed = self._missed(results)
             joining = [view for view in missed if not self._is_infeasible(view)]
             if not joining or last:
-                found = {view.aperture.index for view in missed if self._is_infeasible(view)}
-                made = self._measured(made, views, results, frozenset(found))
+                infeasible = {view.aperture.index for view in missed if self._is_infeasible(view)}
+                made = self._measured(made, views, results, frozenset(infeasible))
                 break
             views, sample = replace(views, views=(*views.views, *joining)), sample.next()
         return with_limits(made, views, self.scan)
@@ -227,13 +227,13 @@ class PlatePlanner:
         """Scanned apertures at which not even the smallest near keeps the tolerance."""
         moved = self.scan.displacements(self._smallest)
         pairs = zip(self.scan.apertures, moved, strict=True)
-        return frozenset(one.index for one, px in pairs if px > self.requirement.limit_px)
+        return frozenset(aperture.index for aperture, px in pairs if px > self.requirement.limit_px)
 
     @cached_property
     def _feasible(self) -> bool:
         """Whether any scanned aperture sees something that some near draws."""
-        seeing = (one for one in self.scan.looks if math.isfinite(one.nearest))
-        return any(one.aperture.index not in self._infeasible for one in seeing)
+        seeing = (look for look in self.scan.looks if math.isfinite(look.nearest))
+        return any(look.aperture.index not in self._infeasible for look in seeing)
 
     def _is_infeasible(self, view: View) -> bool:
         frustum, tolerance = self.reference.scene.frustum, self.requirement.limit_px
@@ -247,10 +247,18 @@ class PlatePlanner:
         """Trace the middle, the worst feasible apertures, and those that see farthest."""
         scan, middle = self.scan, self.reference.scene.plate.middle
         worst = [look.aperture for look in scan.worst(len(scan.looks))]
-        worst = [one for one in worst if one.index not in self._infeasible][:WORST_VIEWS]
+        worst = [aperture for aperture in worst if aperture.index not in self._infeasible][
+            :WORST_VIEWS
+        ]
         farthest = [scan.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
-        chosen = [*(one for one in scan.apertures if one == middle), *worst, *farthest]
-        feasible = [one for one in dict.fromkeys(chosen) if one.index not in self._infeasible]
+        chosen = [
+            *(aperture for aperture in scan.apertures if aperture == middle),
+            *worst,
+            *farthest,
+        ]
+        feasible = [
+            aperture for aperture in dict.fromkeys(chosen) if aperture.index not in self._infeasible
+        ]
         return self._traced(feasible)
 
     def _traced(self, apertures: Sequence[Aperture]) -> Views:
@@ -261,7 +269,9 @@ class PlatePlanner:
         for _ in range(MAX_ROUNDS):
             made = predicted_plan(views, self.requirement)
             known = _indices(views.views) | self._infeasible
-            suspected = [one for one in self._suspected(made) if one.index not in known]
+            suspected = [
+                aperture for aperture in self._suspected(made) if aperture.index not in known
+            ]
             if not suspected:
                 break
             joining = self._traced(suspected[:MAX_SUSPECTED]).views
@@ -285,15 +295,15 @@ class PlatePlanner:
         known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._infeasible]
         chosen = sample_hogels(scene.plate, sample, known)
         with Evaluator(scene, reference=self.reference) as judge:
-            for one in hogel_results(judge, chosen, settings):
-                results.append(one)
+            for result in hogel_results(judge, chosen, settings):
+                results.append(result)
                 self.done(1)
         return results
 
     def _missed(self, results: Sequence[HogelResult]) -> tuple[View, ...]:
         """Trace the hogels of a sample that exceed a limit."""
         return self._traced(
-            [one.aperture for one in results if self.requirement.missed_by(one)]
+            [result.aperture for result in results if self.requirement.missed_by(result)]
         ).views
 
     def _measured(
@@ -308,7 +318,7 @@ class PlatePlanner:
         chosen, sheets, device = measured(views, made.settings, self.requirement, self.done)
         limit, hogels = self.requirement.tolerance_px, math.prod(self.reference.scene.plate.hogels)
         beyond, chosen_beyond = (
-            sum(one.beyond(limit) for one in some) for some in (sample, chosen)
+            sum(result.beyond(limit) for result in some) for some in (sample, chosen)
         )
         known = len(chosen) + len(self._infeasible)
         everything = known + len(sample) == hogels
@@ -316,8 +326,12 @@ class PlatePlanner:
         share = share_at_most(beyond, len(sample), EACH)
         if everything:
             share = beyond / max(len(sample), 1)
-        drawable = [one for one in (*chosen, *sample) if one.aperture.index not in found_infeasible]
-        worst = max(drawable, key=lambda one: (self.requirement.excess(one), one.surface_fraction))
+        drawable = [
+            result for result in (*chosen, *sample) if result.aperture.index not in found_infeasible
+        ]
+        worst = max(
+            drawable, key=lambda result: (self.requirement.excess(result), result.surface_fraction)
+        )
         quality = replace(sheets, **worst_errors(drawable))
         infeasible = self._infeasible | found_infeasible
         unfit = chosen_beyond + len(self._infeasible)
@@ -326,7 +340,7 @@ class PlatePlanner:
             measured=len(chosen) + len(sample),
             sampled=len(sample),
             beyond=beyond,
-            empty=sum(not (one.covered or one.beyond(limit)) for one in sample),
+            empty=sum(not (result.covered or result.beyond(limit)) for result in sample),
             worst=worst,
             worst_by=self.requirement.worst_measure(worst),
             share_beyond_at_most=(unfit + share * (hogels - known)) / hogels,
@@ -345,4 +359,4 @@ class PlatePlanner:
 
 
 def _indices(some: Iterable[CoarseView | View]) -> frozenset[Index]:
-    return frozenset(one.aperture.index for one in some)
+    return frozenset(view.aperture.index for view in some)

@@ -50,7 +50,10 @@ class Errors:
 def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
     """Return the worst of each error of some hogels, by the name of its field."""
     some = list(results)
-    return {one.name: max(getattr(found, one.name) for found in some) for one in fields(Errors)}
+    return {
+        measure.name: max(getattr(errors, measure.name) for errors in some)
+        for measure in fields(Errors)
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,35 +108,35 @@ class Requirement:
         """Return the separation in scene units."""
         return self.separation or SEPARATION_PER_REACH * frustum.longest_reach
 
-    def ratios(self, found: Errors) -> dict[str, float]:
+    def ratios(self, errors: Errors) -> dict[str, float]:
         """Return the ratio of each error to its limit, by the name of its field."""
         return {
-            "displacement_p99_px": found.displacement_p99_px / self.tolerance_px
+            "displacement_p99_px": errors.displacement_p99_px / self.tolerance_px
             if self.pixels_count
             else 0.0,
-            "surface_fraction": found.surface_fraction / MAX_WRONG if self.pixels_count else 0.0,
-            "depth_wrong": found.depth_wrong / self.max_wrong,
+            "surface_fraction": errors.surface_fraction / MAX_WRONG if self.pixels_count else 0.0,
+            "depth_wrong": errors.depth_wrong / self.max_wrong,
         }
 
-    def worst_measure(self, found: Errors) -> str:
+    def worst_measure(self, errors: Errors) -> str:
         """Return the name of the error with the largest ratio to its limit."""
-        ratios = self.ratios(found)
+        ratios = self.ratios(errors)
         return max(ratios, key=ratios.__getitem__) if any(ratios.values()) else "surface_fraction"
 
-    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
+    def near_excess(self, errors: Errors, settings: DoubleFrustum) -> float:
         """Return the largest ratio to their limits of the errors that grow with near."""
-        pixels = self.ratios(found)
+        pixels = self.ratios(errors)
         eyes = 0.0 if self.viewer is None else self.viewer.excess(settings)
         return max(pixels["displacement_p99_px"], pixels["surface_fraction"], eyes)
 
-    def excess(self, found: Errors) -> float:
+    def excess(self, errors: Errors) -> float:
         """Return the largest ratio of errors to their limits; infinite where one is undefined."""
-        return max(self.ratios(found).values())
+        return max(self.ratios(errors).values())
 
-    def missed_by(self, found: Errors) -> bool:
+    def missed_by(self, errors: Errors) -> bool:
         """Return whether a hogel exceeds a limit."""
-        return self.excess(found) > 1
+        return self.excess(errors) > 1
 
-    def met_by(self, found: Quality) -> bool:
+    def met_by(self, quality: Quality) -> bool:
         """Return whether measured errors keep all limits."""
-        return not self.missed_by(found) and found.misordered <= MAX_MISORDERED_FRACTION
+        return not self.missed_by(quality) and quality.misordered <= MAX_MISORDERED_FRACTION

@@ -144,28 +144,32 @@ class Search:
     def best(self) -> Outcome:
         """Scan numbers of cuts upward, and return the best attempt with the fewest."""
         able = [
-            one
-            for one in self.requirement.buffers
-            if self._finest(one) * SEPARATION_MARGIN <= self.separation
+            buffer
+            for buffer in self.requirement.buffers
+            if self._finest(buffer) * SEPARATION_MARGIN <= self.separation
         ]
-        found = Outcome(holding=0, able=bool(able))
+        outcome = Outcome(holding=0, able=bool(able))
         lowest = round_number(self.lowest)
         if not able or not self._near_holds(lowest, (lowest,)):
-            return found
+            return outcome
         for cuts in range(MAX_CUTS + 1):
-            attempts = [self.attempt(one, cuts) for one in able]
-            holding = [one for one in attempts if one.holds]
+            attempts = [self.attempt(buffer, cuts) for buffer in able]
+            holding = [attempt for attempt in attempts if attempt.holds]
             if holding:
-                cheapest = min(one.price for one in holding)
-                pairs = [(self._with_margin(one), one) for one in holding if one.price == cheapest]
+                cheapest = min(attempt.price for attempt in holding)
+                pairs = [
+                    (self._with_margin(attempt), attempt)
+                    for attempt in holding
+                    if attempt.price == cheapest
+                ]
                 best, largest = min(
                     pairs, key=lambda pair: (pair[0].missing, -pair[0].settings.near)
                 )
                 return replace(
-                    found, holding=len(holding), best=best, largest_near=largest.settings.near
+                    outcome, holding=len(holding), best=best, largest_near=largest.settings.near
                 )
-            found = replace(found, failed=min(attempts, key=lambda one: one.excess))
-        return found
+            outcome = replace(outcome, failed=min(attempts, key=lambda attempt: attempt.excess))
+        return outcome
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
         """Return at most so many heights, ascending, as near to the plate as a separation allows."""
@@ -199,12 +203,12 @@ class Search:
     def _separation_in(
         self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]
     ) -> float:
-        settings, found = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
+        settings, separations = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
         for camera, low, high in ends:
             if low < high:  # outside of the first slab cameras stand in the aperture
                 slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
-                found.append(self._views.separation_in(slab, settings))
-        return max(found)
+                separations.append(self._views.separation_in(slab, settings))
+        return max(separations)
 
     def attempt(self, buffer: DepthBuffer, cuts: int) -> Attempt:
         """Return the attempt with so many cuts that holds with the largest near, or the best failure."""
@@ -213,15 +217,15 @@ class Search:
             heights = self.cuts(buffer, cuts, target)
             # Depth is best off with near as large as may be: hopeless cuts cost no search for near.
             trial = self._depth_alone(buffer, heights)
-            one = self._with_largest_near(buffer, heights) if trial <= 1 else None
-            if one is not None and one.holds:
-                return one
-            failures.append(one or self.judged(self._settings(buffer, heights[0], heights)))
+            candidate = self._with_largest_near(buffer, heights) if trial <= 1 else None
+            if candidate is not None and candidate.holds:
+                return candidate
+            failures.append(candidate or self.judged(self._settings(buffer, heights[0], heights)))
             # Shallower outer slabs help pixels wrong by depth alone, at the cost of the first slab.
             if failures[-1].predicted.depth_wrong <= self.requirement.max_wrong:
                 break
             target *= TARGET_RATIO
-        return min(failures, key=lambda one: one.depth_excess)
+        return min(failures, key=lambda candidate: candidate.depth_excess)
 
     def _depth_alone(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> float:
         """Return the excess of depth with near at the first cut; 0 without cuts."""
@@ -276,10 +280,10 @@ class Search:
         # Displacement grows with near, and errors of depth fall with it: the interval is halved.
         while low < high:
             middle = (low + high) // 2
-            one = self.judged(replace(largest.settings, near=round_number(middle)))
-            if one.holds and one.missing <= best.missing:
-                best = one
-            if one.near_excess > max(one.depth_excess, 1 / ENOUGH_MARGIN):
+            candidate = self.judged(replace(largest.settings, near=round_number(middle)))
+            if candidate.holds and candidate.missing <= best.missing:
+                best = candidate
+            if candidate.near_excess > max(candidate.depth_excess, 1 / ENOUGH_MARGIN):
                 high = middle
             else:
                 low = middle + 1

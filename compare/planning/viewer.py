@@ -45,16 +45,16 @@ class ViewerRequirement:
         Disparity is left out where the scene's unit has no known length, the crack where no surface
         meets the plate.
         """
-        found = {}
+        effects = {}
         if self.display.millimeters is not None:
             change = noticeable.stereo_change_arcsec(
                 self.content, self.viewer, self.display, settings
             )
-            found[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
+            effects[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
         if self.content.through:
             cause, allowed, width = noticeable.resolved_crack(self.viewer, self.display, settings)
-            found[CRACK] = width, allowed, cause
-        return found
+            effects[CRACK] = width, allowed, cause
+        return effects
 
     def excess(self, settings: DoubleFrustum) -> float:
         """Return the largest ratio of a visible effect of settings to its limit."""
@@ -77,7 +77,7 @@ class ViewerRequirement:
             there, allowed, _ = self.noticed(replace(settings, near=near))[name]
             return there / allowed <= 1
 
-        found = []
+        limits = []
         for name in self.noticed(settings):
             near, at = None, end
             if not unnoticed(name, end):
@@ -85,14 +85,14 @@ class ViewerRequirement:
                 near = 0.0 if index is None else round_number(index)
                 at = near or round_number(low)
             _, allowed, cause = self.noticed(replace(settings, near=at))[name]
-            found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=cause))
-        return tuple(found)
+            limits.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=cause))
+        return tuple(limits)
 
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     """Return the limit with the smallest near; None where every near is unnoticed."""
-    found = [(one.largest_near, one) for one in limits if one.largest_near is not None]
-    return min(found, key=lambda pair: pair[0])[1] if found else None
+    pairs = [(limit.largest_near, limit) for limit in limits if limit.largest_near is not None]
+    return min(pairs, key=lambda pair: pair[0])[1] if pairs else None
 
 
 Interval = tuple[float, float]  #: lower and upper end, scene units
@@ -152,7 +152,7 @@ def seen_content(scan: PlateScan) -> noticeable.Content:
     sides: list[tuple[float, float] | None] = []
     for sign in (1.0, -1.0):
         seen = [sign * look.height[sign * look.height >= 0] for look in scan.looks]
-        ends = [(float(one.min()), float(one.max())) for one in seen if one.size]
+        ends = [(float(heights.min()), float(heights.max())) for heights in seen if heights.size]
         sides.append((min(low for low, _ in ends), max(high for _, high in ends)) if ends else None)
     through = noticeable.runs_through_plate(scan.scene)
     return noticeable.Content(before=sides[0], behind=sides[1], through=through)

@@ -113,8 +113,14 @@ class Views:
     ) -> Views:
         """Trace apertures; `done` is called with 1 after each."""
         views = []
-        for one in apertures:
-            views.append(View(aperture=one, truth=reference.trace(one), gaps=reference.gaps(one)))
+        for aperture in apertures:
+            views.append(
+                View(
+                    aperture=aperture,
+                    truth=reference.trace(aperture),
+                    gaps=reference.gaps(aperture),
+                )
+            )
             done(1)
         return cls(reference=reference, views=tuple(views), device=device)
 
@@ -141,17 +147,18 @@ class Views:
         moved, wrong = [0.0], [0.0]
         for view in self.views:
             model = self.reference.trace_model(view.aperture, settings)
-            found = compare_images(view.truth, model, self.reference, radiance=False)
-            assert found.surface is not None, "the reference has the scene at hand"
-            moved.append(displacement_p99(found))
-            wrong.append(found.surface.fraction)
+            comparison = compare_images(view.truth, model, self.reference, radiance=False)
+            assert comparison.surface is not None, "the reference has the scene at hand"
+            moved.append(displacement_p99(comparison))
+            wrong.append(comparison.surface.fraction)
         return max(moved), max(wrong)
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
-        asked = self.scene.frustum, [settings], self.device or depth.ANY
+        arguments = self.scene.frustum, [settings], self.device or depth.ANY
         shares = (
-            depth.depth_wrong_shares(view.layers, *asked, unlucky=True)[0] for view in self.views
+            depth.depth_wrong_shares(view.layers, *arguments, unlucky=True)[0]
+            for view in self.views
         )
         return max(shares, default=0.0)
 
@@ -167,8 +174,8 @@ class Views:
         if not len(seen):
             return 0.0
         w = np.clip(seen + slab.step, slab.near, slab.far)
-        asked = slab.near, slab.far, settings.depth, settings.mapping, self.device
-        return float(depth.smallest_separation(w, *asked).max())
+        arguments = slab.near, slab.far, settings.depth, settings.mapping, self.device
+        return float(depth.smallest_separation(w, *arguments).max())
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return the predicted errors of settings, with sheets of a separation."""

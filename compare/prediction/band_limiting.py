@@ -119,5 +119,8 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
 def needed_sub_apertures(scene: Scene, error: float = LEVEL) -> int:
     """Return how many sub-apertures keep pictures within an error, radiance: at most `DISCREPANCY` has."""
     contrast = contrast_of(scene)
-    counts = [sub_apertures_for(blurs(scene, one)[0], contrast, error) for one in depth_bins(scene)]
+    counts = [
+        sub_apertures_for(blurs(scene, content)[0], contrast, error)
+        for content in depth_bins(scene)
+    ]
     return max((max(DISCREPANCY) if count is None else count for count in counts), default=1)

@@ -88,28 +88,30 @@ def _measured(
         return np.asarray(((points[:, :2] - lines.center[:2]) / s - shear) * per_unit)
 
     with np.errstate(divide="ignore", invalid="ignore"):
-        a, b, mine, its = (places(one) for one in (start, end, third, beyond))
+        a, b, mine, its = (places(corner) for corner in (start, end, third, beyond))
         along = b - a
         length = np.hypot(*along.T)
         normal = np.stack((-along[:, 1], along[:, 0]), axis=1) / length[:, None]
-        inside, outside = (np.einsum("ij,ij->i", one - a, normal) for one in (mine, its))
+        inside, outside = (np.einsum("ij,ij->i", corner - a, normal) for corner in (mine, its))
         area = np.abs(inside) * length / 2
         middle = (start + end) / 2 - np.asarray(lines.center)
         s = -middle[:, 2]
         direction = middle / s[:, None]
         turned = np.zeros_like(direction)
         turned[:, :2] = normal / per_unit
-        planes = [scene.normals[one] for one in (number, other)]
+        planes = [scene.normals[index] for index in (number, other)]
         # Normals toward the viewer, and how fast a point on one plane leaves the other one, per
         # pixel.
-        onto = [np.einsum("ij,ij->i", one, direction) for one in planes]
-        across = [np.einsum("ij,ij->i", one, turned) for one in planes]
+        onto = [np.einsum("ij,ij->i", plane, direction) for plane in planes]
+        across = [np.einsum("ij,ij->i", plane, turned) for plane in planes]
         rates = [np.abs(s * (across[1 - k] - onto[1 - k] * across[k] / onto[k])) for k in range(2)]
         ahead = np.einsum("ij,ij->i", planes[0], beyond - start) * -np.sign(onto[0]) > 0
-        heights = np.stack([one[:, 2] for one in (start, end, third, beyond)])
+        heights = np.stack([corner[:, 2] for corner in (start, end, third, beyond)])
         one_side = (heights > 0).all(axis=0) | (heights < 0).all(axis=0)
         concave = one_side & (inside * outside < 0) & ahead & (area > 0)
-        tolerance = [POSITION_TOLERANCE * scene.largest_coordinates[one] for one in (number, other)]
+        tolerance = [
+            POSITION_TOLERANCE * scene.largest_coordinates[index] for index in (number, other)
+        ]
         offsets = np.stack([bound / rate for bound, rate in zip(tolerance, rates, strict=True)])
     offsets[~np.isfinite(offsets)] = np.inf
     return np.where(concave, length, 0.0), area, offsets

@@ -321,7 +321,7 @@ def depth_wrong_shares(
         some = gap[at], None if earlier is None else earlier[at]
         anyway = chances(own, distance[at], some, [control], order, device)
         expected += np.maximum(wrong.take(at, axis=1) - anyway, 0.0).sum(axis=1)
-    return [float(one) / max(stacks.judged, 1) for one in expected]
+    return [float(count) / max(stacks.judged, 1) for count in expected]
 
 
 def chances(
@@ -343,8 +343,8 @@ def chances(
         inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
         some = gap[inside], None if earlier is None else earlier[inside]
         chance = _chance(slab, distance[inside], some, settings, order, device)
-        for row, found in zip(least, chance, strict=True):
-            row[inside] = np.minimum(row[inside], found)
+        for row, of_setting in zip(least, chance, strict=True):
+            row[inside] = np.minimum(row[inside], of_setting)
     return np.where(np.isfinite(least), least, 0.0)
 
 
@@ -378,8 +378,8 @@ def _chance(
     def apart(kind: int, mapping: DepthMapping) -> Floats:
         return _difference(*pairs[kind], slab, mapping)
 
-    found = np.zeros((len(settings), w.size))
-    for wrong, buffer in zip(found, settings, strict=True):
+    chances = np.zeros((len(settings), w.size))
+    for wrong, buffer in zip(chances, settings, strict=True):
         depth, mapping = buffer.depth, buffer.mapping
         known, alike = _table(slab, depth, mapping, device), _ALIKE.get(mapping, mapping)
         at, row = known.in_doubt(w, lost := apart(-1, alike))
@@ -411,7 +411,7 @@ def _chance(
         # Only a surface that is not lost can be misordered; the two chances are taken as
         # independent.
         np.add(wrong, (1 - wrong) * misordered, out=wrong)
-    return found
+    return chances
 
 
 #: Mappings whose depths are as far apart as those of another one.

@@ -132,17 +132,17 @@ class Predictor:
 
         The settings differ in their depth buffers alone: they share most.
         """
-        (prediction, rounded), found = self._predicted(with_exact_depth(settings[0])), []
+        (prediction, rounded), predictions = self._predicted(with_exact_depth(settings[0])), []
         shares = depth_wrong_shares(self._stacks, self._frustum, settings, self._device)
-        for one, share in zip(settings, shares, strict=True):
+        for choice, share in zip(settings, shares, strict=True):
             depth = LinkPrediction(
                 displacement_rms_px=None, surface_pixels=share * self._stacks.judged
             )
             links = (*rounded, depth)
-            whole = replace(prediction, depth=share, separation=self._separations(one))
-            whole = replace(whole, reasons=self._reasons(one, whole, links))
-            found.append((whole, self._with_reasons(one, whole, links)))
-        return found
+            whole = replace(prediction, depth=share, separation=self._separations(choice))
+            whole = replace(whole, reasons=self._reasons(choice, whole, links))
+            predictions.append((whole, self._with_reasons(choice, whole, links)))
+        return predictions
 
     def _predicted(self, settings: DoubleFrustum) -> LinkedPrediction:
         """Return the same without errors of depth."""
@@ -165,7 +165,7 @@ class Predictor:
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
         crosses = self._crosses(settings)
         if crosses:
-            moved = [None if one else one for one in moved]
+            moved = [None if length else length for length in moved]
         prediction = Prediction(
             displacement_px=None
             if crosses
@@ -256,15 +256,15 @@ class Predictor:
                 (self._within_steps(settings), Reason.STEPS),
             ),
         }
-        found = []
+        explained = []
         for place, link in enumerate(links):
             by_chance = chance(link.surface_pixels, math.hypot(*link.flip_deviations) ** 2)
             surface = next((reason for holds, reason in kinds[place] if holds), by_chance)
             moved = moves if place in traced and moves != Reason.LARGE else None
             none = not link.surface_pixels
             reasons = Reasons(displacement=moved, surface=None if none else surface)
-            found.append(replace(link, reasons=reasons))
-        return tuple(found)
+            explained.append(replace(link, reasons=reasons))
+        return tuple(explained)
 
     def _is_thin(self, settings: DoubleFrustum) -> bool:
         """Return whether contours are too often those of surfaces thinner than a pixel."""
@@ -277,14 +277,14 @@ class Predictor:
             return root_mean_square(known) if known.size else None
 
         fields = {
-            one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)
+            link: displacements(self._points, self._frustum, link) for link in dict.fromkeys(chain)
         }
-        found = [rms(fields[chain[0]])]
+        spreads = [rms(fields[chain[0]])]
         # Where nothing moves, what is drawn at all is the same for all links.
-        still = None if found[0] is None else 0.0
+        still = None if spreads[0] is None else 0.0
         pairs = pairwise(chain)
-        return found + [
-            still if one == two else rms(fields[two] - fields[one]) for one, two in pairs
+        return spreads + [
+            still if link == two else rms(fields[two] - fields[link]) for link, two in pairs
         ]
 
     def _separations(self, settings: DoubleFrustum) -> Separations:
@@ -293,7 +293,7 @@ class Predictor:
             Camera.C: -float(height.min(initial=0)),
             Camera.C_STAR: float(height.max(initial=0)),
         }
-        found: dict[Camera, float] = {}
+        separations: dict[Camera, float] = {}
         for slab in slabs(self._frustum, settings):
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
                 w = np.array([farthest[slab.camera] + slab.step])
@@ -302,8 +302,10 @@ class Predictor:
                 )
                 # Both slabs draw a surface at their common cut; for one of them it is the nearest
                 # surface.
-                found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
-        return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
+                separations[slab.camera] = min(
+                    separations.get(slab.camera, np.inf), float(there[0])
+                )
+        return Separations(c=separations.get(Camera.C), c_star=separations.get(Camera.C_STAR))
 
 
 def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
@@ -353,13 +355,13 @@ def outside_shares(
             sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
         )
         # What is not known, as no camera draws it, shows nothing.
-        return [np.floor(np.fmax(one, 0.0) + 0.5) for one in moved]
+        return [np.floor(np.fmax(depth, 0.0) + 0.5) for depth in moved]
 
-    by_settings = {one: shown(one) for one in dict.fromkeys(chain)}
+    by_settings = {link: shown(link) for link in dict.fromkeys(chain)}
     together, to_the_end = [], by_settings[chain[-1]]
     for settings in reversed(chain):
         pairs = zip(to_the_end, by_settings[settings], strict=True)
-        left, right, top, bottom = to_the_end = [np.minimum(one, other) for one, other in pairs]
+        left, right, top, bottom = to_the_end = [np.minimum(depth, other) for depth, other in pairs]
         across = np.minimum(left + right, width).sum() / (height * width)
         down = np.minimum(top + bottom, height).sum() / (height * width)
         # Both at once only in corners: taken as independent.

@@ -182,7 +182,10 @@ def _occludes(truth: HogelImage, axis: int) -> Mask:
     here, there = _neighbors(truth.position, axis)
     chord = there - here
     with np.errstate(invalid="ignore"):
-        off = [np.abs(np.einsum("...i,...i", chord, one)) for one in _neighbors(truth.normal, axis)]
+        off = [
+            np.abs(np.einsum("...i,...i", chord, normal))
+            for normal in _neighbors(truth.normal, axis)
+        ]
         return np.asarray((off[0] > allowed) & (off[1] > allowed))
 
 
@@ -199,9 +202,9 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
             both = np.concatenate((step.before, step.after))
             halves = np.bincount(both, np.tile(weight, 2), size).reshape(shape)
             smooth = gaussian_filter(halves, CONTOUR_SIGMA_PX, mode="constant").reshape(-1)
-            for found, asked in zip((across, down), steps, strict=True):
-                mine = asked.kind == kind
-                found[mine, axis] = smooth[asked.before[mine]] + smooth[asked.after[mine]]
+            for gradient, target in zip((across, down), steps, strict=True):
+                mine = target.kind == kind
+                gradient[mine, axis] = smooth[target.before[mine]] + smooth[target.after[mine]]
     return across, down
 
 
@@ -231,13 +234,13 @@ class Silhouettes:
             height = self._points.height
             missing = missing | (np.isfinite(height) & ~is_drawn(height, chain[-1]))
         steps = self._contours_for(chain[-1])[0]
-        found = {
+        wrong = {
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
         # A link is charged with what is wrong to the end from it on, and was not from the one
         # before.
-        return tuple(np.diff([found[settings] for settings in chain], prepend=0.0).tolist())
+        return tuple(np.diff([wrong[settings] for settings in chain], prepend=0.0).tolist())
 
     def _spans(
         self, chain: Sequence[DoubleFrustum]
@@ -271,12 +274,13 @@ class Silhouettes:
             own = (length - 1) * rest * (1 - rest)
             return np.array([own[row].sum(), own[~row].sum()])
 
-        found = {one: variances(high - low) for one, low, high in self._spans(chain)}
+        of_link = {link: variances(high - low) for link, low, high in self._spans(chain)}
         # A link's pixels are the difference of two such numbers.
         later = [
-            np.zeros(2) if two == one else found[one] + found[two] for one, two in pairwise(chain)
+            np.zeros(2) if two == link else of_link[link] + of_link[two]
+            for link, two in pairwise(chain)
         ]
-        every = [found[chain[0]], *later, variances(self._snapped(chain[-1], subpixel_bits))]
+        every = [of_link[chain[0]], *later, variances(self._snapped(chain[-1], subpixel_bits))]
         return [(math.sqrt(rows), math.sqrt(columns)) for rows, columns in every]
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
@@ -360,9 +364,9 @@ def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
     end = begin + count - 1
     beyond = [place + off for place in (begin - 1, end + 1) for off in (-size, size)]
     goes_on = np.isin(beyond, keys).any(axis=0)
-    found = np.empty(len(keys))
-    found[order] = np.where(goes_on, 1, count)[run]
-    return found
+    lengths = np.empty(len(keys))
+    lengths[order] = np.where(goes_on, 1, count)[run]
+    return lengths
 
 
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:

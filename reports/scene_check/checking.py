@@ -147,15 +147,15 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline
             draw.polygon(triangle, fill=1, outline=1)
     # A border, so that outlines that leave the frame are closed along it.
     filled = np.pad(small | np.asarray(mask), 1).astype(np.float64)
-    found = []
+    rings = []
     for contour in find_contours(filled, 0.5):
         # Points within a straight run are left out; their halves are exact.
         bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
         rows_of, columns_of = contour[bends].T - 0.5
-        found.append(
+        rings.append(
             list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True))
         )
-    return found
+    return rings
 
 
 def draw_view(scene: Scene, view: View) -> str:
@@ -177,20 +177,20 @@ def draw_view(scene: Scene, view: View) -> str:
     objects = []
     for number, part in enumerate(scene.objects[:MAX_DRAWN]):
         shapes, (lowest, highest) = outlines(part, frame, view), box(part)
-        found: dict[str, Any] = {
+        shape: dict[str, Any] = {
             "name": f"{number} {Path(part.name).name}",
             "ring": None,
             "away": "",
         }
         if not shapes:  # outside the picture
-            found["away"] = heights(lowest[2], highest[2], scene.units)
+            shape["away"] = heights(lowest[2], highest[2], scene.units)
         else:
             every = np.concatenate([np.array(outline) for outline in shapes])
             least, most = every.min(axis=0), every.max(axis=0)
             if max(most - least) < SMALL_PX:
-                found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
+                shape["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
         paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in outline) for outline in shapes)
-        objects.append({**found, "path": "".join(f"M{path}Z" for path in paths)})
+        objects.append({**shape, "path": "".join(f"M{path}Z" for path in paths)})
     side = ("Side view", "seen from the viewer's left, y is up")
     title, subtitle = (
         side if view is View.SIDE else ("Top view", "seen from above, x is up: the viewer's right")
@@ -259,8 +259,8 @@ class SceneCheck(NotebookRepr):
 
     def _said(self) -> str:
         seen = "apertures see it" if self.seen else "no aperture sees anything"
-        told = counted(len(self.warnings), "warning")
-        return f"{self.scene.name!r}, {counted(len(self.objects), 'object')}, {seen}; {told}"
+        count = counted(len(self.warnings), "warning")
+        return f"{self.scene.name!r}, {counted(len(self.objects), 'object')}, {seen}; {count}"
 
     def _facts(self) -> str:
         return "\n".join([*(f"warning: {line}" for line in self.warnings), self.table()])
@@ -272,7 +272,7 @@ class SceneCheck(NotebookRepr):
         """Return everything but the pictures, as `check --json` prints it."""
         scene = self.scene
         objects = [
-            {**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects
+            {**vars(item.extent), "size": item.extent.size, **item.looks} for item in self.objects
         ]
         return json_object(
             {
@@ -314,18 +314,18 @@ def check(
         for extent, part in zip(extents(scene), scene.objects, strict=True)
     )
     unseen = unseen_facts(scene, scene.plate.apertures())
-    told = [*scene.warnings, *([unseen] if unseen is not None else [])]
+    messages = [*scene.warnings, *([unseen] if unseen is not None else [])]
     if unseen is None:
-        told += [*warnings(scene), *plate_warnings(scene), *facing_warnings(scene)]
-        told += [
-            f"object {one.number} ({Path(one.name).name}) is outside the frusta of all apertures"
-            for one in (checked.extent for checked in objects)
-            if one.sight.apertures == 0
+        messages += [*warnings(scene), *plate_warnings(scene), *facing_warnings(scene)]
+        messages += [
+            f"object {seen.number} ({Path(seen.name).name}) is outside the frusta of all apertures"
+            for seen in (checked.extent for checked in objects)
+            if seen.sight.apertures == 0
         ]
     return SceneCheck(
         scene=scene,
         objects=objects,
-        warnings=tuple(dict.fromkeys(told)),
+        warnings=tuple(dict.fromkeys(messages)),
         seen=unseen is None,
         effects=scene_effects(scene, aperture, settings, viewer_distance),
     )
@@ -366,7 +366,7 @@ def _looks(part: SceneObject) -> dict[str, str]:
     if number is not None and uv is not None and part.textures:
         shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
         sizes = ", ".join(
-            dict.fromkeys(f"{one.shape[1]} x {one.shape[0]}" for one in part.textures)
+            dict.fromkeys(f"{texture.shape[1]} x {texture.shape[0]}" for texture in part.textures)
         )
         pictures = counted(len(part.textures), "picture")
         textures = f"{pictures} of {sizes} pixels, on {of(shown, len(part.faces), 'triangles')}"

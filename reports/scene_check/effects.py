@@ -90,17 +90,17 @@ class SceneEffects:
         effects += [(row.name, "used" if row.used else "left out", row.reason) for row in self.rows]
         head = ("surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
         by_depth: list[tuple[str, ...]] = [(f"|z| ({units})", *head)]
-        for one in self.depths["rows"]:
-            blur = (digits(b) if math.isfinite(b) else "any" for b in one["blur_px"])
+        for content in self.depths["rows"]:
+            blur = (digits(b) if math.isfinite(b) else "any" for b in content["blur_px"])
             by_depth.append(
                 (
-                    f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
-                    percent(one["share"]),
-                    f"{digits(one['near_px'])} px",
-                    f"{digits(one['shear_px'])} px",
-                    f"{digits(one['separation'])} {units}",
+                    f"{digits(content['nearest'])} to {digits(content['farthest'])} {content['side']}",
+                    percent(content["share"]),
+                    f"{digits(content['near_px'])} px",
+                    f"{digits(content['shear_px'])} px",
+                    f"{digits(content['separation'])} {units}",
                     f"{' to '.join(blur)} px",
-                    _points(one["sub_apertures"]),
+                    _points(content["sub_apertures"]),
                 )
             )
         values = {
@@ -163,13 +163,13 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     camera = Camera.BOTH if question is None else question.camera
     return [
         EffectRow(
-            name=one.effect,
-            used=one.used,
-            reason=effect_reason(scene, one, camera),
-            objects=one.objects,
-            out_of_sight=one.out_of_sight,
+            name=fact.effect,
+            used=fact.used,
+            reason=effect_reason(scene, fact, camera),
+            objects=fact.objects,
+            out_of_sight=fact.out_of_sight,
         )
-        for one in decide(scene, question)
+        for fact in decide(scene, question)
     ]
 
 
@@ -234,27 +234,27 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         sheared_px = float(np.hypot(*(film / 2 * away)))
     rows: list[dict[str, Any]] = []
     nears, widest_blurs = list(settings.slabs), []
-    for one in depth_bins(scene, [aperture]):
-        of_fit = 1.0 if fitted is None else abs(1 - one.nearest / fitted)
+    for content in depth_bins(scene, [aperture]):
+        of_fit = 1.0 if fitted is None else abs(1 - content.nearest / fitted)
         moved = 0.0
-        if one.nearest < settings.sections(_reach(scene, one))[0][1]:
-            moved = settings.near / (one.nearest + settings.near)
+        if content.nearest < settings.sections(_reach(scene, content))[0][1]:
+            moved = settings.near / (content.nearest + settings.near)
             # corner of_fit n / (|z| + n) = tolerance, solved for n.
             rest = max(corner_px * of_fit - TOLERANCE_PX, TOLERANCE_PX)
-            nears.append(one.nearest * TOLERANCE_PX / rest)
-        widest, least = band_limiting.blurs(scene, one)
+            nears.append(content.nearest * TOLERANCE_PX / rest)
+        widest, least = band_limiting.blurs(scene, content)
         widest_blurs.append(widest)
         rows.append(
             {
-                "side": "behind" if one.behind else "before",
-                "heights": one.heights,
-                "nearest": one.nearest,
-                "farthest": one.farthest,
-                "triangles": one.triangles,
-                "share": one.share,
+                "side": "behind" if content.behind else "before",
+                "heights": content.heights,
+                "nearest": content.nearest,
+                "farthest": content.farthest,
+                "triangles": content.triangles,
+                "share": content.share,
                 "near_px": corner_px * moved * of_fit,
                 "shear_px": sheared_px * moved,
-                "separation": _separation(scene, one, settings),
+                "separation": _separation(scene, content, settings),
                 "blur_px": (least, max(widest)),
                 "sub_apertures": band_limiting.sub_apertures_for(widest, contrast),
             }
@@ -262,7 +262,7 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     counts = [row["sub_apertures"] for row in rows]
 
     def levels(count: int) -> float:
-        errors = (band_limiting.error_bound(count, one, contrast) for one in widest_blurs)
+        errors = (band_limiting.error_bound(count, blur, contrast) for blur in widest_blurs)
         return max(errors, default=0.0) / band_limiting.LEVEL
 
     return {
@@ -288,8 +288,8 @@ def _separation(scene: Scene, content: DepthBin, settings: DoubleFrustum) -> flo
     # The first slab's camera has stepped back; those of the other slabs stand in the aperture.
     back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
     w = np.array([content.farthest + back])
-    found = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
-    return float(found[0])
+    separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
+    return float(separation[0])
 
 
 def _points(count: int | None) -> str:

@@ -142,41 +142,41 @@ def new_scene(
     InputError where the mesh cannot be read or has no size, a length is not positive or has an
     unknown unit, the pitch is larger than the plate, the file exists already or cannot be written.
     """
-    mesh, asked = Path(mesh), replace(options or NewSceneOptions(), **fields)
-    place = None if asked.place is None else choice(Place, asked.place, "place")
-    asked = replace(asked, place=place, up=choice(Up, asked.up, "up"))
+    mesh, request = Path(mesh), replace(options or NewSceneOptions(), **fields)
+    place = None if request.place is None else choice(Place, request.place, "place")
+    request = replace(request, place=place, up=choice(Up, request.up, "up"))
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
-    if out.exists() and not asked.force:
+    if out.exists() and not request.force:
         raise InputError(
             f"{out}: exists already; give --out another name, or --force to replace it"
         )
-    if asked.units is not None and not (asked.units and asked.units.isprintable()):
+    if request.units is not None and not (request.units and request.units.isprintable()):
         # A comment of the scene file names them too: a line feed would end it.
-        raise InputError(f"units must be printable text on one line, not {asked.units!r}")
-    named = asked.units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
+        raise InputError(f"units must be printable text on one line, not {request.units!r}")
+    named = request.units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
 
-    def own(name: str, given: Length | None) -> float | None:
+    def own(name: str, stated: Length | None) -> float | None:
         """Return a length in scene units."""
-        if given is None:
+        if stated is None:
             return None
-        given = given if isinstance(given, tuple) else (given, None)
-        if given[1] in MILLIMETERS and named not in MILLIMETERS:
+        stated = stated if isinstance(stated, tuple) else (stated, None)
+        if stated[1] in MILLIMETERS and named not in MILLIMETERS:
             raise InputError(
-                f"{name} {given[0]:g}{given[1]}: nothing says how long one of the mesh's {named} is; "
+                f"{name} {stated[0]:g}{stated[1]}: nothing says how long one of the mesh's {named} is; "
                 f"say it (--units mm), or give --{name} without a unit"
             )
-        value = length_in(given, named, str(mesh))
+        value = length_in(stated, named, str(mesh))
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value} must be a positive length")
         return value
 
-    sides = [own("plate", side) for side in asked.plate or ()]
+    sides = [own("plate", side) for side in request.plate or ()]
     display = _Display(
         plate=tuple(side for side in sides if side is not None),
-        pitch=own("pitch", asked.pitch),
-        viewer=own("viewer", asked.viewer),
+        pitch=own("pitch", request.pitch),
+        viewer=own("viewer", request.viewer),
     )
-    written = _fitted(mesh, out, replace(asked, units=named), display, own("size", asked.size))
+    written = _fitted(mesh, out, replace(request, units=named), display, own("size", request.size))
     relative = Path(os.path.relpath(mesh.absolute(), out.absolute().parent)).as_posix()
     values = {
         "new": written,
@@ -245,11 +245,11 @@ class _Display:
 
 
 def _fitted(
-    mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, size: float | None
+    mesh: Path, out: Path, request: NewSceneOptions, display: _Display, size: float | None
 ) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
-    turn = Up(asked.up).rotate_deg
+    turn = Up(request.up).rotate_deg
     ends = box(part)
     part = placed(part, placement(1.0, turn)) if any(turn) else part
     low, high = box(part)
@@ -266,7 +266,7 @@ def _fitted(
         scale = float(f"{fits:.6g}")
     width, height, depth = (side * scale for side in own)
     flat = depth <= PLATE_ROUNDING * max(width, height)
-    place = Place(asked.place or (Place.BEHIND if flat else Place.THROUGH))
+    place = Place(request.place or (Place.BEHIND if flat else Place.THROUGH))
     # A flat object behind or before the plate keeps the distance of its longest side.
     longest = max(width, height, depth)
     # From there on the middle aperture, of a plate no larger than the object, sees all of its
@@ -284,7 +284,7 @@ def _fitted(
     bottom, top = scale * low[2] + z, scale * high[2] + z
     plate, hogels = display.fit(max(width, longest / 4), max(height, longest / 4))
     warning = None
-    if flat and asked.place is None:
+    if flat and request.place is None:
         warning = (
             "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
             "no plan holds (--before places it on the viewer's side)"
@@ -303,7 +303,7 @@ def _fitted(
         plate=plate,
         hogels=hogels,
         reach=_round_up(ROOM * max(-bottom, top, longest / 2)),
-        units=asked.units or "units",
+        units=request.units or "units",
         heights=(bottom, top),
         rotate_deg=turn,
     )

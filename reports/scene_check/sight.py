@@ -83,15 +83,15 @@ def warnings(scene: Scene) -> tuple[str, ...]:
 
 def plate_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object with triangles in the plate."""
-    found = []
+    messages = []
     for number, part in enumerate(scene.objects):
         if count := in_plate(part):
-            found.append(
+            messages.append(
                 f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in the plate, "
                 "within rounding: displacement is undefined there, and no plan holds for apertures that show "
                 "it; move it before or behind the plate"
             )
-    return _first(found)
+    return _first(messages)
 
 
 def facing_warnings(scene: Scene) -> tuple[str, ...]:
@@ -103,7 +103,7 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
     from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
 
     coarse = replace(scene, frustum=replace(scene.frustum, resolution=FACING_RESOLUTION))
-    reference, found = Reference(coarse), []
+    reference, messages = Reference(coarse), []
     seen = np.zeros((2, len(scene.objects)), dtype=np.int64)
     for aperture in dict.fromkeys((scene.plate.middle, *scene.plate.corners)):
         image = reference.propose(aperture, colored=False)
@@ -111,20 +111,20 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
             seen[place] += np.bincount(image.object[pixels], minlength=len(scene.objects))
     for number, (part, whole, away) in enumerate(zip(scene.objects, *seen.tolist(), strict=True)):
         if 2 * away > whole:
-            found.append(
+            messages.append(
                 f"{_percent(away / whole)} of the visible pixels of {_called(number, part)} show back faces, "
                 "and `--cull back` leaves them out; flip_winding = true in its table turns the winding"
             )
-    return _first(found)
+    return _first(messages)
 
 
 def _called(number: int, part: SceneObject) -> str:
     return f"object {number} ({Path(part.name).name})"
 
 
-def _first(found: list[str]) -> tuple[str, ...]:
+def _first(messages: list[str]) -> tuple[str, ...]:
     """Return the first few sentences; the last one ends with the number of others."""
-    named, more = found[:MAX_NAMED_OBJECTS], len(found) - MAX_NAMED_OBJECTS
+    named, more = messages[:MAX_NAMED_OBJECTS], len(messages) - MAX_NAMED_OBJECTS
     if more <= 0:
         return tuple(named)
     return (*named[:-1], f"{named[-1]}; and so for {more} more objects")

@@ -110,8 +110,8 @@ def _refusal(scene: Scene, effect: Effect, camera: Camera) -> Refusal | None:
         lit = environment.strength and environment.radiance.any()
         return None if lit else Refusal.BLACK_ENVIRONMENT
     if effect in (Effect.DIFFUSE, Effect.SPECULAR):
-        called = any(max(getattr(one, effect.value)) > 0 for one in scene.materials)
-        if called and not any(max(one.color) > 0 for one in scene.appearance.lights):
+        called = any(max(getattr(material, effect.value)) > 0 for material in scene.materials)
+        if called and not any(max(light.color) > 0 for light in scene.appearance.lights):
             return Refusal.NO_LIGHT
     return None
 
@@ -145,16 +145,16 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
         return needed(scene, question)
     if names == "all":
         return ALL_EFFECTS
-    asked = {name.strip() for name in names.split(",")}
-    if asked & {"auto", "all"}:
+    requested = {name.strip() for name in names.split(",")}
+    if requested & {"auto", "all"}:
         raise InputError(
             f"effects are auto, or all, or names between commas, and no mixture: not {names!r}"
         )
-    for name in sorted(asked - set(Effect)):
+    for name in sorted(requested - set(Effect)):
         raise InputError(
             f"no effect is called {name!r}; use auto, or all, or names out of {', '.join(Effect)}"
         )
-    return frozenset(map(Effect, asked))
+    return frozenset(map(Effect, requested))
 
 
 def checked(effects: object) -> frozenset[Effect]:
@@ -185,7 +185,11 @@ def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, .
     before = [
         slab_content(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)
     ]
-    return tuple(one for one in (*behind, *before) if settings.camera in (Camera.BOTH, one.camera))
+    return tuple(
+        content
+        for content in (*behind, *before)
+        if settings.camera in (Camera.BOTH, content.camera)
+    )
 
 
 def slab_content(scene: Scene, camera: Camera, heights: tuple[float, float]) -> SlabContent:

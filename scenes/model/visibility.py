@@ -84,7 +84,7 @@ def aside_of_frusta(
     """Return the least and the largest x (axis 0) or y (1) of lines between two heights."""
     # Lines are straight: the extremes lie at the two heights, or in the apertures between these.
     z = np.array([z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)])
-    a = np.array([(one.x, one.y)[axis] for one in apertures])[:, None]
+    a = np.array([(aperture.x, aperture.y)[axis] for aperture in apertures])[:, None]
     middle, half = a + 0 * z, half_extents(frustum)[axis] * np.abs(z)
     if frustum.screen is not None:
         middle = a + (frustum.screen.center[axis] - a) * z / frustum.screen.height
@@ -168,7 +168,7 @@ class Region:
         It holds for every near from `SMALLEST_NEAR_SHARE` of the reach up; smaller ones need their
         settings.
         """
-        unbounded = any(loses_far_plane(scene, one) for one in settings)
+        unbounded = any(loses_far_plane(scene, choice) for choice in settings)
         margin = math.inf if unbounded else FAR_MARGIN
         toward, back = scene.frustum.reach
         return replace(
@@ -186,7 +186,7 @@ class Region:
             x, y = (-width / 2, width / 2), (-height / 2, height / 2)
         else:
             half = [size / count / 2 for size, count in zip(plate.size, plate.hogels, strict=True)]
-            places = np.array([(one.x, one.y) for one in apertures])
+            places = np.array([(aperture.x, aperture.y) for aperture in apertures])
             (x0, y0), (x1, y1) = places.min(axis=0) - half, places.max(axis=0) + half
             x, y = (float(x0), float(x1)), (float(y0), float(y1))
         return cls(frustum=scene.frustum, apertures=(x, y), reach=scene.frustum.reach)
@@ -222,15 +222,15 @@ def _widened(scene: Scene, step: float) -> Interval:
     A camera at a step has half a film of the step more on each side, and with pivot `camera` its
     shear; float32 rounds the sum of all terms.
     """
-    frustum, found = scene.frustum, []
+    frustum, widths = scene.frustum, []
     for axis, half in enumerate(half_extents(frustum)):
         size, slope = scene.plate.size[axis], 0.0
         if frustum.screen is not None:
             slope = (abs(frustum.screen.center[axis]) + size / 2) / abs(frustum.screen.height)
         farthest = FAR_MARGIN * frustum.longest_reach + step
         rounding = ROUNDING_MARGIN * (size + (half + slope) * farthest)
-        found.append((half + slope) * step + rounding)
-    return found[0], found[1]
+        widths.append((half + slope) * step + rounding)
+    return widths[0], widths[1]
 
 
 def apertures_in_view(
@@ -267,7 +267,7 @@ def _split(triangles: Floats, total: int) -> Floats:
         a, b, c = triangles.transpose(1, 0, 2)
         ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
         quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(one, axis=1) for one in quarters])
+        triangles = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
         total *= 4
     return triangles
 
@@ -283,8 +283,8 @@ def _indices_between(low: Floats, high: Floats, plate: Plate, axis: int) -> tupl
 def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
     """Return (rows, columns) whether a hogel can show anything, in truth or drawn; False is certain."""
     plate, frustum = scene.plate, scene.frustum
-    flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, one) for one in settings))
-    widened = _widened(scene, max(one.near for one in settings))
+    flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, choice) for choice in settings))
+    widened = _widened(scene, max(choice.near for choice in settings))
     toward, back = frustum.reach
     farther = replace(frustum, reach=(FAR_MARGIN * toward, FAR_MARGIN * back))
     for part in scene.objects:
@@ -306,7 +306,7 @@ def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
         return True
     for part in scene.objects:
         flags = apertures_in_view(part, scene.frustum, scene.plate)
-        if flags.any() and any(flags[one.row, one.column] for one in apertures):
+        if flags.any() and any(flags[aperture.row, aperture.column] for aperture in apertures):
             return True
     return False
 
@@ -415,10 +415,10 @@ class ObjectExtent:
 
 def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     """Return the place and the size of each object of a scene."""
-    found, (column, row) = [], scene.plate.middle.index
+    places, (column, row) = [], scene.plate.middle.index
     for number, part in enumerate(scene.objects):
         flags = apertures_in_view(part, scene.frustum, scene.plate)
-        rows, columns = (one.tolist() for one in np.nonzero(flags))
+        rows, columns = (numbers.tolist() for numbers in np.nonzero(flags))
         first, *rest = (bool(flags[r, c]) for r in (0, -1) for c in (0, -1))
         sight = Sight(
             apertures=len(rows),
@@ -438,8 +438,8 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
             share_in_reach=share,
             sight=sight,
         )
-        found.append(extent)
-    return tuple(found)
+        places.append(extent)
+    return tuple(places)
 
 
 # By depth
@@ -461,7 +461,7 @@ class DepthBin:
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
     """Return the bins with content, from behind the plate to before it, of apertures with their cells."""
     region = Region.from_cells(scene, apertures)
-    found = []
+    bins = []
     for behind, reach in ((True, scene.frustum.reach[1]), (False, scene.frustum.reach[0])):
         for heights in pairwise([0.0, *(reach / 2**k for k in range(HALVINGS, -1, -1))]):
             held = [
@@ -469,7 +469,7 @@ def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tup
                 for part in scene.objects
                 for triangles in triangles_in_chunks(part)
             ]
-            ends = np.concatenate([one for one, _ in held]) if held else np.zeros((0, 2))
+            ends = np.concatenate([interval for interval, _ in held]) if held else np.zeros((0, 2))
             if len(ends):
                 content = DepthBin(
                     behind=behind,
@@ -479,10 +479,10 @@ def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tup
                     triangles=len(ends),
                     share=sum(area for _, area in held),
                 )
-                found.append(content)
-    whole = sum(one.share for one in found) or 1.0
-    found.sort(key=lambda one: one.heights[1] * (-1 if one.behind else 1))
-    return tuple(replace(one, share=one.share / whole) for one in found)
+                bins.append(content)
+    whole = sum(content.share for content in bins) or 1.0
+    bins.sort(key=lambda content: content.heights[1] * (-1 if content.behind else 1))
+    return tuple(replace(content, share=content.share / whole) for content in bins)
 
 
 def _held(

@@ -36,7 +36,7 @@ class Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all listed commands, those added by another program last."""
-        return [*MODULES, *(name for name, one in self.commands.items() if not one.hidden)]
+        return [*MODULES, *(name for name, entry in self.commands.items() if not entry.hidden)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
@@ -57,7 +57,7 @@ class Commands(click.Group):
             commands = [(name, self.get_command(ctx, name)) for name in names.split()]
             with formatter.section(title):
                 formatter.write_dl(
-                    [(name, one.get_short_help_str(150)) for name, one in commands if one]
+                    [(name, entry.get_short_help_str(150)) for name, entry in commands if entry]
                 )
 
 
@@ -143,14 +143,14 @@ def invoke(arguments: Sequence[str]) -> int:
             argument.encode()
         except UnicodeEncodeError as error:  # image files and JSON cannot hold it
             raise click.UsageError(f"{argument} is not UTF-8; use another name") from error
-    asked = os.environ.get(COMPLETION_VARIABLE)
-    if asked is not None:
+    shell = os.environ.get(COMPLETION_VARIABLE)
+    if shell is not None:
         from click.shell_completion import shell_complete
 
-        if shell_complete(cli, {}, "xfrustum", COMPLETION_VARIABLE, asked) == 0:
+        if shell_complete(cli, {}, "xfrustum", COMPLETION_VARIABLE, shell) == 0:
             return 0
         shells = "bash_source, zsh_source or fish_source"
-        raise click.UsageError(f"{COMPLETION_VARIABLE} is {asked!r}: set it to {shells}")
+        raise click.UsageError(f"{COMPLETION_VARIABLE} is {shell!r}: set it to {shells}")
     try:
         with cli.make_context("xfrustum", list(arguments)) as context:
             status = cli.invoke(context)

@@ -71,13 +71,13 @@ class Light(Asked):
             from xfrustum.compare.prediction.band_limiting import LEVEL, needed_sub_apertures
 
             auto = points == options.AUTO
-            said = options.AUTO if auto else f"{100 * points:g}%"
+            amount = options.AUTO if auto else f"{100 * points:g}%"
             points = needed_sub_apertures(scene, error=LEVEL if auto else points)
-            told = f"--aperture-samples {said}: {points} points stand for the area of each hogel"
+            note = f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
             if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
-                told += f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
-                told += "(--aperture-samples 5%)"
-            options.note(told)
+                note += f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
+                note += "(--aperture-samples 5%)"
+            options.note(note)
         paths = {
             "shadows": self.shadows,
             "interreflection": self.interreflection,
@@ -111,25 +111,25 @@ class Light(Asked):
         question = Question(camera=camera, apertures=apertures, settings=settings)
         return chosen(scene, self.effects, question=question)
 
-    def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
+    def tracer(self, scene: Scene, named: str | None) -> tuple[str, bool]:
         """Return the tracer's name, and whether it traces light paths; a named one that cannot is refused."""
         if not scene.transport.simulated:
-            return given or "embree", False
+            return named or "embree", False
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
-        if given == "mitsuba" or (given is None and (insisted or not local_effects)):
+        if named == "mitsuba" or (named is None and (insisted or not local_effects)):
             if local_effects:
                 words = "light paths have all effects: leave out --effects, or light transport"
                 raise click.UsageError(words)
             return "mitsuba", True
         if insisted:
-            raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
-        cause = f"--tracer {given}" if given else "--effects"
+            raise click.UsageError(f"{named} traces no light transport; leave out --tracer {named}")
+        cause = f"--tracer {named}" if named else "--effects"
         options.note(f"{cause} leaves out the scene's shadows and interreflection")
-        return given or "embree", False
+        return named or "embree", False
 
 
 def light_options(*names: str) -> Any:
     """Return some of the options as one Light; the others are None."""
     own = {name: vars(Light)[name] for name in names}
-    return options.group(lambda **given: Light(**(dict.fromkeys(ALL) | given)), **own)
+    return options.group(lambda **stated: Light(**(dict.fromkeys(ALL) | stated)), **own)

@@ -76,16 +76,16 @@ def run() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command with arguments (None: those of this process, which it ends); return the exit status."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with interrupts.obeyed(ignored_afterwards=arguments is None):
             from xfrustum.cli.app import invoke
 
-            status = invoke(given)
+            status = invoke(words)
     except BaseException as error:
         # After a signal, a library that was interrupted may raise any exception.
         status = (
-            0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in given[:1])
+            0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in words[:1])
         )
     if interrupts.received is not None:
         say(interrupts.WORDS[interrupts.received])

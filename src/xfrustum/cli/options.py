@@ -95,7 +95,9 @@ def group(make: Callable[..., T], **members: Any) -> T:
     """Return options by name that are one attribute, made of their values."""
 
     def parameters(_: str) -> list[click.Parameter]:
-        return [parameter for name, one in members.items() for parameter in one.parameters(name)]
+        return [
+            parameter for name, member in members.items() for parameter in member.parameters(name)
+        ]
 
     made: Any = Declared(parameters, make)
     return made  # type: ignore[no-any-return]
@@ -119,19 +121,19 @@ def command(
     """Return the decorator of a command: a function of what is asked, whose help ends with an example."""
 
     def made(function: Callable[[Any], int | None]) -> click.Command:
-        asked: type[Asked] = get_type_hints(function)["asked"]
+        request_class: type[Asked] = get_type_hints(function)["request"]
         declared: dict[str, tuple[Declared, list[click.Parameter]]] = {}
-        for kind in asked.__mro__:
-            for name, one in vars(kind).items():
-                if isinstance(one, Declared):
-                    declared.setdefault(name, (one, one.parameters(name)))
+        for kind in request_class.__mro__:
+            for name, member in vars(kind).items():
+                if isinstance(member, Declared):
+                    declared.setdefault(name, (member, member.parameters(name)))
 
-        def called(**given: Any) -> int | None:
+        def called(**parsed: Any) -> int | None:
             values = {}
-            for name, (one, parameters) in declared.items():
-                own = {str(parameter.name): given[str(parameter.name)] for parameter in parameters}
-                values[name] = own[name] if one.make is None else one.make(**own)
-            return function(asked(**values))
+            for name, (member, parameters) in declared.items():
+                own = {str(parameter.name): parsed[str(parameter.name)] for parameter in parameters}
+                values[name] = own[name] if member.make is None else member.make(**own)
+            return function(request_class(**values))
 
         own = click.Command(
             function.__name__,
@@ -147,9 +149,9 @@ def command(
     return made
 
 
-def present(**given: Any) -> dict[str, Any]:
+def present(**values: Any) -> dict[str, Any]:
     """Return the values that are not None."""
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def is_given(parameter: str) -> bool:
@@ -162,7 +164,7 @@ def is_given(parameter: str) -> bool:
 def flag_of(parameter: str) -> str:
     """Return how the current command's option of that name is written, such as `--near`."""
     options = click.get_current_context().command.params
-    return next(str(one.opts[-1]) for one in options if one.name == parameter)
+    return next(str(option_.opts[-1]) for option_ in options if option_.name == parameter)
 
 
 class Read(click.ParamType[T], Generic[T]):
@@ -336,9 +338,9 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
     return members
 
 
-def settings_of(**given: Any) -> DoubleFrustum | None:
+def settings_of(**values: Any) -> DoubleFrustum | None:
     """Return the settings that options name; None where none does."""
-    named = present(**given)
+    named = present(**values)
     if named and "near" not in named:
         raise click.UsageError(
             f"--{next(iter(named))} is a setting of the two cameras: give --near too"
@@ -351,16 +353,16 @@ def settings_options(*, required: bool = False) -> Any:
     return group(settings_of, **settings_members(required=required))
 
 
-def engine_of(part: tuple[int, int] | None = None, **given: Any) -> Engine | None:
+def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | None:
     """Return where options say that blocks are done; None where they say nothing."""
     from xfrustum.reports.blocks import Engine, Part
 
-    asked = present(**given)
+    chosen = present(**values)
     if part is not None:
-        asked["part"] = Part(number=part[0], count=part[1])
-        if "scheduler" not in asked:
-            asked.setdefault("workers", 1)  # also for part 1/1: a job array may have one job
-    return Engine(**asked) if asked else None
+        chosen["part"] = Part(number=part[0], count=part[1])
+        if "scheduler" not in chosen:
+            chosen.setdefault("workers", 1)  # also for part 1/1: a job array may have one job
+    return Engine(**chosen) if chosen else None
 
 
 def engine_options(default: str, *, draws: bool = True) -> Any:
@@ -375,7 +377,8 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
         "part": option(_PART, "Do one of N parts, without Dask: for job arrays."),
     }
     return group(
-        engine_of, **{name: one for name, one in members.items() if draws or name != "devices"}
+        engine_of,
+        **{name: member for name, member in members.items() if draws or name != "devices"},
     )
 
 

@@ -29,7 +29,7 @@ class _Trace(options.Measured):
 
 
 @options.command("xfrustum trace car --out truth.exr")
-def trace(asked: _Trace) -> None:
+def trace(request: _Trace) -> None:
     """Trace the truth of one aperture and write it as EXR.
 
     With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
@@ -37,37 +37,37 @@ def trace(asked: _Trace) -> None:
     With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
-    opened = asked.light.applied(options.open_scene(asked.scene))
-    chosen = options.chosen_aperture(opened, asked.aperture)
+    opened = request.light.applied(options.open_scene(request.scene))
+    chosen = options.chosen_aperture(opened, request.aperture)
     from xfrustum.reference import Reference
     from xfrustum.reports.common.outputs import check_writable_image
     from xfrustum.reports.trace import forecast, trace_alone, trace_to_file, trace_transported
 
-    check_writable_image(asked.out)
+    check_writable_image(request.out)
     options.look_at(opened, [chosen], black_is_right=True)
-    effects = asked.light.chosen(opened, (chosen,))
+    effects = request.light.chosen(opened, (chosen,))
     record: Any
-    if asked.decided_by != "certified":
-        check_no_other_tracer(asked.tracer, asked.decided_by)
-        reference = Reference(opened, tracer=asked.decided_by, effects=effects)
-        record = trace_alone(reference, chosen, asked.out)
+    if request.decided_by != "certified":
+        check_no_other_tracer(request.tracer, request.decided_by)
+        reference = Reference(opened, tracer=request.decided_by, effects=effects)
+        record = trace_alone(reference, chosen, request.out)
     else:
-        who, transported = asked.light.tracer(opened, asked.tracer)
-        ahead = None if asked.quiet else forecast(opened, transported=transported)
+        who, transported = request.light.tracer(opened, request.tracer)
+        ahead = None if request.quiet else forecast(opened, transported=transported)
         if ahead is not None:
             options.note(ahead)
         reference = Reference(opened, tracer=who, effects=effects)
         if transported:
-            if asked.as_json:
+            if request.as_json:
                 words = "--json counts pixels of the certified truth: leave out light transport"
                 raise click.UsageError(words)
-            trace_transported(reference, chosen, asked.out, progress=asked.progress)
+            trace_transported(reference, chosen, request.out, progress=request.progress)
             return
         record = trace_to_file(
-            reference, chosen, asked.out, compared=asked.as_json, progress=asked.progress
+            reference, chosen, request.out, compared=request.as_json, progress=request.progress
         )
-    if asked.as_json:
-        asked.tell(lambda: record, str)
+    if request.as_json:
+        request.tell(lambda: record, str)
 
 
 class _Raster(options.Asked):
@@ -79,18 +79,20 @@ class _Raster(options.Asked):
 
 
 @options.command("xfrustum raster car --near 0.1 --out raster.exr")
-def raster(asked: _Raster) -> None:
+def raster(request: _Raster) -> None:
     """Draw one aperture with the two cameras and write it as EXR."""
-    settings = asked.settings
-    opened = asked.light.applied(options.open_scene(asked.scene))
-    chosen = options.chosen_aperture(opened, asked.aperture)
+    settings = request.settings
+    opened = request.light.applied(options.open_scene(request.scene))
+    chosen = options.chosen_aperture(opened, request.aperture)
     settings.check_against(opened.frustum)
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.common.outputs import check_writable_image
     from xfrustum.scenes.files.exr import write_image
 
-    check_writable_image(asked.out)
+    check_writable_image(request.out)
     options.look_at(opened, [chosen], black_is_right=True)
     options.warn_of_culling(opened, settings)
-    with Rasterizer(opened, effects=asked.light.chosen(opened, (chosen,), settings)) as rasterizer:
-        write_image(asked.out, rasterizer.render(chosen, settings, normals=True, color=True))
+    with Rasterizer(
+        opened, effects=request.light.chosen(opened, (chosen,), settings)
+    ) as rasterizer:
+        write_image(request.out, rasterizer.render(chosen, settings, normals=True, color=True))

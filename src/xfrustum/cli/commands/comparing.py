@@ -72,7 +72,7 @@ class _Report(options.Measured):
 
 
 @options.command("xfrustum report car --near 1,0.1,0.01 --depth d24,d32f:reversed --out report")
-def report(asked: _Report) -> None:
+def report(request: _Report) -> None:
     """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered
@@ -80,30 +80,32 @@ def report(asked: _Report) -> None:
     hundreds of apertures chooses the worst ones, and the page has a map of the plate. Without
     causes it takes a third of the time: wrong pixels are counted and shown, and not explained.
     """
-    check_no_other_tracer(asked.tracer if options.is_given("tracer") else None, asked.decided_by)
-    opened = asked.light.applied(options.open_scene(asked.scene))
+    check_no_other_tracer(
+        request.tracer if options.is_given("tracer") else None, request.decided_by
+    )
+    opened = request.light.applied(options.open_scene(request.scene))
     from xfrustum.reports.error_report.report import make_report
     from xfrustum.reports.error_report.request import ReportOptions
 
     chosen: AutoApertures | tuple[Aperture, ...]
-    if isinstance(asked.apertures, str):
-        chosen = options.auto_apertures(opened, progress=asked.progress)
+    if isinstance(request.apertures, str):
+        chosen = options.auto_apertures(opened, progress=request.progress)
     else:
-        given = tuple(opened.plate.aperture(*index) for index in asked.apertures or ())
-        chosen = given or opened.default_apertures()
+        apertures = tuple(opened.plate.aperture(*index) for index in request.apertures or ())
+        chosen = apertures or opened.default_apertures()
         options.look_at(opened, chosen)
-    options.warn_of_culling(opened, asked.sweep.get("cull"))
+    options.warn_of_culling(opened, request.sweep.get("cull"))
     how = ReportOptions(
         apertures=chosen,
-        tracer=asked.tracer,
-        effects=asked.light.effects,
-        decided_by=asked.decided_by,
-        progress=asked.progress,
-        device=asked.device,
-        **asked.sweep,
+        tracer=request.tracer,
+        effects=request.light.effects,
+        decided_by=request.decided_by,
+        progress=request.progress,
+        device=request.device,
+        **request.sweep,
     )
-    files = make_report(opened, asked.out, how)
-    asked.tell(
+    files = make_report(opened, request.out, how)
+    request.tell(
         lambda: {"files": files.places, **files.content},
         lambda: "\n".join(
             (files.sentence, files.command, *files.notes, files.cost, str(files.html))
@@ -118,23 +120,23 @@ class _Compare(options.Printed):
 
 
 @options.command("xfrustum compare truth.exr raster.exr --out compared")
-def compare(asked: _Compare) -> None:
+def compare(request: _Compare) -> None:
     """Compare a raster image with the truth, both EXR."""
     from xfrustum.scenes.disk.input_files import regular_size
 
-    options.check_out(asked.out, ())
-    for image in (asked.truth, asked.raster):
+    options.check_out(request.out, ())
+    for image in (request.truth, request.raster):
         regular_size(image, "image file")
     from xfrustum.reports import comparison
     from xfrustum.reports.text import comparison_table
 
-    options.check_out(asked.out, comparison.FILES)
-    compared = comparison.compare_files(asked.truth, asked.raster)
+    options.check_out(request.out, comparison.FILES)
+    compared = comparison.compare_files(request.truth, request.raster)
     for note in filter(None, (compared.note, compared.unexamined)):
         options.note(note)
-    if asked.out is not None:
-        comparison.write_comparison(compared, asked.out)
-    asked.tell(compared.comparison.summary, lambda: comparison_table(compared.comparison))
+    if request.out is not None:
+        comparison.write_comparison(compared, request.out)
+    request.tell(compared.comparison.summary, lambda: comparison_table(compared.comparison))
 
 
 class _Budget(options.OneOrAuto):
@@ -145,24 +147,28 @@ class _Budget(options.OneOrAuto):
 
 
 @options.command("xfrustum budget car --near 0.1 --out budget")
-def budget(asked: _Budget) -> None:
+def budget(request: _Budget) -> None:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
     With --apertures auto, of one image for each of several apertures.
     """
-    opened = asked.light.applied(options.open_scene(asked.scene))
-    asked.settings.check_against(opened.frustum)
+    opened = request.light.applied(options.open_scene(request.scene))
+    request.settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting
 
-    options.check_out(asked.out, () if asked.auto else budgeting.FILES)
-    chosen = asked.chosen(opened)
+    options.check_out(request.out, () if request.auto else budgeting.FILES)
+    chosen = request.chosen(opened)
     charge: Any = budgeting.budget
     if isinstance(chosen, AutoApertures):
         charge = budgeting.auto_budget
-        for one in chosen.apertures:
-            options.check_out(asked.out and asked.out / budgeting.folder_of(one), budgeting.FILES)
-    charged = charge(opened, asked.settings, chosen, progress=asked.progress, device=asked.device)
-    files = () if asked.out is None else budgeting.write_budget(charged, asked.out)
+        for aperture in chosen.apertures:
+            options.check_out(
+                request.out and request.out / budgeting.folder_of(aperture), budgeting.FILES
+            )
+    charged = charge(
+        opened, request.settings, chosen, progress=request.progress, device=request.device
+    )
+    files = () if request.out is None else budgeting.write_budget(charged, request.out)
     pages = [str(file) for file in files if file.name == budgeting.PAGE]
-    asked.tell(charged.summary, lambda: "\n".join((charged.table(), *pages)))
+    request.tell(charged.summary, lambda: "\n".join((charged.table(), *pages)))

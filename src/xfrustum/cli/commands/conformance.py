@@ -50,11 +50,11 @@ class _List(_Chosen):
 
 
 @options.command("xfrustum conformance list --level L0", conformance)
-def list_(asked: _List) -> None:
+def list_(request: _List) -> None:
     """List the cases of the suite."""
     from xfrustum.scenes.conformance.suite import LEVELS, SUITE
 
-    cases = asked.cases
+    cases = request.cases
     names = ("name", "level", "hogels", "digest")
     entries = [{name: getattr(case, name) for name in names} for case in cases]
 
@@ -70,7 +70,7 @@ def list_(asked: _List) -> None:
             ]
         return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
 
-    asked.tell(lambda: {"suite": SUITE, "cases": entries}, text)
+    request.tell(lambda: {"suite": SUITE, "cases": entries}, text)
 
 
 list_.name = "list"
@@ -83,28 +83,28 @@ class _Show(options.Printed):
 
 
 @options.command("xfrustum conformance show L0-behind --out first", conformance)
-def show(asked: _Show) -> None:
+def show(request: _Show) -> None:
     """Show a case; with --out, write its folder to case/, and the true images to truth/."""
     from xfrustum.scenes.conformance.suite import chosen
 
-    (case,) = chosen(names=(asked.name,))
+    (case,) = chosen(names=(request.name,))
     from xfrustum.reports.common.outputs import refused
     from xfrustum.reports.conformance import cases, run
 
     scene = case.open()
     described = cases.described(case, scene)
-    if asked.out is not None:
-        with refused(f"--out {asked.out}: cannot write there"):
-            cases.write_case(case, scene, asked.out / "case")
-            (asked.out / "truth").mkdir(exist_ok=True)
+    if request.out is not None:
+        with refused(f"--out {request.out}: cannot write there"):
+            cases.write_case(case, scene, request.out / "case")
+            (request.out / "truth").mkdir(exist_ok=True)
             for truth in cases.traced(case, scene):
                 index = truth.camera.aperture.index
-                run.write_hogel(case, asked.out / "truth", index, run.encoded_truth(case, truth))
+                run.write_hogel(case, request.out / "truth", index, run.encoded_truth(case, truth))
     lines = [f"{key}: {described[key]}" for key in _SHOWN if described[key] is not None]
     lines.append(f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects")
     lines += [f"digest: {case.digest}"]
-    lines += [] if asked.out is None else [str(asked.out / "case"), str(asked.out / "truth")]
-    asked.tell(lambda: {**described, "digest": case.digest}, lambda: "\n".join(lines))
+    lines += [] if request.out is None else [str(request.out / "case"), str(request.out / "truth")]
+    request.tell(lambda: {**described, "digest": case.digest}, lambda: "\n".join(lines))
 
 
 class _Judged(_Chosen):
@@ -154,7 +154,7 @@ class _Run(_Judged):
 @options.command(
     "xfrustum conformance run --command 'my-renderer {case} {out}' --out statement", conformance
 )
-def run(asked: _Run) -> int:
+def run(request: _Run) -> int:
     """Take a renderer through the suite; exit status 1 if any case fails.
 
     For each case the folder {case} holds scene.obj, scene.glb, cameras.json, scene.npz and
@@ -163,16 +163,16 @@ def run(asked: _Run) -> int:
     """
     from xfrustum.scenes.arguments import check_program
 
-    if asked.command is not None:
-        check_program(asked.command)  # before imports that take seconds
+    if request.command is not None:
+        check_program(request.command)  # before imports that take seconds
     from xfrustum.reports.conformance.run import CaseRenderer
 
-    return asked.judge(
+    return request.judge(
         CaseRenderer(
-            command=asked.command,
-            images=asked.images,
-            python=asked.python,
-            timeout_s=asked.timeout_s,
+            command=request.command,
+            images=request.images,
+            python=request.python,
+            timeout_s=request.timeout_s,
         )
     )
 
@@ -182,11 +182,11 @@ class _Judge(_Judged):
 
 
 @options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
-def judge(asked: _Judge) -> int:
+def judge(request: _Judge) -> int:
     """Judge images drawn elsewhere: IMAGES/NAME/hogel_{i}x{j}.png or .exr; else as `run`."""
     from xfrustum.reports.conformance.run import CaseRenderer
 
-    return asked.judge(CaseRenderer(images=asked.images))
+    return request.judge(CaseRenderer(images=request.images))
 
 
 class _Export(_Chosen):
@@ -194,15 +194,15 @@ class _Export(_Chosen):
 
 
 @options.command("xfrustum conformance export --out archive", conformance)
-def export(asked: _Export) -> None:
+def export(request: _Export) -> None:
     """Write an archive of all case folders and truths, for machines that do not trace."""
     from xfrustum.reports.common.outputs import progress_bar
     from xfrustum.reports.conformance import cases
 
-    with progress_bar(len(asked.cases), "export", "case", shown=asked.progress) as bar:
-        path = cases.export(asked.cases, asked.out, bar.update)
+    with progress_bar(len(request.cases), "export", "case", shown=request.progress) as bar:
+        path = cases.export(request.cases, request.out, bar.update)
     size = path.stat().st_size
-    asked.tell(
-        lambda: {"archive": str(path), "bytes": size, "cases": len(asked.cases)},
-        lambda: f"{path}: {len(asked.cases)} cases, {size / 1e6:.1f} MB",
+    request.tell(
+        lambda: {"archive": str(path), "bytes": size, "cases": len(request.cases)},
+        lambda: f"{path}: {len(request.cases)} cases, {size / 1e6:.1f} MB",
     )

@@ -66,44 +66,44 @@ class _Asked(options.Measured):
 @options.command(
     "xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen"
 )
-def view(asked: _Asked) -> None:
+def view(request: _Asked) -> None:
     """Show the scene to eyes before the plate: itself, its replayed truth, and a renderer's hogels.
 
     The renderer is ours with --near and its other options, a stored plate, or image files of any
     renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
     """
-    out = asked.out
-    if sum(source is not None for source in (asked.settings, asked.plate, asked.images)) > 1:
+    out = request.out
+    if sum(source is not None for source in (request.settings, request.plate, request.images)) > 1:
         raise click.UsageError(
             "--near, --plate and --images each name the hogels: give one of them"
         )
-    if asked.encoding is not None and asked.images is None:
+    if request.encoding is not None and request.images is None:
         raise click.UsageError("--encoding needs --images, whose pixels it describes")
-    opened = asked.light.applied(options.open_scene(asked.scene))
+    opened = request.light.applied(options.open_scene(request.scene))
     from xfrustum.reports import view as own
     from xfrustum.scenes.model.eye import Eye
 
-    eyes = [Eye(position=place, **options.present(**asked.film)) for place in asked.places]
-    if asked.quilt is not None and (out is None or len(eyes) > 1):
+    eyes = [Eye(position=place, **options.present(**request.film)) for place in request.places]
+    if request.quilt is not None and (out is None or len(eyes) > 1):
         raise click.UsageError("--quilt needs --out and one eye")
     options.warn_of(opened)
-    source = asked.source(opened)
+    source = request.source(opened)
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
         options.note("views have one sample a pixel; the sampling of the scene is ignored")
     show = partial(
         own.view,
         opened,
         source=source,
-        effects=asked.light.chosen(opened),
-        progress=asked.progress,
+        effects=request.light.chosen(opened),
+        progress=request.progress,
     )
-    if asked.quilt is not None and out is not None:
-        record, files = own.write_quilt(show, eyes[0], asked.quilt, out)
+    if request.quilt is not None and out is not None:
+        record, files = own.write_quilt(show, eyes[0], request.quilt, out)
         options.note("quilts are encoded in sRGB, as displays expect")
-        asked.tell(lambda: record, lambda: "\n".join(map(str, files)))
+        request.tell(lambda: record, lambda: "\n".join(map(str, files)))
         return
     options.check_out(out, own.file_names(len(eyes), drawn=source is not None))
     seen = show(eyes)
     files = () if out is None else own.write_view(seen, out)
     page = [str(file) for file in files if file.suffix == ".html"]
-    asked.tell(seen.summary, lambda: "\n".join((seen.table(), *page)))
+    request.tell(seen.summary, lambda: "\n".join((seen.table(), *page)))

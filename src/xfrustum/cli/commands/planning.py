@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.plate import Aperture
 
 
-def _eyes(**given: Any) -> dict[str, Any]:
+def _eyes(**values: Any) -> dict[str, Any]:
     """Return the properties of a viewer; InputError for some without a distance."""
-    stated = options.present(**given)
+    stated = options.present(**values)
     if stated and "viewer" not in stated:
         raise click.UsageError(
             f"{options.flag_of(next(iter(stated)))} describes a viewer: give --viewer too"
@@ -88,14 +88,16 @@ class _Plan(options.Measured):
             )
         if isinstance(self.apertures, str):
             return options.auto_apertures(scene, progress=self.progress)
-        one = options.chosen_aperture(scene, self.aperture)
-        chosen = [one] if self.apertures is None else spread_apertures(scene.plate, self.apertures)
+        aperture = options.chosen_aperture(scene, self.aperture)
+        chosen = (
+            [aperture] if self.apertures is None else spread_apertures(scene.plate, self.apertures)
+        )
         options.look_at(scene, chosen)
         return chosen
 
 
 @options.command("xfrustum plan asymmetric --viewer 400mm --out plan")
-def plan(asked: _Plan) -> None:
+def plan(request: _Plan) -> None:
     """Plan the fewest slabs and the most robust near, and name what binds near.
 
     Pixels of hogels bound near from above, and with --viewer the eyes at that distance; depth
@@ -103,37 +105,37 @@ def plan(asked: _Plan) -> None:
     measured at these and at a random sample. With --aperture or --apertures it is made for these
     alone. With --viewer and --tolerance-px both eyes and pixels count.
     """
-    opened = options.open_scene(asked.scene)
+    opened = options.open_scene(request.scene)
     from xfrustum.compare.eye.noticeable import Viewer, scene_length
     from xfrustum.compare.planning.requirement import Requirement, depth_buffers
     from xfrustum.compare.sampling import RandomSample
     from xfrustum.raster import require_room
     from xfrustum.reports import planning
 
-    options.check_out(asked.out, planning.FILES)
+    options.check_out(request.out, planning.FILES)
     # OpenGL is needed only after a search of minutes: fail early.
     require_room(opened)
     viewer = None
-    if asked.eyes:
-        distance = scene_length(asked.eyes.pop("viewer"), opened)
-        viewer = Viewer(distance=distance, **asked.eyes)
-    required = options.present(**asked.required)
+    if request.eyes:
+        distance = scene_length(request.eyes.pop("viewer"), opened)
+        viewer = Viewer(distance=distance, **request.eyes)
+    required = options.present(**request.required)
     required["pixels_count"] = viewer is None or "tolerance_px" in required
-    chosen = asked.chosen(opened)
-    found = planning.plan(
+    chosen = request.chosen(opened)
+    report = planning.plan(
         opened,
         chosen,
-        Requirement(**required, choices=depth_buffers(asked.depth, asked.mapping)),
+        Requirement(**required, choices=depth_buffers(request.depth, request.mapping)),
         viewer=viewer,
-        sample=RandomSample(hogels=asked.sample, seed=asked.seed),
-        progress=asked.progress,
+        sample=RandomSample(hogels=request.sample, seed=request.seed),
+        progress=request.progress,
     )
     if chosen is None:
         # The middle may see nothing of what other hogels do; the scan refuses empty plates.
         options.warn_of(opened)
-    if asked.out is not None:
-        planning.write_plan(found, asked.out)
-    asked.tell(found.summary, found.table)
+    if request.out is not None:
+        planning.write_plan(report, request.out)
+    request.tell(report.summary, report.table)
 
 
 class _Cost(options.OneOrAuto):
@@ -143,20 +145,20 @@ class _Cost(options.OneOrAuto):
 
 
 @options.command("xfrustum cost asymmetric --repeat 1 --out cost")
-def cost(asked: _Cost) -> None:
+def cost(request: _Cost) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
     The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are
     judged at several apertures, the worst of which counts.
     """
-    opened = options.open_scene(asked.scene)
+    opened = options.open_scene(request.scene)
     from xfrustum.reports import cost as costs
 
-    options.check_out(asked.out, costs.FILES)
-    chosen = asked.chosen(opened)
+    options.check_out(request.out, costs.FILES)
+    chosen = request.chosen(opened)
     measured = costs.cost(
-        opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress
+        opened, chosen, request.tolerance_px, repeat=request.repeat, progress=request.progress
     )
-    if asked.out is not None:
-        costs.write_cost(measured, asked.out)
-    asked.tell(measured.summary, measured.table)
+    if request.out is not None:
+        costs.write_cost(measured, request.out)
+    request.tell(measured.summary, measured.table)

@@ -68,7 +68,7 @@ class _Plate(options.Measured):
 
 
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
-def plate(asked: _Plate) -> None:
+def plate(request: _Plate) -> None:
     """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
     Stored hogels are kept: stopped at any moment and called again, it goes on where it was.
@@ -76,10 +76,10 @@ def plate(asked: _Plate) -> None:
     Any reader of Zarr opens it, xarray with names and units. With --aperture-samples, a number, a
     share such as 5%, or auto, each hogel is the mean over points of its area (band limiting).
     """
-    asked.refuse_contradictions()
-    light = asked.light
-    opened = light.applied(options.open_scene(asked.scene))
-    if asked.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
+    request.refuse_contradictions()
+    light = request.light
+    opened = light.applied(options.open_scene(request.scene))
+    if request.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(
             opened, transport=replace(opened.transport, shadows=False, interreflection=False)
         )
@@ -89,27 +89,29 @@ def plate(asked: _Plate) -> None:
     from xfrustum.reports.plate.store import plate_size
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
-    placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
-    chosen = blocks_of_apertures(opened.plate, asked.blocks or [(None, None)])
+    placed = (
+        None if request.layout is None else LaidOutPlate(out=request.out, layout=request.layout)
+    )
+    chosen = blocks_of_apertures(opened.plate, request.blocks or [(None, None)])
     options.look_at(opened, chosen, black_is_right=True)
-    options.warn_of_culling(opened, asked.settings)
+    options.warn_of_culling(opened, request.settings)
     content = PlateContent(
-        color=ColorType(asked.color),
-        ids=asked.ids,
-        channels=tuple(map(Channel, asked.channels)),
-        effects=light.chosen(opened, drawn=asked.settings),
+        color=ColorType(request.color),
+        ids=request.ids,
+        channels=tuple(map(Channel, request.channels)),
+        effects=light.chosen(opened, drawn=request.settings),
     )
     if placed is not None:
-        placed.check(opened, content, judged=asked.judge)
-    how: dict[str, Any] = {"block": asked.block, "judge": asked.judge, "check": asked.check}
-    how |= {"engine": asked.engine or HERE, "progress": asked.progress}
-    group = asked.out if placed is None else placed.group
-    arrays = arrays_of(opened, content, None, judged=asked.judge)
+        placed.check(opened, content, judged=request.judge)
+    how: dict[str, Any] = {"block": request.block, "judge": request.judge, "check": request.check}
+    how |= {"engine": request.engine or HERE, "progress": request.progress}
+    group = request.out if placed is None else placed.group
+    arrays = arrays_of(opened, content, None, judged=request.judge)
     size = plate_size(group, arrays, chosen, files=placed is not None)
-    if not asked.ignore_disk_space:
+    if not request.ignore_disk_space:
         size.require_room()
     how["begun"] = lambda: options.note(size.words)
-    files = write_plate(opened, asked.settings, group, chosen, content, **how)
+    files = write_plate(opened, request.settings, group, chosen, content, **how)
     for note in files.notes:
         options.note(note)
     written = None if placed is None else placed.write(opened)
@@ -130,7 +132,7 @@ def plate(asked: _Plate) -> None:
         lines += [f"{written.files} files ({written.written_as})", str(written.out)]
         laid_out = {"layout": written.written_as, "out": written.out, "files": written.files}
         laid_out |= {"losses": written.losses, "notes": written.notes}
-    asked.tell(lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))
+    request.tell(lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))
 
 
 if TYPE_CHECKING:
@@ -138,13 +140,13 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
-def _settings(nears: tuple[float, ...] | None, **given: Any) -> tuple[DoubleFrustum, ...]:
+def _settings(nears: tuple[float, ...] | None, **values: Any) -> tuple[DoubleFrustum, ...]:
     """Return the settings of one near or of several; none without a near."""
-    if nears is not None and given["near"] is not None:
+    if nears is not None and values["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
-    several = [given] if nears is None else [{**given, "near": near} for near in nears]
+    several = [values] if nears is None else [{**values, "near": near} for near in nears]
     return tuple(
-        settings for one in several if (settings := options.settings_of(**one)) is not None
+        settings for choice in several if (settings := options.settings_of(**choice)) is not None
     )
 
 
@@ -184,7 +186,7 @@ def sample_request(
 @options.command(
     "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey"
 )
-def survey(asked: _Survey) -> int:
+def survey(request: _Survey) -> int:
     """Judge hogels all over a plate: the share beyond a tolerance, the places, the causes.
 
     Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and
@@ -192,33 +194,33 @@ def survey(asked: _Survey) -> int:
     was; any number of processes may do one survey at once. Exit status 1 if the share is above
     --until; without it, if --tolerance-px was given and any judged hogel is beyond.
     """
-    if asked.images is not None:
+    if request.images is not None:
         raise click.UsageError(
             "survey --images is replaced by `xfrustum verify SCENE SOURCE --sample N`, or by "
             "--until Q%"
         )
-    opened = options.open_scene(asked.scene)
+    opened = options.open_scene(request.scene)
     from xfrustum.reports.survey.answer import PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
-    if not asked.settings:
+    if not request.settings:
         raise click.UsageError("give --near or --nears")
-    if asked.resolution is not None and asked.resolution != (own := opened.frustum.resolution):
-        given, coarser = asked.resolution, max(map(truediv, own, asked.resolution))
+    if request.resolution is not None and request.resolution != (own := opened.frustum.resolution):
+        resolution, coarser = request.resolution, max(map(truediv, own, request.resolution))
         options.note(
-            f"hogels have {given[0]} x {given[1]} pixels in place of the scene's {own[0]} x "
-            f"{own[1]}: {asked.tolerance_px:g} px of these are {asked.tolerance_px * coarser:.3g} "
+            f"hogels have {resolution[0]} x {resolution[1]} pixels in place of the scene's {own[0]} x "
+            f"{own[1]}: {request.tolerance_px:g} px of these are {request.tolerance_px * coarser:.3g} "
             "px of the scene's"
         )
-        opened = replace(opened, frustum=replace(opened.frustum, resolution=asked.resolution))
+        opened = replace(opened, frustum=replace(opened.frustum, resolution=request.resolution))
     names = ("everything", "sample", "until", "seed")
-    request = sample_request(**{name: getattr(asked, name) for name in names})
-    how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer}
-    how |= {"note": options.note, "progress": asked.progress, "engine": asked.engine}
-    answer = surveyed(opened, asked.settings, asked.out, request, **how)
+    sampling = sample_request(**{name: getattr(request, name) for name in names})
+    how: dict[str, Any] = {"tolerance_px": request.tolerance_px, "tracer": request.tracer}
+    how |= {"note": options.note, "progress": request.progress, "engine": request.engine}
+    answer = surveyed(opened, request.settings, request.out, sampling, **how)
     options.warn_of(opened)
     # A part of a job array leaves no page.
-    place = asked.out / PAGE if answer.extent.complete else asked.out
-    asked.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
-    limited = asked.until is not None or options.is_given("tolerance_px")
+    place = request.out / PAGE if answer.extent.complete else request.out
+    request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
+    limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0

@@ -16,19 +16,21 @@ class _Scenes(options.Printed):
 
 
 @options.command("xfrustum scenes")
-def scenes(asked: _Scenes) -> None:
+def scenes(request: _Scenes) -> None:
     """List the built-in scenes, each with what it is for."""
-    library = import_module(f"xfrustum.scenes.library.{'hard_cases' if asked.hard else 'builtin'}")
-    found = library.listing()
-    width = max(len(one.name) for one in found)
-    asked.tell(
+    library = import_module(
+        f"xfrustum.scenes.library.{'hard_cases' if request.hard else 'builtin'}"
+    )
+    entries = library.listing()
+    width = max(len(entry.name) for entry in entries)
+    request.tell(
         lambda: {
             "scenes": [
-                {"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in found
+                {"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in entries
             ]
         },
         lambda: "\n".join(
-            f"{s.name:<{width}}  {s.triangles:>7,} triangles  {s.purpose}" for s in found
+            f"{s.name:<{width}}  {s.triangles:>7,} triangles  {s.purpose}" for s in entries
         ),
     )
 
@@ -64,27 +66,27 @@ class _New(options.Printed):
 
 
 @options.command("xfrustum new beetle.obj --size 100 --units mm")
-def new(asked: _New) -> None:
+def new(request: _New) -> None:
     """Write a scene file whose plate, reach and field of view fit MESH."""
     from xfrustum.scenes.disk.input_files import check_mesh_file
 
-    check_mesh_file(asked.mesh)
+    check_mesh_file(request.mesh)
     from xfrustum.reports.scene_check.new_scene import new_scene
 
-    place = next((place for place in reversed(_PLACES) if asked.places[place]), None)
+    place = next((place for place in reversed(_PLACES) if request.places[place]), None)
     how: dict[str, Any] = {
-        "units": asked.units,
-        "size": asked.size,
-        "force": asked.force,
-        "up": asked.up,
+        "units": request.units,
+        "size": request.size,
+        "force": request.force,
+        "up": request.up,
     }
-    written = new_scene(asked.mesh, asked.out, place=place, **how, **asked.display)
+    written = new_scene(request.mesh, request.out, place=place, **how, **request.display)
     for feature in written.unread:
-        say(f"warning: {asked.mesh}: {feature}")
+        say(f"warning: {request.mesh}: {feature}")
     if written.warning is not None:
         say(f"warning: {written.warning}")
     more = {"path": str(written.path), "pitch": written.pitch, "cells_within": written.cells_within}
-    asked.tell(lambda: {**asdict(written), **more}, lambda: written.sentence)
+    request.tell(lambda: {**asdict(written), **more}, lambda: written.sentence)
 
 
 class _Check(options.Printed):
@@ -97,7 +99,7 @@ class _Check(options.Printed):
 
 
 @options.command("xfrustum check car --viewer 600 --near 0.1 --out views")
-def check(asked: _Check) -> int:
+def check(request: _Check) -> int:
     """List where each object lies, which apertures see it, likely mistakes, and effects.
 
     The effects are those that images of an aperture call for, each with the fact that decides it,
@@ -106,24 +108,26 @@ def check(asked: _Check) -> int:
     """
     from xfrustum.scenes import open_scene
 
-    opened = open_scene(asked.scene)
+    opened = open_scene(request.scene)
     from xfrustum.reports.scene_check import checking
     from xfrustum.reports.scene_check.effects import default_near
 
-    options.check_out(asked.out, checking.FILES)
-    aperture = options.chosen_aperture(opened, asked.aperture)
-    near = asked.near or default_near(opened)
+    options.check_out(request.out, checking.FILES)
+    aperture = options.chosen_aperture(opened, request.aperture)
+    near = request.near or default_near(opened)
     distance = None
-    if asked.viewer is not None:
+    if request.viewer is not None:
         from xfrustum.compare.eye.noticeable import scene_length
 
-        distance = scene_length(asked.viewer, opened)
-    found = checking.check(opened, aperture, DoubleFrustum(near=near, slabs=asked.slabs), distance)
-    files = () if asked.out is None else checking.write_check(found, asked.out)
-    for warning in found.warnings:
-        say(f"warning: {warning}")
-    asked.tell(
-        lambda: {**found.summary(), "files": [str(file) for file in files]},
-        lambda: "\n".join([found.table(), *([""] if files else []), *map(str, files)]),
+        distance = scene_length(request.viewer, opened)
+    report = checking.check(
+        opened, aperture, DoubleFrustum(near=near, slabs=request.slabs), distance
     )
-    return 0 if found.seen else options.LIMIT_EXCEEDED
+    files = () if request.out is None else checking.write_check(report, request.out)
+    for warning in report.warnings:
+        say(f"warning: {warning}")
+    request.tell(
+        lambda: {**report.summary(), "files": [str(file) for file in files]},
+        lambda: "\n".join([report.table(), *([""] if files else []), *map(str, files)]),
+    )
+    return 0 if report.seen else options.LIMIT_EXCEEDED

@@ -38,18 +38,18 @@ class _Study(options.Measured):
 
 
 @options.command("xfrustum study splitting --quick --out splitting", study)
-def splitting(asked: _Study) -> None:
+def splitting(request: _Study) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
     from xfrustum.research import splitting as own
 
-    asked.made(own)
+    request.made(own)
 
 
 @options.command("xfrustum study noticeable --quick --out noticeable", study)
-def noticeable(asked: _Study) -> None:
+def noticeable(request: _Study) -> None:
     """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
 
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that
@@ -57,7 +57,7 @@ def noticeable(asked: _Study) -> None:
     """
     from xfrustum.research import noticeable as own
 
-    asked.made(own)
+    request.made(own)
 
 
 class _Figure7(options.Asked):
@@ -69,21 +69,21 @@ class _Figure7(options.Asked):
 
 
 @options.command("xfrustum study figure7 car --out figure7", study)
-def figure7(asked: _Figure7) -> None:
+def figure7(request: _Figure7) -> None:
     """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
 
     C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
     """
-    opened = options.open_scene(asked.scene)
-    chosen = options.chosen_aperture(opened, asked.aperture)
-    second = None if asked.other is None else opened.plate.aperture(*asked.other)
+    opened = options.open_scene(request.scene)
+    chosen = options.chosen_aperture(opened, request.aperture)
+    second = None if request.other is None else opened.plate.aperture(*request.other)
     from xfrustum.reports import figure7 as figures
     from xfrustum.reports.error_report.report import default_folder
 
-    folder = asked.out or Path("figure7") / default_folder(opened).name
+    folder = request.out or Path("figure7") / default_folder(opened).name
     options.check_out(folder, figures.FILES)
     options.look_at(opened, [chosen])
-    settings = figures.default_settings(opened, asked.near)
+    settings = figures.default_settings(opened, request.near)
     figures.write_figure(opened, chosen, settings, second, folder)
     options.echo(str(folder / "index.html"))
 
@@ -100,14 +100,14 @@ def _repeat(count: int) -> Any:
     return option(COUNT_FROM_1, "Timed, after a warm-up.", default=count)
 
 
-def _measured(asked: Measured, name: str, *what: Any, **given: Any) -> None:
+def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None:
     """Run a benchmark with the options that are given, and print what it found."""
     from xfrustum.research import benchmarks, table1
 
     own = table1 if name == "table1" else benchmarks
-    given = options.present(**given, progress=asked.progress)
-    found = getattr(own, f"benchmark_{name}")(*what, **given)
-    asked.tell(lambda: found, lambda: getattr(own, f"{name}_table")(found))
+    settings = options.present(**settings, progress=request.progress)
+    result = getattr(own, f"benchmark_{name}")(*what, **settings)
+    request.tell(lambda: result, lambda: getattr(own, f"{name}_table")(result))
 
 
 class _Truth(Measured):
@@ -117,10 +117,10 @@ class _Truth(Measured):
 
 
 @options.command("xfrustum bench truth asymmetric --resolution 128 --repeat 1", bench)
-def truth(asked: _Truth) -> None:
+def truth(request: _Truth) -> None:
     """Measure the certified truth beside bare tracers, in million pixels per second."""
-    scene = options.open_scene(asked.scene)
-    _measured(asked, "truth", scene, resolutions=asked.resolution, repeat=asked.repeat)
+    scene = options.open_scene(request.scene)
+    _measured(request, "truth", scene, resolutions=request.resolution, repeat=request.repeat)
 
 
 class _Judge(Measured):
@@ -132,25 +132,25 @@ class _Judge(Measured):
 
 
 @options.command("xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1", bench)
-def judge(asked: _Judge) -> None:
+def judge(request: _Judge) -> None:
     """Measure judged hogels a second, beside plain loops and bare renderers.
 
     Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout,
     and the car in a million triangles.
     """
-    opened = [options.open_scene(name) for name in asked.scenes]
+    opened = [options.open_scene(name) for name in request.scenes]
     from xfrustum.research import benchmarks, table1
 
-    count = asked.triangles or (None if opened else 1_000_000)
+    count = request.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [table1.tessellated_car(count, 0.0).scene]
     _measured(
-        asked,
+        request,
         "judge",
         opened,
-        resolutions=asked.resolution,
-        hogels=asked.hogels,
-        repeat=asked.repeat,
+        resolutions=request.resolution,
+        hogels=request.hogels,
+        repeat=request.repeat,
     )
 
 
@@ -161,9 +161,11 @@ class _BenchPlate(Measured):
 
 
 @options.command("xfrustum bench plate asymmetric --resolution 64 --repeat 1", bench)
-def plate(asked: _BenchPlate) -> None:
+def plate(request: _BenchPlate) -> None:
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
-    _measured(asked, "plate", options.open_scene(asked.scene), asked.resolution, asked.repeat)
+    _measured(
+        request, "plate", options.open_scene(request.scene), request.resolution, request.repeat
+    )
 
 
 class _Table1(Measured):
@@ -172,9 +174,9 @@ class _Table1(Measured):
 
 
 @options.command("xfrustum bench table1 --resolution 128 --repeat 1", bench)
-def table1(asked: _Table1) -> None:
+def table1(request: _Table1) -> None:
     """Measure table 1 of the paper on the project's own car."""
-    _measured(asked, "table1", asked.resolution, asked.repeat)
+    _measured(request, "table1", request.resolution, request.repeat)
 
 
 class _Selfcheck(options.Measured):
@@ -183,7 +185,7 @@ class _Selfcheck(options.Measured):
 
 
 @options.command("xfrustum selfcheck asymmetric --quick")
-def selfcheck(asked: _Selfcheck) -> int:
+def selfcheck(request: _Selfcheck) -> int:
     """Compare the truth with integer brute force; exit status 1 if anything disagrees.
 
     Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its
@@ -191,14 +193,14 @@ def selfcheck(asked: _Selfcheck) -> int:
     """
     from xfrustum.scenes.opening import check_scene
 
-    for name in asked.scenes:
+    for name in request.scenes:
         check_scene(name)
     from xfrustum.compare.selfcheck import selfcheck as checking
     from xfrustum.reports.text import selfcheck_table
 
-    found = checking.selfcheck(asked.scenes, quick=asked.quick, progress=asked.progress)
-    asked.tell(found.summary, lambda: selfcheck_table(found))
-    return 0 if found.agrees else options.LIMIT_EXCEEDED
+    result = checking.selfcheck(request.scenes, quick=request.quick, progress=request.progress)
+    request.tell(result.summary, lambda: selfcheck_table(result))
+    return 0 if result.agrees else options.LIMIT_EXCEEDED
 
 
 class _Device(options.Measured):
@@ -209,7 +211,7 @@ class _Device(options.Measured):
 
 
 @options.command("xfrustum device --out measured")
-def device(asked: _Device) -> int:
+def device(request: _Device) -> int:
     """Measure how the OpenGL device at hand rounds: snapping, depth, varyings, filter.
 
     It draws adversarial triangles of every size, writes depths, and filters a texture, in seconds.
@@ -219,17 +221,17 @@ def device(asked: _Device) -> int:
     """
     from xfrustum.reports import device as measuring
 
-    options.check_out(asked.out, measuring.FILES)
-    if asked.replay is not None:
-        replayed = measuring.replayed(asked.replay, asked.device, progress=asked.progress)
-        asked.tell(lambda: replayed.record, lambda: measuring.replay_table(replayed))
+    options.check_out(request.out, measuring.FILES)
+    if request.replay is not None:
+        replayed = measuring.replayed(request.replay, request.device, progress=request.progress)
+        request.tell(lambda: replayed.record, lambda: measuring.replay_table(replayed))
         return options.LIMIT_EXCEEDED if replayed.counts["unexplained"] else 0
-    if asked.listed:
-        found = measuring.listed()
-        asked.tell(lambda: found, lambda: measuring.list_table(found))
+    if request.listed:
+        result = measuring.listed()
+        request.tell(lambda: result, lambda: measuring.list_table(result))
         return 0
     measured = measuring.measure_device()
-    if asked.out is not None:
-        measuring.write_device(measured, asked.out)
-    asked.tell(lambda: measured.record, lambda: measuring.table(measured))
+    if request.out is not None:
+        measuring.write_device(measured, request.out)
+    request.tell(lambda: measured.record, lambda: measuring.table(measured))
     return 0

@@ -41,7 +41,7 @@ class _Convert(options.Measured):
 
 
 @options.command("xfrustum convert plate.zarr plate.png --to mosaic")
-def convert(asked: _Convert) -> None:
+def convert(request: _Convert) -> None:
     """Write a plate in another layout of files, or from and into Zarr.
 
     IN is a folder of pictures, one picture, or a Zarr group; OUT the same. Pixels are moved, never
@@ -49,14 +49,16 @@ def convert(asked: _Convert) -> None:
     """
     from xfrustum.reports.exchange import convert as converting
 
-    layouts = asked.read_as, asked.write_as
-    facts = converting.ConversionOptions(**asked.facts)
-    done = converting.convert(asked.source, asked.out, *layouts, facts, progress=asked.progress)
+    layouts = request.read_as, request.write_as
+    facts = converting.ConversionOptions(**request.facts)
+    done = converting.convert(
+        request.source, request.out, *layouts, facts, progress=request.progress
+    )
     tell_losses(done)
     (columns, rows), (width, height) = done.hogels, done.resolution
     counted = f"{columns} x {rows} hogels of {width} x {height} pixels in {done.files} files"
     read = f"read as {done.read_as}: {'; '.join(done.reasons)}"
-    asked.tell(lambda: done, lambda: f"{read}\n{counted} ({done.written_as})\n{done.out}")
+    request.tell(lambda: done, lambda: f"{read}\n{counted} ({done.written_as})\n{done.out}")
 
 
 def tell_losses(done: Conversion) -> None:
@@ -175,7 +177,7 @@ class _Verify(options.Measured):
     "xfrustum verify asymmetric --apertures '20,20;60,40' --command 'xfrustum raster asymmetric "
     "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'"
 )
-def verify(asked: _Verify) -> int:
+def verify(request: _Verify) -> int:
     """Judge the hogel images of any renderer, and name its defects.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
@@ -184,41 +186,41 @@ def verify(asked: _Verify) -> int:
     missing or exceeds a limit, or the bound exceeds --until; with --baseline, once measures are
     accepted, if any got worse or a stated limit is exceeded.
     """
-    opened = options.open_scene(asked.scene)
+    opened = options.open_scene(request.scene)
     from xfrustum.reports.common.outputs import check_writable_file
     from xfrustum.reports.verification.verdict import FILES, table, write_junit, write_verification
 
-    if asked.junit is not None:
-        check_writable_file(asked.junit, "--junit")
-    options.check_out(asked.out, FILES)
+    if request.junit is not None:
+        check_writable_file(request.junit, "--junit")
+    options.check_out(request.out, FILES)
     from xfrustum.reports.verification import baseline as accepted
 
-    if asked.baseline is not None:
-        accepted.check_folder(asked.baseline["folder"])
-        accepted.accepted_runs(asked.baseline["folder"])
-    verification = asked.verified(opened)
+    if request.baseline is not None:
+        accepted.check_folder(request.baseline["folder"])
+        accepted.accepted_runs(request.baseline["folder"])
+    verification = request.verified(opened)
     if verification is None:
         options.note("this part is judged; the last one to be finished writes the verification")
         return 0
     options.warn_of(opened)
-    encoding = asked.judged["encoding"]
+    encoding = request.judged["encoding"]
     if encoding in ("triangle-id", "object-id") and verification.judged.startswith("colors"):
         options.note(
             f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
         )
-    if asked.out is not None:
-        write_verification(verification, asked.out)
-    if asked.junit is not None:
-        write_junit(verification, asked.junit)
-    if asked.baseline is None:
-        asked.tell(verification.summary, lambda: table(verification))
+    if request.out is not None:
+        write_verification(verification, request.out)
+    if request.junit is not None:
+        write_junit(verification, request.junit)
+    if request.baseline is None:
+        request.tell(verification.summary, lambda: table(verification))
         return 0 if verification.kept else options.LIMIT_EXCEEDED
-    stated_ = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
-    if encoding == "rgb" and asked.judged["command"] is None:
+    stated_ = {name: request.judged[name] for name in ("near", "accept", "encoding")}
+    if encoding == "rgb" and request.judged["command"] is None:
         stated_["encoding"] = None  # the stated default judges the same
-    folder = asked.baseline.pop("folder")
+    folder = request.baseline.pop("folder")
     held = accepted.baseline(
-        verification, folder, accepted.BaselineOptions(**stated_, **asked.baseline)
+        verification, folder, accepted.BaselineOptions(**stated_, **request.baseline)
     )
     problem = accepted.append_step_summary(held)
     if problem is not None:
@@ -235,7 +237,7 @@ def verify(asked: _Verify) -> int:
             "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were "
         )
         text += "not stated"
-    asked.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
+    request.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
 
 
@@ -253,7 +255,7 @@ class _Camera(options.Printed):
 
 
 @options.command("xfrustum camera asymmetric --for json --near 0.1 --out cameras")
-def camera(asked: _Camera) -> None:
+def camera(request: _Camera) -> None:
     """Write the cameras of a plate for another renderer.
 
     `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each
@@ -261,13 +263,13 @@ def camera(asked: _Camera) -> None:
     any apertures in Blender 4.5 or newer, exactly and in one pass each (docs/blender.md). Beside
     all lies scene.npz with the numbered triangles and objects.
     """
-    opened = options.open_scene(asked.scene)
+    opened = options.open_scene(request.scene)
     from xfrustum.reports.exchange.cameras import write_cameras
 
-    indices = asked.apertures
+    indices = request.apertures
     chosen = None if indices is None else [opened.plate.aperture(*index) for index in indices]
-    written = write_cameras(opened, asked.renderer, asked.out, asked.settings, chosen)
-    asked.tell(
+    written = write_cameras(opened, request.renderer, request.out, request.settings, chosen)
+    request.tell(
         lambda: {"for": written.renderer, "files": written.files, "next": written.next_step},
         lambda: "\n".join((*map(str, written.files), written.next_step)),
     )
