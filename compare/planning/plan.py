@@ -206,18 +206,19 @@ class PlatePlanner:
         if not self._feasible and any(math.isfinite(look.nearest) for look in self.scan.looks):
             plate = self._plate_result(self._infeasible)
             return Plan(requirement=self.requirement, cause=Cause.EVERY_APERTURE, plate=plate)
-        views = self.first_views()
+        views, infeasible = self.first_views(), self._infeasible
         for last in (False,) * (MAX_SAMPLES - 1) + (True,):
             views, made = self._settled(views)
             if made.settings is None:
-                made = replace(made, plate=self._plate_result(self._infeasible))
+                made = replace(made, plate=self._plate_result(infeasible))
                 break
             results = self._sampled(views, made.settings, sample)
             missed = self._missed(results)
-            joining = [view for view in missed if not self._is_infeasible(view)]
+            # Kept from sample to sample: a later one need not have these hogels.
+            infeasible |= _indices(view for view in missed if self._is_infeasible(view))
+            joining = [view for view in missed if view.aperture.index not in infeasible]
             if not joining or last:
-                infeasible = {view.aperture.index for view in missed if self._is_infeasible(view)}
-                made = self._measured(made, views, results, frozenset(infeasible))
+                made = self._measured(made, views, results, infeasible)
                 break
             views, sample = replace(views, views=(*views.views, *joining)), sample.next()
         return with_limits(made, views, self.scan)

@@ -124,6 +124,19 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
+def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
+    near_ball: Scene, scouted: PlateScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first sample has such a hogel, and another one that joins; the second has neither."""
+    pair = [near_ball.plate.aperture(0, 0), near_ball.plate.aperture(1, 1)]
+    lost, joining = Views.traced(Reference(near_ball), pair).views
+    missed = iter([(lost, joining), ()])
+    monkeypatch.setattr(PlatePlanner, "_missed", lambda *_: next(missed))
+    monkeypatch.setattr(PlatePlanner, "_is_infeasible", lambda _, view: view is lost)
+    made = planner(near_ball, scouted).plan(RandomSample(hogels=1))
+    assert made.plate.infeasible_apertures == ((0, 0),) and not made.within
+
+
 @pytest.mark.slow
 def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(
     near_ball: Scene, scouted: PlateScan

@@ -99,6 +99,16 @@ def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
     assert bad["status"] == 1 and bad["share_beyond_at_most"] > 0.05
 
 
+def test_until_is_a_stated_limit_where_measures_are_accepted(
+    drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Accepted measures excuse limits that were not stated; a bound above --until they do not."""
+    accepted = (str(drawn / "bad" / "{i}x{j}.exr"), "--baseline", str(tmp_path), "--approve")
+    assert verified(drawn, capsys, *accepted, "--sample", "9")["status"] == 0
+    assert verified(drawn, capsys, *accepted, "--until", "5%")["status"] == 1
+    assert verified(drawn, capsys, *accepted, "--until", "90%")["status"] == 0
+
+
 def test_parts_of_a_job_array_judge_a_sample_between_them(
     drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -226,12 +226,13 @@ def verify(request: _Verify) -> int:
     if problem is not None:
         options.note(problem)
     # Where measures are accepted, limits count only if they were stated.
-    stated = any(map(options.is_given, ("max_wrong", "max_displacement_px", "max_color")))
+    limits = ("max_wrong", "max_displacement_px", "max_color", "until")
+    stated = any(map(options.is_given, limits))
     limited = stated or not (held.compared or held.approved)
-    passed = held.passed and (verification.passed or not limited)
+    passed = held.passed and (verification.kept or not limited)
     text = f"{table(verification)}\n{accepted.lines(held)}"
     if (
-        passed and not verification.passed
+        passed and not verification.kept
     ):  # limits that are not the user's are exceeded as they were when accepted
         text += (
             "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were "
