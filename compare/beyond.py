@@ -1,4 +1,4 @@
-"""When a hogel is beyond a tolerance: the one definition, which every command that judges hogels shares.
+"""Definition of a hogel beyond a tolerance, shared by every command that judges hogels.
 
 A hogel is beyond where the 99th percentile of its displacements exceeds the tolerance or is
 undefined, or where more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`,
@@ -23,7 +23,7 @@ MAX_UNDEFINED = 1 - PERCENTILE / 100
 
 
 def displacement_p99(numbers: ComparisonNumbers) -> float:
-    """Return the 99th percentile of a hogel's displacements, pixels; 0 where the drawing shows no surface.
+    """Return a hogel's 99th percentile of displacement, pixels; 0 for a drawing without surface.
 
     Infinite where the percentile is undefined: where all surfaces lie in the plate itself, or where
     those that do fill more than `MAX_UNDEFINED` of the judged pixels.
@@ -40,7 +40,10 @@ def is_beyond(
     tolerance_px: float,
     max_wrong: float = MAX_WRONG,
 ) -> bool:
-    """Return whether a hogel is beyond a tolerance; a displacement of None or NaN is undefined: beyond."""
+    """Return whether a hogel is beyond a tolerance.
+
+    A displacement of None or NaN is undefined, and beyond.
+    """
     if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
         return True
     return displacement_p99_px > tolerance_px or surface_fraction > max_wrong

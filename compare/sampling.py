@@ -1,16 +1,16 @@
-"""Samples of a plate's hogels, and what they bound: the share of all hogels with a property.
+"""Samples of a plate's hogels, and bounds of the share of all hogels with a property.
 
-The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; that of `plan` is
+The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; the bound of `plan` is
 `share_at_most`.
 
 **One sample.** A path runs to and fro over the rows of the plate, and a sample has one hogel, drawn
 at random, from each of n equal runs of this path. Let p be the mean over the runs of their share of
-hogels with a property. The number found in the sample is a sum of independent trials whose
+hogels with a property. The number of such hogels in the sample is a sum of independent trials whose
 probabilities have the mean p, and such a sum falls far below its mean less often than a binomial
-number does (Hoeffding 1956): where P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So
+number does (Hoeffding 1956): where P(binomial <= c) <= alpha < 1/4, P(number <= c) is no larger. So
 the bound of Clopper and Pearson is conservative, also for simple random samples without replacement
-(Hoeffding 1963). The theorem leaves out the case in which all hogels but one are found; there
-nothing is claimed. Runs of unequal length differ by one hogel, which `share_beyond` allows for.
+(Hoeffding 1963). The theorem excludes the case of all hogels but one; there nothing is claimed.
+Runs of unequal length differ by one hogel, which `share_beyond` allows for.
 
 **Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half
 that has a hogel keeps it, and one is drawn from the other half. So every sample is again one
@@ -37,7 +37,7 @@ CONFIDENCE = 0.95  #: probability that the bound on the share of hogels holds
 
 
 def aperture_at(plate: Plate, place: int) -> Aperture:
-    """Return the aperture at a place of the path that goes to and fro over the rows of a plate, from 0."""
+    """Return the aperture at a place, from 0, of the path to and fro over a plate's rows."""
     columns = plate.hogels[0]
     row, along = divmod(int(place), columns)
     return plate.aperture(columns - 1 - along if row % 2 else along, row)
@@ -45,7 +45,7 @@ def aperture_at(plate: Plate, place: int) -> Aperture:
 
 @dataclass(frozen=True, eq=False)
 class PathApertures(Sequence[Aperture]):
-    """Apertures at places of the path of `aperture_at`, made as they are read."""
+    """Apertures at places of the path of `aperture_at`, created on access."""
 
     plate: Plate
     places: Sequence[int]
@@ -65,7 +65,7 @@ class PathApertures(Sequence[Aperture]):
 
 
 def places_of(chosen: Mask) -> Indices:
-    """Return the places on the path of `aperture_at` of some hogels, (rows, columns), in ascending order."""
+    """Return the places on the path of hogels (rows, columns), in ascending order."""
     path = chosen.copy()
     path[1::2] = chosen[1::2, ::-1]
     return np.flatnonzero(path)
@@ -79,7 +79,7 @@ def place_of(plate: Plate, aperture: Aperture) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomSample:
-    """How many hogels are drawn at random, at least one, and the start of the random numbers, from 0."""
+    """Number of random hogels, at least one, and the seed, from 0."""
 
     hogels: int = SAMPLED_HOGELS
     seed: int = 0
@@ -100,7 +100,7 @@ class RandomSample:
 def sample_hogels(
     plate: Plate, sample: RandomSample, without: Sequence[Aperture]
 ) -> list[Aperture]:
-    """Draw a hogel from each of as many equal runs of the path, some apertures left out; at most all."""
+    """Draw a hogel from each of the equal runs of the path, without excluded apertures."""
     taken = [place_of(plate, aperture) for aperture in without]
     path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
     random = np.random.default_rng(sample.seed)
@@ -110,7 +110,7 @@ def sample_hogels(
 
 @dataclass(frozen=True, kw_only=True)
 class GrowingSample:
-    """Samples of hogels, each twice as large as the one before, which it contains; `first` is the first."""
+    """Nested samples of hogels, each twice as large as the one before; `first` is the first."""
 
     hogels: int
     first: int
@@ -143,7 +143,7 @@ class GrowingSample:
         return places
 
     def new_places(self, look: int) -> Indices:
-        """Return those of `places` that the sample before does not have."""
+        """Return the elements of `places` that the sample before lacks."""
         places = self.places(look)
         return np.setdiff1d(places, self.places(look - 1), assume_unique=True) if look else places
 
@@ -170,23 +170,23 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
 def share_beyond_at_least(
     beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE
 ) -> float:
-    """Return the lower bound on a share of a plate's hogels: all but the upper bound on those without it."""
+    """Return the lower bound on a share: one minus the upper bound on its complement."""
     return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
 
 def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
-    """Return the probability with which one bound of a survey may be wrong, for all to hold together.
+    """Return the error probability of one bound of a survey, for all to hold together.
 
     Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, ..
     1/(k (k + 1)), which add up to one: all bounds hold together, wherever the survey stops (the
-    union bound, which asks for no independence). `look` is 0 for the first, None for the only one.
+    union bound, which needs no independence). `look` is 0 for the first, None for the only one.
     """
     risk = (1 - CONFIDENCE) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:
-    """Return the smallest size of a first sample, or all, that bounds a share where no hogel has it."""
+    """Return the smallest first sample (at most all) that bounds a share with no hogel in it."""
     if share <= 0:
         return hogels
     size = min(hogels, max(1, math.floor(math.log(risk) / math.log1p(-min(share, 1 - 1e-9)))))
@@ -275,7 +275,7 @@ class PlateSample:
         return self.population if isinstance(self.population, range) else self.population.tolist()
 
     def extent(self, judged: int, look: int = 0, *, complete: bool = True) -> SampleExtent:
-        """Return what the hogels that have been judged allow to claim."""
+        """Return the claims that the judged hogels allow."""
         return SampleExtent(sample=self, judged=judged, look=look, complete=complete)
 
 
@@ -292,7 +292,7 @@ class SampleExtent:
 
     @property
     def everything(self) -> bool:
-        """Whether every hogel of the plate was judged or shows nothing."""
+        """Completeness: every hogel of the plate was judged or shows nothing."""
         return self.judged == len(self.sample.population)
 
     @property
@@ -307,7 +307,7 @@ class SampleExtent:
         return self.look + 1 if grows else None
 
     def at_most(self, beyond: int) -> float | None:
-        """Return the upper bound on the share of the plate beyond the limits; None if incomplete."""
+        """Return the upper bound on the share beyond the limits; None if incomplete."""
         seeing, hogels = len(self.sample.population), self.sample.hogels
         if self.everything:
             return beyond / hogels

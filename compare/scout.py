@@ -1,8 +1,8 @@
-"""Coarse films of certified lines through apertures all over a plate, and the apertures that `auto` takes.
+"""Coarse films of certified lines through apertures all over a plate, and the `auto` choice.
 
 The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides
 it, and that changes from aperture to aperture by orders of magnitude while pictures hardly change.
-So apertures are chosen by what they see near the plate, never by their position alone
+So apertures are chosen by their visible content near the plate, never by their position alone
 (docs/method.md, "The plate").
 """
 
@@ -36,8 +36,8 @@ LATTICE_APERTURES = 400
 #: Largest number of apertures that are looked through, those around the worst ones included.
 MAX_APERTURES = 1000
 
-#: Apertures that are looked through since vertices lie right behind or before them, the nearest
-#: ones: what is smaller than the distances of the lattice shows itself so.
+#: Number of apertures with vertices right behind or before them, the nearest ones: they reveal
+#: surfaces smaller than the lattice spacing.
 NEAREST_APERTURES = 200
 
 #: Difference of the heights of neighboring lines, relative to the larger one, from which on an
@@ -49,7 +49,7 @@ REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CoarseView:
-    """What the coarse film of one aperture shows."""
+    """Content of the coarse film of one aperture."""
 
     aperture: Aperture
     #: (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
@@ -61,7 +61,7 @@ class CoarseView:
 
     @classmethod
     def from_image(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> CoarseView:
-        """Return what a coarse image shows; the camera is given the scene's resolution."""
+        """Return the view of a coarse image, with the camera at the scene's resolution."""
         shown = image.object
         across = (shown[:, 1:] != shown[:, :-1]).sum() / shown.shape[0]
         down = (shown[1:] != shown[:-1]).sum() / shown.shape[1]
@@ -74,7 +74,7 @@ class CoarseView:
 
     @cached_property
     def points(self) -> TruePoints:
-        """The surface points that are seen off the plate, at their places on the scene's own film."""
+        """Visible surface points off the plate, at their places on the scene's own film."""
         sides = [
             ((2 * np.arange(count) + 1) / count - 1) * pixels / 2
             for count, pixels in zip(self.height.shape[::-1], self.camera.resolution, strict=True)
@@ -101,13 +101,13 @@ class CoarseView:
             return self._p99(self.points.radius / np.abs(self.height))
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
-        """Return the 99th percentile of displacement that settings cause, by closed form; see above."""
+        """Return the 99th percentile of displacement by closed form; see the module."""
         return self._p99(
             np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
         )
 
     def wrong_share(self, settings: DoubleFrustum, scene: Scene) -> float:
-        """Return the estimated share of pixels with the wrong surface: what displacement opens at outlines.
+        """Return the estimated share of wrong-surface pixels that displacement opens at outlines.
 
         At an outline the surfaces on both sides part by the difference of their displacements,
         radial ones, of which the part across the outline counts. Structures finer than the film are
@@ -127,7 +127,7 @@ class CoarseView:
         return share
 
     def _p99(self, moved: Floats) -> float:
-        """Return the percentile of displacements (h, w) where a surface is seen; infinite in the aperture."""
+        """Return the percentile of displacements (h, w) on surfaces; infinite in the aperture."""
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
@@ -156,7 +156,7 @@ class PlateScan:
         return np.array([look.wrong_share(settings, self.scene) for look in self.looks])
 
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[CoarseView]:
-        """Return some looks with the largest displacement by settings (None: any small near), worst first."""
+        """Return the looks with the largest displacement, worst first (None: any small near)."""
         of_small_near = [look.pixels_per_near for look in self.looks]
         errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
@@ -167,7 +167,7 @@ class PlateScan:
 
 
 def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
-    """Return the hogels whose cells have vertices nearest to the plate behind or before them, nearest first.
+    """Return the hogels whose cells have vertices nearest to the plate, nearest first.
 
     A triangle that does not cross the plate is nearest to it at a vertex. Vertices in the plate
     count last: no near draws their hogels.
@@ -267,8 +267,8 @@ class AutoApertures:
 
     scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
-    #: number of scanned apertures in which a surface lies: no settings draw more than a hundredth of
-    #: their picture, and they are chosen only where there are no others
+    #: number of scanned apertures with a surface in the aperture itself: no settings draw more than
+    #: a hundredth of their picture, and they are chosen only where there are no others
     blocked: int
 
     @property
@@ -285,7 +285,7 @@ class AutoApertures:
         criteria: dict[Aperture, list[Criterion]] = {}
         if not seeing or middle in seeing:
             criteria[middle] = [Criterion.MIDDLE]
-        # Of equally bad ones the middle comes first, so that no other is measured for the same.
+        # Among equally bad views the middle comes first, and saves the measurement of another.
         ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
         if ordered:
             for look, criterion in (

@@ -1,4 +1,4 @@
-"""`xfrustum cost`: what accuracy costs in time, of every configuration, on one scene and machine."""
+"""`xfrustum cost`: cost of accuracy in time, of every configuration, on one scene and machine."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Doub
 from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-#: Measured pictures of each configuration unless told otherwise: the fewest by which times are told
-#: apart.
+#: Default number of measured pictures per configuration: the minimum for ranking times.
 REPEAT = 5
 
 NEARS_PER_REACH = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -71,8 +70,8 @@ class CostReport(NotebookRepr):
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
-    #: By renderer: seconds of what is done once for a scene, buffers, programs and acceleration
-    #: structures.
+    #: by renderer: seconds of one-time setup for a scene (buffers, programs, acceleration
+    #: structures)
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]
@@ -89,7 +88,8 @@ class CostReport(NotebookRepr):
 
     def _said(self) -> str:
         column, row = self.aperture.index
-        return f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {self.answer}"
+        ways = f"{len(self.options)} ways to draw aperture {column},{row}"
+        return f"{ways} of {self.scene.name!r}. {self.answer}"
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
@@ -161,11 +161,11 @@ def cost(
 ) -> CostReport:
     """Measure error and time of every configuration.
 
-    The picture is that of one aperture, the middle one where None. Of the ones that
-    `auto_apertures` chooses the first is timed; pictures are judged at each, and the worst counts.
-    A fifth of the tolerance of the 99th percentile of displacement is answered for too. Of each
-    configuration `repeat` pictures are timed, after one that warms up. All take turns, so that a
-    slow minute slows all of them down.
+    The picture shows one aperture, the middle one where None. From the choice of
+    `auto_apertures` the first is timed; pictures are judged at each, and the worst counts. A
+    fifth of the tolerance of the 99th percentile of displacement is answered for too. For each
+    configuration `repeat` pictures are timed, after one that warms up. All take turns, so that
+    a slow minute slows all of them down.
 
     InputError where the tolerance or the number of repetitions is not positive, the aperture sees
     nothing of the objects, or there is no usable OpenGL.
@@ -273,7 +273,7 @@ def _seconds(
 
 
 def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[_Made]:
-    """Yield nears with depth buffers and mappings, slabs, cameras without an offset, samples, effects."""
+    """Yield settings: nears by buffers and mappings, slabs, offsets, samples, effects."""
     reach, units = scene.frustum.longest_reach, scene.units
 
     def way(
@@ -281,7 +281,8 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
     ) -> _Made:
         drawer = drawers[effects]
         label = (
-            f"raster, near {digits(settings.near)} {units} ({digits(settings.near / reach)} of the reach) "
+            f"raster, near {digits(settings.near)} {units} ({digits(settings.near / reach)} of "
+            "the reach) "
             f"with {settings.depth_label} depth"
         )
         if settings.slabs:
@@ -342,8 +343,7 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_M
 
 COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` but the first
 
-#: Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked
-#: for.
+#: Share of the tolerance with an answer of its own: a tenth of a pixel for half a pixel.
 STRICTER_FRACTION = 0.2
 
 
@@ -371,14 +371,14 @@ class Option(Way):
         )
 
     def keeps(self, tolerance_px: float) -> bool:
-        """Whether it is not beyond a tolerance (`compare.beyond`)."""
+        """Compliance with a tolerance (`compare.beyond`)."""
         return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
-        """Whether this option is in nothing worse than another, and in something better.
+        """Return whether this option is nowhere worse than another, and somewhere better.
 
-        Its time is no worse where its median is not beyond the other's interval, and better where
-        the two times are told apart.
+        Its time is no worse where its median is not beyond the other's interval, and better
+        where the two times are distinguishable.
         """
         mine, others = (
             (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
@@ -394,11 +394,11 @@ class Option(Way):
 
 @dataclass(frozen=True, kw_only=True)
 class FastestWithin:
-    """The options within a tolerance than which no other option is told to be faster.
+    """Options within a tolerance that no other option beats in time.
 
-    `fastest` are those whose timing intervals overlap with that of the least median, which comes
-    first; all options within the tolerance where nothing was repeated often enough to rank it
-    (`ranked` is false), and none where nothing keeps it.
+    `fastest` are the options whose timing intervals overlap with the interval of the least
+    median, which comes first; all options within the tolerance where nothing was repeated often
+    enough to rank it (`ranked` is false), and none where nothing keeps it.
     """
 
     tolerance_px: float
@@ -483,7 +483,7 @@ def _fastest(ranking: FastestWithin) -> str:
 
 
 def _ratio(loose: FastestWithin, strict: FastestWithin) -> str:
-    """Return the time of a stricter tolerance over that of a loose one."""
+    """Return the time of a stricter tolerance relative to a loose one."""
     if not strict.fastest:
         return ""
     looser, other = loose.fastest[0].time_s, strict.fastest[0].time_s
@@ -506,7 +506,7 @@ def _described(option: Option) -> str:
 
 FILES = PAGE, DATA = "index.html", "cost.json"
 
-#: Displacement at which all smaller ones are drawn: 32-bit positions cannot tell them apart, and a
+#: Displacement at which all smaller ones are drawn: 32-bit positions cannot separate them, and a
 #: logarithmic axis has no zero.
 SMALLEST_DRAWN_PX = 1e-4
 
@@ -518,7 +518,7 @@ def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
-    """Write index.html and cost.json to a folder, all or nothing; InputError where that cannot be."""
+    """Write index.html and cost.json to a folder, all or nothing; InputError on failure."""
     values = {
         "cost": measured,
         "chosen": () if measured.auto is None else choices(measured.auto),

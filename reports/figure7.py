@@ -1,4 +1,4 @@
-"""The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras, as one page."""
+"""Figure 7 of the paper as one page: C, C* as seen and as overlaid, and both cameras."""
 
 import time
 from dataclasses import replace
@@ -22,9 +22,9 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 
-#: Near offset as a share of the reach, where none is asked for. What is farther than a percent of
-#: the reach from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a
-#: reversed float depth buffer resolves 2^-24 of any distance, however small the near plane.
+#: Default near offset, share of the reach. Points farther than a percent of the reach from the
+#: plate are displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth
+#: buffer resolves 2^-24 of any distance, however small the near plane.
 NEAR_PER_REACH = 1e-6
 
 LATTICE = (
@@ -35,7 +35,7 @@ _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
 #: Names of the pictures of C*: as the camera sees it, and of another aperture.
 _AS_SEEN, _OTHER = "c-star-as-seen", "c-star-other"
-#: Names of the files that are written; that of another aperture only where the plate has one.
+#: Names of the written files; the other aperture's exists only where the plate has one.
 FILES = (
     _PAGE,
     *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN), _AS_SEEN, _OTHER)),
@@ -51,12 +51,12 @@ def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:
 def write_figure(
     scene: Scene, aperture: Aperture, settings: DoubleFrustum, other: Aperture | None, out: Path
 ) -> tuple[Path, ...]:
-    """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone; write the page.
+    """Draw C alone, C* alone and both of an aperture, and C* of another; write the page.
 
-    `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice
-    over the plate from which C* shows most, if the plate has another one. InputError where near is
-    not smaller than the reach, the aperture sees nothing of the objects, there is no usable OpenGL,
-    or the folder cannot be written.
+    `other` is the aperture of the second perspective of C*; where None the aperture of a coarse
+    lattice over the plate from which C* shows most, if the plate has another one. InputError
+    where near is not smaller than the reach, the aperture sees nothing of the objects, there is
+    no usable OpenGL, or the folder cannot be written.
     """
     require_seen(scene, [aperture])
     times_s, images, alone = {}, {}, replace(settings, camera=Camera.C_STAR)

@@ -67,15 +67,17 @@ def choices(auto: AutoApertures) -> list[dict[str, Any]]:
 
 
 def notes(auto: AutoApertures) -> list[str]:
-    """Say in a sentence each how the apertures were chosen, and which and why."""
+    """Describe the scan of apertures, and each choice with its reason, in a sentence each."""
     hogels, looks = math.prod(auto.scout.scene.plate.hogels), len(auto.scout.looks)
     lines = [
-        f"auto: looked through {'all' if looks == hogels else f'{looks} of the'} {hogels:,} apertures of the "
+        f"auto: looked through {'all' if looks == hogels else f'{looks} of the'} {hogels:,} "
+        "apertures of the "
         f"plate (at most {MAX_APERTURES:,}), along {FILM_PIXELS**2} lines each"
     ]
     if auto.blocked:
         lines.append(
-            f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no settings draw"
+            f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no "
+            "settings draw"
         )
     every = (
         f"auto: aperture {choice['aperture'][0]},{choice['aperture'][1]}: {choice['why']}"
@@ -85,7 +87,7 @@ def notes(auto: AutoApertures) -> list[str]:
 
 
 def scout_record(auto: AutoApertures) -> dict[str, Any]:
-    """Return how the scout of a plate is written: what was looked through, and what was chosen."""
+    """Return the record of a plate scan: scanned apertures and chosen ones."""
     looks = auto.scout.looks
     names = ("nearest", "pixels_per_near", "outline_widths")
     return {
@@ -102,7 +104,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
 
 
 def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
-    """Draw the plate's nearest visible |z|, and its outlines, each bright where the error is large."""
+    """Draw the plate's nearest visible |z|, and its outlines, each bright at large errors."""
     plate, looks = auto.scout.scene.plate, auto.scout.looks
     nearest, outlines = (
         np.array([getattr(look, name) for look in looks]) for name in ("nearest", "outline_widths")
@@ -127,10 +129,10 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
 def plate_cells(
     hogels: tuple[int, int], places: ArrayLike, values: ArrayLike, worst: np.ufunc = np.fmax
 ) -> tuple[Floats, Mask]:
-    """Return values (A,) of some hogels on the cells of a map (rows, columns), and which cells have one.
+    """Return values (A,) of hogels on map cells (rows, columns), and the mask of filled cells.
 
-    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same
-    cell, the one whose value counts.
+    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`, which selects among
+    hogels in the same cell.
     """
     cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
     columns, rows = (np.reshape(places, (-1, 2)).astype(np.int64) * cells // hogels).T
@@ -150,9 +152,9 @@ def plate_map(
 ) -> Figure:
     """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
 
-    The number is blank where it is NaN. Cells that are not `known`, by default those without a
-    value, have the value of the nearest of those that are. The color scale may be `logarithmic`.
-    Where the title begins with "share", numbers are told in percent.
+    The number is blank where it is NaN. Cells that are not `known`, by default cells without a
+    value, have the value of the nearest known cell. The color scale may be `logarithmic`. Where
+    the title begins with "share", numbers are in percent.
     """
     known = np.isfinite(values) if known is None else known
     if known.any():

@@ -42,11 +42,13 @@ MAX_NAMED = 5  #: largest number of heights or apertures that a sentence lists
 _NO_PLAN = {
     Cause.EYES: "No plan: eyes notice the smallest near.",
     Cause.IN_APERTURE: (
-        "No plan: a surface lies in an aperture itself, and its displacement is undefined there. Move it "
+        "No plan: a surface lies in an aperture itself, and its displacement is undefined there. "
+        "Move it "
         "before or behind the plate."
     ),
     Cause.EVERY_APERTURE: (
-        "No plan: a surface lies in every aperture that sees anything, or so close to it that no near draws "
+        "No plan: a surface lies in every aperture that sees anything, or so close to it that no "
+        "near draws "
         "it. Move it before or behind the plate."
     ),
 }
@@ -77,13 +79,15 @@ def reason(report: PlanReport) -> str:
             f"{1 / excess:.2g}" if excess * ENOUGH_MARGIN > 1 else f"at least {ENOUGH_MARGIN:g}"
         )
         parts.append(
-            f"Near is {digits(made.near or 0.0)} {units}, for a margin: predicted errors are {margin} times "
+            f"Near is {digits(made.near or 0.0)} {units}, for a margin: predicted errors are "
+            f"{margin} times "
             "smaller than their limits."
         )
     count, holding = len(made.requirement.buffers), made.outcome.holding
     if count > 1:
         parts.append(
-            f"Of {count} depth buffers {holding} hold: {made.settings.depth_label} is the cheapest, and "
+            f"Of {count} depth buffers {holding} hold: {made.settings.depth_label} is the "
+            "cheapest, and "
             "among the cheapest the most robust."
         )
     if made.measured is not None and not made.requirement.met_by(made.measured):
@@ -100,13 +104,15 @@ def _reason_of_failure(report: PlanReport) -> str:
     if cause is Cause.SEPARATION:
         separation = report.plan.requirement.separation_in(scene.frustum)
         return (
-            f"No plan: sheets {separation:.3g} {scene.units} apart are ordered by no depth buffer at the "
+            f"No plan: sheets {separation:.3g} {scene.units} apart are ordered by no depth buffer "
+            "at the "
             "farthest visible surface, however the frusta are cut."
         )
     if cause is Cause.AT_PLATE:
         smallest = SMALLEST_PER_REACH * scene.frustum.longest_reach
         return (
-            f"No plan: displacement exceeds {report.plan.requirement.tolerance_px:g} px at any near. Surfaces "
+            f"No plan: displacement exceeds {report.plan.requirement.tolerance_px:g} px at any "
+            "near. Surfaces "
             f"lie closer to the plate than the smallest cut, {smallest:.2g} {scene.units}."
         )
     return _NO_PLAN[cause]
@@ -197,9 +203,12 @@ def _infeasible(known: PlateResult) -> str:
     named = [f"{i},{j}" for i, j in known.infeasible_apertures[:MAX_NAMED]]
     named += [".."] if known.infeasible > len(named) else []
     return (
-        f"No settings hold for the whole plate: at {known.infeasible:,} of the {known.scouted:,} scanned "
-        f"apertures ({'; '.join(named)}) a surface lies in the aperture itself, or so close to it that no "
-        f"near draws it; for at least {math.floor(100 * known.share_within_at_least)} % of the plate this "
+        f"No settings hold for the whole plate: at {known.infeasible:,} of the {known.scouted:,} "
+        "scanned "
+        f"apertures ({'; '.join(named)}) a surface lies in the aperture itself, or so close to it "
+        "that no "
+        f"near draws it; for at least {math.floor(100 * known.share_within_at_least)} % of the "
+        "plate this "
         "plan holds."
     )
 
@@ -226,7 +235,7 @@ def eye_words(limit: NearLimit, units: str) -> str:
 
 
 def _what_binds(report: PlanReport) -> list[str]:
-    """Return the near that each judge allows, beginning with the one that binds."""
+    """Return the near that each limit allows, beginning with the binding one."""
     made, units, parts = report.plan, report.scene.units, dict[str, str]()
     assert made.limits is not None
     if (pixels := made.limits.pixels) is not None:
@@ -260,6 +269,7 @@ def _coarser(report: PlanReport) -> list[str]:
     if first.smallest_near is None or first.displacement_p99_px is None:
         return [f"With a coarser depth buffer {buffer_words(first, units)}."]
     return [
-        f"A coarser choice costs error: {buffer_words(first, units)}, which displaces the worst hogel by "
+        f"A coarser choice costs error: {buffer_words(first, units)}, which displaces the worst "
+        "hogel by "
         f"{digits(first.displacement_p99_px)} px."
     ]

@@ -109,7 +109,7 @@ class PlanReport(NotebookRepr):
 
     @property
     def near_range(self) -> tuple[float, float] | None:
-        """Least and largest near to draw with: the measured one is the largest; cuts belong to one near."""
+        """Least and largest near; the measured one is the largest, and cuts belong to one near."""
         if self.plan.near is None:
             return None
         least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
@@ -221,7 +221,8 @@ class PlanReport(NotebookRepr):
             zone, unit = self.view_zone, MILLIMETERS.get(self.scene.units, 1.0)
             some, every = zone.some_eyes_apart * unit, zone.all_eyes_apart * unit
             lines.append(
-                f"view zone: eyes up to {digits(some)} mm apart see some hogels, up to {digits(every)} all"
+                f"view zone: eyes up to {digits(some)} mm apart see some hogels, up to "
+                f"{digits(every)} all"
             )
         if (known := self.plan.plate) is not None:
             counts = f"{known.hogels:,} hogels: {known.scouted} scanned, {known.measured} measured"
@@ -301,7 +302,7 @@ def plan(
     apertures
         Apertures of which the worst counts; None for the whole plate.
     requirement
-        Limits of the plan; by default the usual ones, or with a `viewer` those of his eyes alone.
+        Limits of the plan; by default the usual ones, or with a `viewer` the viewer's limits alone.
     viewer
         Eyes before the plate that must not notice near; for whole plates only.
     sample
@@ -380,14 +381,16 @@ def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
     if not widest:
         advice = "no eyes straight before the plate's middle lie in it"
     raise InputError(
-        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is {x[1] - x[0]:.3g} x "
-        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to {x[1]:.3g}, y from "
+        f"{scene.name}: no ray of an eye meets the film of a hogel. The view zone is "
+        f"{x[1] - x[0]:.3g} x "
+        f"{y[1] - y[0]:.3g} {units} at {zone.distance:g} {units} (x from {x[0]:.3g} to "
+        f"{x[1]:.3g}, y from "
         f"{y[0]:.3g} to {y[1]:.3g}): {advice}; or choose another --viewer, or a larger film"
     )
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
-    """Return some apertures: the middle, the corners, then a Halton sequence, which more only continue."""
+    """Return apertures: middle, corners, then a Halton sequence, which a larger count extends."""
     columns, rows = plate.hogels
     count = min(count, columns * rows)
     corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
@@ -442,7 +445,8 @@ def write_plan(report: PlanReport, out: Path) -> tuple[Path, ...]:
     """Write the page and plan.json, all or nothing."""
     figures, limits = {"limits": limits_figure(report)}, report.plan.limits
     if report.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
-        title = f"largest near that keeps {report.plan.requirement.tolerance_px:g} px, {report.scene.units}"
+        tolerance_px = report.plan.requirement.tolerance_px
+        title = f"largest near that keeps {tolerance_px:g} px, {report.scene.units}"
         places = [aperture.index for aperture in report.scan.apertures]
         values, known = plate_cells(report.scene.plate.hogels, places, limits.hogels, np.fmin)
         figure = plate_map(report.scene.plate, values, title, known=known, logarithmic=True)

@@ -99,10 +99,10 @@ def buffer_limits(
 
 
 def hogel_limits(scan: PlateScan, tolerance_px: float) -> Floats:
-    """Return (A,) the largest near that each scanned aperture allows by closed form, scene units.
+    """Return (A,) the largest near of each scanned aperture by closed form, scene units.
 
-    It keeps 99 % of the visible surface within the tolerance: 0 where a surface lies so close to the
-    aperture that no near does, and NaN where nothing is seen.
+    It keeps 99 % of the visible surface within the tolerance: 0 where a surface lies too close
+    to the aperture for any near, and NaN where nothing is visible.
     """
     scene = scan.scene
 

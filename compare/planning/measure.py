@@ -124,7 +124,7 @@ def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetPair:
-    """Two sheets of one camera, parallel to the plate and a separation apart along z, scene units."""
+    """Two sheets of one camera, parallel to the plate, a separation apart along z, scene units."""
 
     camera: ExactCamera
     heights: Floats  #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
@@ -132,7 +132,7 @@ class SheetPair:
     loser_first: bool  #: whether the sheet that must not show is drawn first
 
     def objects(self, owned: Mask) -> list[SceneObject]:
-        """Return both sheets in drawing order: squares parallel to the plate, over the cells (n, n) owned."""
+        """Return both sheets in drawing order: squares over the cells (n, n) owned."""
         (rows, columns), bundle, cells = np.nonzero(owned), self.camera.bundle, len(owned)
         at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
         u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
@@ -170,7 +170,7 @@ class SheetFilm:
         owner: Indices,
         cell_pixels: int,
     ) -> SheetFilm:
-        """Tile a film with cells of so many pixels a side; `owner` (cells, cells) has each cell's pair."""
+        """Tile a film with square cells, in pixels; `owner` (cells, cells) has the pair of each."""
         objects = (
             sheet for number, pair in enumerate(pairs) for sheet in pair.objects(owner == number)
         )
@@ -186,7 +186,7 @@ class SheetFilm:
         )
 
     def wrong_shares(self, rasterizer: Rasterizer, settings: DoubleFrustum) -> list[float]:
-        """Draw the sheets with the rasterizer of `scene`; return the wrong share of each pair's pixels."""
+        """Draw the sheets with `scene`'s rasterizer; return the share of wrong pixels per pair."""
         drawn = rasterizer.render(self.aperture, settings, normals=False, color=False)
         wrong = drawn.object != self.shown
         return [
@@ -196,7 +196,7 @@ class SheetFilm:
 
 
 def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
-    """Draw sheets at the farthest visible surface of every camera and slab; return the worst wrong share.
+    """Return the largest wrong share of sheets at the farthest surface of every camera and slab.
 
     It counts pixels in which the wrong sheet shows, or none; 0 where no slab has room for two
     sheets. Each pair comes twice, the sheet that must not show drawn first and drawn last.

@@ -125,8 +125,8 @@ class Plan:
 def predicted_plan(views: Views, requirement: Requirement) -> Plan:
     """Return the plan that closed forms predict for some views.
 
-    Of the depth buffers, the fewest slabs count, then the cheapest (depth that no fragment writes,
-    then fewer bytes), then the largest margin.
+    Depth buffers are ordered by the fewest slabs, then by cost (depth that no fragment writes,
+    then fewer bytes), then by the largest margin.
     """
     outcome = Search(views, requirement).best()
     if outcome.best is None:
@@ -232,7 +232,7 @@ class PlatePlanner:
 
     @cached_property
     def _feasible(self) -> bool:
-        """Whether any scanned aperture sees something that some near draws."""
+        """Visibility of any drawable surface through a scanned aperture."""
         seeing = (look for look in self.scan.looks if math.isfinite(look.nearest))
         return any(look.aperture.index not in self._infeasible for look in seeing)
 

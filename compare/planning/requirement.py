@@ -58,7 +58,7 @@ def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Quality(Errors):
-    """Errors at the worst of some apertures, with those of sheets at the farthest visible surface."""
+    """Errors at the worst of some apertures and of sheets at the farthest visible surface."""
 
     misordered: float  #: share of pixels that show the wrong one of two sheets a separation apart
     #: smallest separation of which at most `MAX_MISORDERED_FRACTION` is wrong, scene units; 0

@@ -1,10 +1,10 @@
 """Scan over numbers of cuts, with monotone searches for the cuts and for the near offset.
 
 With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it
-displacement shrinks with z1. Cuts are placed from the far end inward. The outermost slab ends at the
-reach, and its cut is as low as the separation at the farthest surface in it allows. A lower cut only
-helps the next slab, which then ends sooner and holds nothing farther. So each slab in turn takes as
-much as it may, and no other k cuts have a smaller z1.
+displacement shrinks with z1. Cuts are placed from the far end inward. The outermost slab ends at
+the reach, and its cut is as low as the separation at the farthest surface in it allows. A lower cut
+only helps the next slab, which then ends sooner and holds nothing farther. So each slab in turn
+takes as much as it may, and no other k cuts have a smaller z1.
 
 Displacement grows with n, and errors of depth grow as n falls: the near that is planned is the one
 farthest from both limits, for apertures that no scan has traced.
@@ -72,7 +72,7 @@ def indices_of(frustum: Frustum) -> tuple[int, int]:
 
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
-    """Return the largest index in low..high up to which a condition holds; None where it never does."""
+    """Return the largest index in low..high up to which a condition holds; None for none."""
     first_failure = bisect_left(
         range(low, high + 1), True, key=lambda index: not holds(round_number(index))
     )
@@ -80,7 +80,7 @@ def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | 
 
 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
-    """Return the smallest index in low..high from which on a condition holds, `high` if it never does."""
+    """Return the smallest index in low..high from which on a condition holds; else `high`."""
     return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
 
 
@@ -100,17 +100,17 @@ class Attempt:
 
     @property
     def holds(self) -> bool:
-        """Whether all limits are kept."""
+        """Compliance with all limits."""
         return self.excess <= 1
 
     @property
     def missing(self) -> float:
-        """Excess, at least that of a sufficient margin."""
+        """Excess, clipped below at the excess of a sufficient margin."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property
     def price(self) -> tuple[bool, int]:
-        """Cost of the depth buffer: depth written by fragments, which costs the early test, then bytes."""
+        """Cost of the depth buffer: fragment-written depth disables the early test; then bytes."""
         return self.settings.mapping in EXPRESSION_ROUNDINGS, BYTES[self.settings.depth]
 
 
@@ -172,7 +172,7 @@ class Search:
         return outcome
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
-        """Return at most so many heights, ascending, as near to the plate as a separation allows."""
+        """Return up to `count` heights, ascending, as near to the plate as a separation allows."""
         cuts: list[float] = []
         highest = self.highest
         while len(cuts) < count and highest >= self.lowest:
@@ -187,12 +187,12 @@ class Search:
         return tuple(reversed(cuts))
 
     def separation_between(self, buffer: DepthBuffer, low: float, high: float | None) -> float:
-        """Return the smallest separation at the farthest surface seen between cuts, or up to the reach."""
+        """Return the smallest separation at the farthest visible surface between two heights."""
         ends = [(camera, low, min(high or reach, reach)) for camera, reach in self._sides]
         return self._separation_in(buffer, ends)
 
     def _finest(self, buffer: DepthBuffer) -> float:
-        """Return the smallest separation at each camera's farthest surface, in a slab of its own."""
+        """Return the smallest separation at each camera's farthest surface, in a separate slab."""
         ends = []
         for camera, reach in self._sides:
             if (far := self._views.farthest(camera)) > 0:
@@ -211,11 +211,11 @@ class Search:
         return max(separations)
 
     def attempt(self, buffer: DepthBuffer, cuts: int) -> Attempt:
-        """Return the attempt with so many cuts that holds with the largest near, or the best failure."""
+        """Return the attempt with a number of cuts and the largest near, or the best failure."""
         failures, target = list[Attempt](), self.separation / SEPARATION_MARGIN
         for _ in range(MAX_TARGETS if cuts else 1):
             heights = self.cuts(buffer, cuts, target)
-            # Depth is best off with near as large as may be: hopeless cuts cost no search for near.
+            # Depth precision grows with near: cuts that fail at the largest near need no search.
             trial = self._depth_alone(buffer, heights)
             candidate = self._with_largest_near(buffer, heights) if trial <= 1 else None
             if candidate is not None and candidate.holds:
@@ -236,7 +236,7 @@ class Search:
         return max(wrong, self._separation_excess(self._views.separation(settings)))
 
     def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
-        """Return the attempt with cuts at some heights whose near is the largest that pixels and eyes allow."""
+        """Return the attempt whose near is the largest that pixels and eyes allow."""
 
         def judged(near: float) -> Attempt:
             return self.judged(self._settings(buffer, near, heights))
@@ -247,8 +247,9 @@ class Search:
         )
         if index is None:
             return judged(round_number(self.lowest))
-        # Offset cameras see more beside the film than the truth: rarely, a smaller near is needed. It
-        # is found by octaves, since depth alone makes wrong surfaces at much smaller nears.
+        # Offset cameras cover more beside the film than the truth: rarely, a smaller near is
+        # needed. The search proceeds by octaves, since depth alone makes wrong surfaces at much
+        # smaller nears.
         above = index
         while index > self.lowest and judged(round_number(index)).near_excess > 1:
             above, index = index, max(index - INDICES_PER_OCTAVE, self.lowest)
@@ -256,7 +257,7 @@ class Search:
         return judged(round_number(index if larger is None else larger))
 
     def _judged(self, settings: DoubleFrustum) -> Attempt:
-        """Return the attempt with some settings, its offset cameras traced where closed forms hold."""
+        """Return an attempt, with its offset cameras traced where closed forms hold."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
         if not attempt.holds or not self.requirement.pixels_count:
@@ -269,10 +270,11 @@ class Search:
         )
 
     def _with_margin(self, largest: Attempt) -> Attempt:
-        """Return an attempt with the largest near whose errors are a tenth of their limits.
+        """Return the attempt with the largest near whose errors are a tenth of their limits.
 
-        Where depth would then be worse off, it is the near at which both have the same margin. Where
-        eyes alone judge, near stays: their limits hold for all hogels, scanned or not.
+        Where depth would then be worse off, it is the near at which both have the same
+        margin. With limits of eyes alone, near stays: they hold for all hogels, scanned or
+        not.
         """
         if not self.requirement.pixels_count:
             return largest
@@ -307,7 +309,7 @@ class Search:
         return separation * SEPARATION_MARGIN / self.separation
 
     def _holds_in_closed_form(self, near: float, first_cut: tuple[float, ...]) -> bool:
-        """Return whether displacement and eyes allow a near; depth buffer and outer cuts do not matter."""
+        """Return whether displacement and eyes allow a near, regardless of depth and outer cuts."""
         settings = DoubleFrustum(near=near, slabs=first_cut)
         viewer, tolerance = self.requirement.viewer, self.requirement.limit_px
         unnoticed = viewer is None or viewer.excess(settings) <= 1

@@ -35,8 +35,8 @@ class ViewerRequirement:
     viewer: noticeable.Viewer
     display: noticeable.Display
     content: noticeable.Content
-    #: cause that limits which depths are told apart, and their height z; None where the separation
-    #: was stated
+    #: cause of the limit on depth resolution, and its height z; None where the separation was
+    #: stated
     separation_limit: tuple[str, float] | None = None
 
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
@@ -128,7 +128,7 @@ def _eyes_within(zone: tuple[Interval, Interval]) -> float:
 
 
 def view_zone(scene: Scene, distance: float) -> ViewZone:
-    """Return the view zone of a plate at a distance; its ends are linear in the aperture's place."""
+    """Return the view zone of a plate at a distance; its ends are linear in aperture position."""
     columns, rows = scene.plate.hogels
     some, every = [], []
     for axis in range(2):
@@ -163,9 +163,9 @@ def with_viewer(
 ) -> Requirement:
     """Return a requirement with the limits of a viewer's eyes at a scanned plate.
 
-    Where it states no separation, sheets must be ordered that the viewer, or the display, tells
-    apart. InputError where the length of the scene's unit is not known, or something is seen behind
-    the viewer.
+    Without a stated separation, the smallest separation that viewer or display resolves is
+    required. InputError for a length unit without a physical size, or for a surface behind the
+    viewer.
     """
     display, content = noticeable.Display.from_scene(scan.scene), seen_content(scan)
     noticeable.eyes_apart(viewer, display)

@@ -85,7 +85,7 @@ class View:
         return depth.DepthLayers.from_truth(self.truth, self.gaps)
 
     def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
-        """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
+        """Return the largest |z| visible to a camera between two heights; None for none."""
         seen = self.seen[camera]
         count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
         if not count or seen[count - 1] < low * (1 - HEIGHT_TOLERANCE_RATIO):
@@ -154,7 +154,7 @@ class Views:
         return max(moved), max(wrong)
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
-        """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
+        """Return the predicted share of pixels wrong by depth, for the worst draw order."""
         arguments = self.scene.frustum, [settings], self.device or depth.ANY
         shares = (
             depth.depth_wrong_shares(view.layers, *arguments, unlucky=True)[0]
@@ -163,12 +163,12 @@ class Views:
         return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:
-        """Return the predicted smallest separation at the farthest surface of the worst camera and slab."""
+        """Return the predicted smallest separation at the farthest surface of all slabs."""
         every = depth.slabs(self.scene.frustum, settings)
         return max((self.separation_in(slab, settings) for slab in every), default=0.0)
 
     def separation_in(self, slab: depth.DepthRange, settings: DoubleFrustum) -> float:
-        """Return the predicted smallest separation at the farthest surface seen in a slab; 0 without any."""
+        """Return the predicted smallest separation at a slab's farthest surface; 0 without any."""
         ends = [view.farthest(slab.camera, slab.low, slab.high) for view in self.views]
         seen = np.array([end for end in ends if end is not None])
         if not len(seen):

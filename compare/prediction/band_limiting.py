@@ -1,4 +1,4 @@
-"""Closed form of band limiting: how far a hogel's area blurs, and how many points stand for the area.
+"""Closed form of band limiting: blur over a hogel's area, and the number of points it needs.
 
 A hogel shows the mean of the pictures of all points of its area, a box of one pitch p (paper,
 section 6). Over the pitch the picture of a surface at height z moves by p |1/z - 1/Z| W/(2 t)
@@ -8,8 +8,8 @@ N points the share of the points; the largest difference of both, over all lines
 D(N) of the points for half planes. So the mean over N points is off by at most V D(N), where V is
 the total change of color across the blur: the contrast of an edge.
 
-For m x m points in rows and columns D = 1/(2 m); for those of `sampling.sub_apertures`, of which
-few lie on one line, it is smaller from some 1,000 points on. In the mean over a pixel's area an
+For m x m points in rows and columns D = 1/(2 m). The points of `sampling.sub_apertures`, of which
+few lie on one line, have a smaller D from some 1,000 points on. In the mean over a pixel's area an
 edge is a ramp, one pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean
 by at most V b/8, and where b < 1 the error of the points counts in a share b of the pixel only.
 """
@@ -56,7 +56,7 @@ DISCREPANCY = MappingProxyType(
 
 
 def blur_px(scene: Scene, z: float) -> tuple[float, float]:
-    """Return columns and rows over which a hogel's area blurs what lies at a signed height z; 0: infinity."""
+    """Return columns and rows of blur of a point at signed height z; 0 stands for infinity."""
     frustum, plate, screen = scene.frustum, scene.plate, scene.frustum.screen
     moved = abs((math.inf if z == 0 else 1 / z) - (0.0 if screen is None else 1 / screen.height))
     _, half = film_window(frustum, plate.middle)
@@ -68,7 +68,7 @@ def blur_px(scene: Scene, z: float) -> tuple[float, float]:
 
 
 def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float:
-    """Return the largest error, radiance, of a mean over so many points (a key of `DISCREPANCY`)."""
+    """Return the largest error, radiance, of a mean over `count` points (key of `DISCREPANCY`)."""
     error = contrast * min(1.0, sum(blur)) * DISCREPANCY[count]
     return min(error, contrast * sum(blur) / 8) if count == 1 else error
 
@@ -76,14 +76,14 @@ def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float
 def sub_apertures_for(
     blur: tuple[float, float], contrast: float, error: float = LEVEL
 ) -> int | None:
-    """Return the least power of two of points that keeps `error_bound` within an error; None for none."""
+    """Return the least power of two of points with `error_bound` within an error, or None."""
     return next(
         (count for count in DISCREPANCY if error_bound(count, blur, contrast) <= error), None
     )
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
-    """Return the largest blur of a bin's content, columns and rows, and the least of the larger axis."""
+    """Return the largest blur of a bin, columns and rows, and the least of the larger axis."""
     sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
     nearest, farthest = (blur_px(scene, sign * end) for end in (content.nearest, content.farthest))
     least = min(max(nearest), max(farthest))
@@ -93,7 +93,7 @@ def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
 
 
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
-    """Return a bound of the change of radiance at an edge, from 0 to 1, seen through apertures; None for all.
+    """Return a bound of the change of radiance at an edge, 0 to 1, through apertures (None: all).
 
     It is the largest radiance that the materials of visible objects allow, against black, and at
     most one, where pictures of 8 bits are clipped.
@@ -117,7 +117,7 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
 
 
 def needed_sub_apertures(scene: Scene, error: float = LEVEL) -> int:
-    """Return how many sub-apertures keep pictures within an error, radiance: at most `DISCREPANCY` has."""
+    """Return the number of sub-apertures that keeps an error, radiance; at most `DISCREPANCY`'s."""
     contrast = contrast_of(scene)
     counts = [
         sub_apertures_for(blurs(scene, content)[0], contrast, error)

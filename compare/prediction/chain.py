@@ -1,4 +1,4 @@
-"""The chain from the truth to the raster, one thing changed per link (docs/method.md, "The error budget")."""
+"""Chain from the truth to the raster, one change per link (docs/method.md, "The error budget")."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ from xfrustum.scenes.plate.double_frustum import (
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 from xfrustum.scenes.representation import ShortRepr
 
-#: What each link changes; link k leads from image k to image k + 1 of the chain.
+#: Change of each link; link k leads from image k to image k + 1 of the chain.
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 
 PIVOT = 1  #: the link that moves the center of the shear
@@ -27,7 +27,7 @@ RASTERIZATION = (
 #: link between slabs and rasterization that a chain has where its settings cull faces
 CULLING = "culling"
 
-#: The depth buffer without a depth problem: what it alone shows rightly is charged to depth.
+#: Depth buffer without precision errors: pixels right with it alone are charged to depth.
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 
 
@@ -36,8 +36,8 @@ class Chain(ShortRepr):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
     T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5 lacks
-    culled faces; all traced and certified. R0 is rasterized with linear depth, R1 with the depth
-    buffer asked for.
+    culled faces; all traced and certified. R0 is rasterized with linear depth, R1 with the
+    depth buffer of the settings.
     """
 
     images: tuple[HogelImage, ...]
@@ -46,9 +46,8 @@ class Chain(ShortRepr):
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
-    """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
-    # The fit by default is replaced by the one that it stands for: links that change nothing are
-    # equal.
+    """Return the settings of T1 to T4, and of T5 with culling, each undoing one more change."""
+    # The default fit is replaced by its explicit equivalent: links without a change compare equal.
     settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
     drawn = replace(settings, cull=Cull.NONE)
     whole = replace(drawn, slabs=())
@@ -58,14 +57,14 @@ def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFr
 
 
 def links_of(settings: DoubleFrustum) -> tuple[str, ...]:
-    """Return the names of a chain's links: `LINKS`, and `CULLING` among them where faces are culled."""
+    """Return the names of a chain's links: `LINKS`, with `CULLING` where faces are culled."""
     if settings.cull is Cull.NONE:
         return LINKS
     return (*LINKS[:RASTERIZATION], CULLING, *LINKS[RASTERIZATION:])
 
 
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
-    """Return settings with `EXACT_DEPTH`, and all else as it is."""
+    """Return settings with `EXACT_DEPTH` and everything else unchanged."""
     return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])
 
 
@@ -77,7 +76,7 @@ def traced_models(
     *,
     shaded: bool = True,
 ) -> tuple[HogelImage, ...]:
-    """Return T1 to T4, and T5 where faces are culled; `traced` has models of this aperture by settings."""
+    """Return T1 to T4, and T5 with culling; `traced` caches models of this aperture by settings."""
     traced = {} if traced is None else traced
     links = [with_exact_depth(link) for link in traced_settings(settings, reference.scene.frustum)]
     for link in links:

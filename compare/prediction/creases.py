@@ -1,4 +1,4 @@
-"""Closed form of the surface error that subpixel snapping causes at concave creases (docs/method.md).
+"""Closed form of the surface error of subpixel snapping at concave creases (docs/method.md).
 
 A crease is a side that two triangles share and that a line of the frustum sees from the front, with
 one triangle on either side of it. A rasterizer snaps its ends, so that it shows one triangle beyond
@@ -41,13 +41,13 @@ def _mean_excess() -> Floats:
 
 
 def mean_shift(subpixel_bits: int, beyond: Floats) -> Floats:
-    """Return the mean length by which snapping moves an edge farther than some offsets (...), pixels."""
+    """Return the mean length by which snapping moves an edge beyond offsets (...), pixels."""
     half = 2.0 ** -(subpixel_bits + 1)
     return np.asarray(half * np.interp(beyond / half, _OFFSETS, _mean_excess()))
 
 
 def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
-    """Return the expected number of judged pixels at which snapping shows hidden points beyond creases.
+    """Return the expected number of judged pixels with hidden points beyond snapped creases.
 
     Visible creases are as long as the creases of a visible triangle, times the share of its area
     that is visible: the pixels that show it over its area on the film. A pixel may show a triangle
@@ -61,8 +61,7 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     own, side = np.nonzero(scene.twins[number] >= 0)
     length, area, offsets = _measured(truth, scene, number[own], side)
     shift = mean_shift(subpixel_bits, offsets).mean(axis=0)
-    # Each triangle answers for half of its creases. What is shown beyond them is no more than all
-    # of it.
+    # Each triangle answers for half of its creases. The area beyond them is at most its own.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(length > 0, np.minimum(length * shift / 2 / area, 1.0), 0.0)
     return float(np.sum(pixels[own] * share))
@@ -71,7 +70,7 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
 def _measured(
     truth: HogelImage, scene: Scene, number: Numbers, side: Indices
 ) -> tuple[Floats, Floats, Floats]:
-    """Measure sides (N,) of triangles on the true film: lengths, areas of the triangles, and offsets (2, N).
+    """Measure sides (N,) of triangles on the true film: lengths, areas, and offsets (2, N).
 
     Lengths are zero where no concave crease is seen. From the offsets on, either of the two planes
     is farther behind the other triangle than the tolerance of its points.

@@ -1,4 +1,4 @@
-"""Closed forms of depth buffers: the smallest separation that they order, and the share shown wrongly.
+"""Closed forms of depth buffers: the smallest resolved separation, and the share of wrong pixels.
 
 Two independent errors limit the separation of two surfaces, so that their squares add: the step of
 the format, up to which distinct depths are stored as equal ones; and float32, in which depth is
@@ -63,16 +63,18 @@ def smallest_separation(
     mapping: DepthMapping,
     device: DeviceModel | None = None,
 ) -> Floats:
-    """Return the smallest separation of two surfaces, in w and scene units, that a depth buffer still orders.
+    """Return the smallest separation, in w and scene units, that a depth buffer still orders.
 
-    `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At
-    the separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface, where equal
-    depths count as wrong. It is the same for C (nearest wins) and C* (farthest wins). Devices store
-    the nearest step (None), or one of those that their model has: then so many steps are one.
+    `w` (...) are distances of the surfaces from the camera along its axis, between the planes.
+    At the separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface,
+    where equal depths count as wrong. It is the same for C (nearest wins) and C* (farthest
+    wins). Devices store the nearest step (None), or one within the number of steps of their
+    model: then steps up to that number count as one.
 
-    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic
-    mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32
-    at the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
+    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the
+    hyperbolic mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the
+    spacing of float32 at the stored value: near one the 24-bit step, and 2^-24 to 2^-23 of w
+    reversed.
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
@@ -104,7 +106,7 @@ def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[
 def depth_variance(
     w: Floats, depth: tuple[Floats, Floats], n: float, f: float, mapping: DepthMapping
 ) -> Floats:
-    """Return the variance of one surface's depth from the roundings of float32, given its `stored_depth`."""
+    """Return the variance of a depth by float32 roundings; see `stored_depth`."""
     stored, slope = depth
     spacing = float32_spacing(w)
     position = (slope * spacing) ** 2
@@ -144,7 +146,8 @@ def pair_variance(
 ) -> Floats:
     """Return the variance of the depth of each of two surfaces that a buffer may order either way.
 
-    `depth_variance` holds for any two surfaces, and this for those of a scene, on the average:
+    `depth_variance` holds for any two surfaces, and this for the surfaces of a scene, on
+    average:
 
     * What both have alike cancels: with n small, clip w = |z| + n is off by one amount for all z of
       an octave.
@@ -179,7 +182,8 @@ def float32_spacing(values: Floats) -> Floats:
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
 
 
-ANY = safe_model()  #: the device of shares that are asked for without one
+#: device of shares without a stated one
+ANY = safe_model()
 
 #: Largest ratio of the share that the worst draw order gets wrong to the share expected when the
 #: order is unknown. Surfaces that are stored at the same depth are wrong half the time when the
@@ -210,7 +214,7 @@ Gaps = tuple[Floats, Floats | None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthLayers:
-    """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
+    """Distances and gaps of the surfaces in a true image, scene units, by their camera."""
 
     judged: int  #: pixels whose truth is no tie
     distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
@@ -245,7 +249,7 @@ class DepthLayers:
 
 @dataclass(frozen=True, kw_only=True)
 class DepthRange:
-    """One camera's slab and its depth buffer (docs/method.md, "Splitting"); lengths in scene units."""
+    """Depth range of one camera (docs/method.md, "Splitting"); lengths in scene units."""
 
     camera: Camera
     low: float  #: |z| between which the camera draws
@@ -258,9 +262,9 @@ class DepthRange:
 def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[DepthRange]:
     """Yield every slab of the cameras that draw, from the plate outward.
 
-    The slab that touches the plate has its near plane at n, and its camera steps back by n where
-    the offset says so. The cameras of the other slabs stand in the aperture; their near planes are
-    the lower cuts.
+    The slab that touches the plate has its near plane at n, and its camera steps back by n if
+    `Offset` requires it. The cameras of the other slabs stand in the aperture; their near
+    planes are the lower cuts.
     """
     sides = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
     for camera, reach in sides.items():
@@ -284,7 +288,7 @@ def depth_wrong_shares(
     *,
     unlucky: bool = False,
 ) -> list[float]:
-    """Return the expected shares of judged pixels that depth buffers alone show wrongly, from 0 to 1.
+    """Return the expected shares of judged pixels that are wrong by depth alone, from 0 to 1.
 
     The settings differ in their depth buffers alone. Such pixels are wrong with them, and right
     with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
@@ -298,10 +302,10 @@ def depth_wrong_shares(
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    Where the order is known it is twice the part from 0 to q, if the other surface is drawn first,
-    and twice that from -q to 0 if it is drawn later. Of two other surfaces, one of either kind, the
-    likelier counts. Where e is a small part of q, the phase is known as well, and counts
-    (`_misordered_steps`).
+    Where the order is known it is twice the part from 0 to q, if the other surface is drawn
+    first, and twice the part from -q to 0 if it is drawn later. If there are two other
+    surfaces, one of either kind, the likelier counts. Where e is a small part of q, the phase
+    is known as well, and counts (`_misordered_steps`).
 
     A surface is lost where its depth lies within half a step of the clear value; the error of this
     one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
@@ -332,10 +336,10 @@ def chances(
     order: float = 1.0,
     device: DeviceModel = ANY,
 ) -> Floats:
-    """Return the chance of each surface to be shown wrongly by the slabs of its camera, (settings, N).
+    """Return the probability of each surface being wrong in its camera's slabs, (settings, N).
 
-    `distance` and `gaps` are as in `DepthLayers`; `order` is the ratio of the misordered share to
-    that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
+    `distance` and `gaps` are as in `DepthLayers`; `order` is the ratio, from 1 to
+    `MAX_ORDER_FACTOR`, of the misordered share to the share at an unknown draw order.
     """
     gap, earlier = gaps
     least = np.full((len(settings), len(distance)), np.inf)
@@ -359,7 +363,7 @@ def _chance(
     """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
     gap, earlier = gaps
     # Lost: the depth, with the error of one surface, comes within half a step of the clear value.
-    # The buffer of C is cleared to its far value, that of C* to its near value.
+    # The buffer of C is cleared to its far value, the buffer of C* to its near value.
     w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
     # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
     # surface, and the next one lies closer to the camera. Pairs in different slabs are not
@@ -414,14 +418,14 @@ def _chance(
     return chances
 
 
-#: Mappings whose depths are as far apart as those of another one.
+#: Mappings with depth differences equal to another mapping's.
 _ALIKE = {DepthMapping.GL: DepthMapping.STANDARD, DepthMapping.REVERSED: DepthMapping.STANDARD}
 
 
 def _difference(
     w: Floats, gap: Floats, other: Floats | float, slab: DepthRange, mapping: DepthMapping
 ) -> Floats:
-    """Return how far apart in stored units the depths at w and at `other` are: products, nothing cancels."""
+    """Return the difference of depths at w and `other`, stored units, free of cancellation."""
     n, f = slab.near, slab.far
     match mapping:
         case DepthMapping.LINEAR:
@@ -441,7 +445,7 @@ _COIN, _LATER, _EARLIER = (-1, 1), (-1, 0), (0, 1)
 
 
 def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int, int]) -> Floats:
-    """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_shares`."""
+    """Return the probability of a wrong order of two surfaces; see `depth_wrong_shares`."""
 
     # F of `depth_wrong_shares`, the integral of the normal distribution function.
     def integral(a: Floats) -> Floats:
@@ -477,7 +481,7 @@ def _misordered_steps(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Table:
-    """The depth resolution of a slab's buffer, stored units, for each bin of w: a float32's leading bits."""
+    """Depth resolution of a slab, stored units, for each bin of w: a float32's leading bits."""
 
     first: int
     step: Floats  #: distance of neighboring stored values

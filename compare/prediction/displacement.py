@@ -81,7 +81,7 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
 
 
 def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return the lengths of the displacements of some points, (...) in pixels; see `displacements`."""
+    """Return the lengths of displacements of points, (...) in pixels; see `displacements`."""
     if settings.pivot is Pivot.CAMERA:
         return lengths(displacements(points, frustum, settings))
     # Every point moves along its radius, away from the middle of the film or toward it.

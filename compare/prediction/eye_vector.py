@@ -28,14 +28,14 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 
 def true_lines(position: NDArray[np.floating], aperture: Aperture) -> Floats:
-    """Return d = (.., .., -1) of the true line through each surface point, (..., 3); NaN in the plate."""
+    """Return d = (.., .., -1) of the true line through each point, (..., 3); NaN in the plate."""
     return _through(position, (aperture.x, aperture.y, 0.0))
 
 
 def drawn_lines(
     position: NDArray[np.floating], frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> Floats:
-    """Return d = (.., .., -1) of the line on which each point is drawn, (..., 3); NaN where none draws it."""
+    """Return d = (.., .., -1) of the drawn line of each point, (..., 3); NaN where undrawn."""
     lines = np.full(position.shape, np.nan)
     for camera in model_cameras(frustum, aperture, settings):
         low, high = camera.heights
@@ -46,7 +46,7 @@ def drawn_lines(
 
 
 def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
-    """Return the drawn minus the true direction d of the line to each point, in closed form, (..., 3).
+    """Return the drawn minus the true direction d of each point, in closed form, (..., 3).
 
     A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit
     angle), and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n).
@@ -76,7 +76,7 @@ def _through(position: NDArray[np.floating], center: tuple[float, float, float])
 
 
 def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
-    """Return E and dE, (N, 3) each, of true lines d of any length and their bend, drawn minus true."""
+    """Return E and dE, (N, 3), of true lines d of any length and their bend (drawn minus true)."""
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     eye = -line / length
     return eye, -(bend - _dot(bend, eye) * eye) / length
@@ -105,7 +105,7 @@ def specular_change(
 def mirror_change(
     scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]
 ) -> Floats:
-    """Return how much brighter reflections are drawn than they are, (N, 3); see `specular_change`."""
+    """Return the excess radiance of drawn reflections, (N, 3); see `specular_change`."""
     environment = scene.appearance.environment
     if environment is None:
         return np.zeros_like(normal)
@@ -126,7 +126,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
-    """Return to first order how much brighter points are drawn, (N, 3), cameras stepped back by `near`."""
+    """Return the first-order excess radiance of points, (N, 3), cameras stepped back by `near`."""
     where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
     lines = true_lines(position, image.camera.aperture)
@@ -138,7 +138,7 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
 
 
 def measured_eye_error(shader: Shader, drawn: HogelImage) -> Floats:
-    """Return how much brighter a device drew its points than they truly are, (N, 3), rounding included."""
+    """Return the excess radiance of a device's points over the truth, (N, 3), with rounding."""
     assert drawn.color is not None
     where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)

@@ -55,7 +55,7 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 @dataclass(frozen=True, kw_only=True)
 class Separations:
-    """The smallest separation that each camera orders at its farthest visible surface, scene units."""
+    """Smallest separation at each camera's farthest visible surface, scene units."""
 
     c: float | None
     c_star: float | None
@@ -63,7 +63,7 @@ class Separations:
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """The errors that one choice of settings is expected to have; shares are of the judged pixels."""
+    """Expected errors of one choice of settings; shares refer to the judged pixels."""
 
     #: None where no surface off the plate is drawn, and where it is not predicted
     displacement_px: Spread | None
@@ -84,7 +84,7 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPrediction:
-    """The errors that one link of the chain is expected to add; None where no closed form is known."""
+    """Expected errors of one link of the chain; None without a closed form."""
 
     displacement_rms_px: float | None
     surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
@@ -118,7 +118,7 @@ class Predictor:
         self._parallel = truth.normal is not None and bool(
             (truth.normal[truth.covered][:, :2] == 0).all(axis=1).sum() > truth.covered.sum() / 2
         )
-        # A pixel's width at each point, and the spacing of the largest coordinate of what is shown.
+        # Pixel width at each point, and float spacing of the largest visible coordinate.
         spacing = float32_spacing(np.abs(truth.position[truth.covered]).max(initial=1.0))
         pixel = 2 * max(truth.camera.half_extent) / max(frustum.resolution)
         self._rounding_px = (
@@ -128,7 +128,7 @@ class Predictor:
         )
 
     def predict_each(self, settings: Sequence[DoubleFrustum]) -> list[LinkedPrediction]:
-        """Return the errors to be expected, and those of each link of the chain in order of `links_of`.
+        """Return expected errors in total and for each link, in the order of `links_of`.
 
         The settings differ in their depth buffers alone: they share most.
         """
@@ -160,7 +160,7 @@ class Predictor:
         turned = 0
         if settings.cull is not Cull.NONE:
             turned = int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
-            # Culling shows nothing or what lies behind, of which the truth knows no displacement.
+            # Culling shows nothing or a surface behind, which has no displacement in the truth.
             moved[-1] = None
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
         crosses = self._crosses(settings)
@@ -205,7 +205,7 @@ class Predictor:
         return bool((meets & across).any())
 
     def _within_steps(self, settings: DoubleFrustum) -> bool:
-        """Return whether half of what is shown is stored within two steps of float32, 2^-24, below one."""
+        """Return whether half of the visible depths are stored within 2^-24 of one."""
         near_one = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
         fine = near_one and settings.depth is not DepthFormat.D16 and self._points.depth.size > 0
         return fine and settings.near < 2 * 2.0**-24 * float(np.median(self._points.depth))
@@ -267,7 +267,7 @@ class Predictor:
         return tuple(explained)
 
     def _is_thin(self, settings: DoubleFrustum) -> bool:
-        """Return whether contours are too often those of surfaces thinner than a pixel."""
+        """Return whether too many contours belong to surfaces thinner than a pixel."""
         return self._silhouettes.thin_share(settings) > MAX_THIN
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
@@ -280,7 +280,7 @@ class Predictor:
             link: displacements(self._points, self._frustum, link) for link in dict.fromkeys(chain)
         }
         spreads = [rms(fields[chain[0]])]
-        # Where nothing moves, what is drawn at all is the same for all links.
+        # Where nothing moves, all links draw the same surfaces.
         still = None if spreads[0] is None else 0.0
         pairs = pairwise(chain)
         return spreads + [
@@ -309,9 +309,9 @@ class Predictor:
 
 
 def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
-    """Return the segments along which triangles cross or touch the plate, but for those that lie in it.
+    """Return the segments of triangles that cross or touch the plate without lying in it.
 
-    They are given by the way from an aperture to their middles, and from there to an end, (N, 2).
+    A segment is the vector from an aperture to its middle and from there to an end, (N, 2).
     """
     lowest, highest = scene.height_ranges
     corners = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
@@ -328,7 +328,7 @@ def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
 
 
 def displacement(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
-    """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
+    """Return the spread of displacement over the visible surfaces; None without any."""
     moved = displacement_lengths(points, frustum, settings)
     return Spread.from_values(moved[np.isfinite(moved)])
 
@@ -336,12 +336,12 @@ def displacement(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) 
 def outside_shares(
     points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
 ) -> tuple[float, ...]:
-    """Return the share of all pixels from outside the film that each link of a chain is charged with.
+    """Return the share of pixels from outside the film that each link of a chain adds.
 
-    Pixels are charged to the link from which on they show points from outside. A point on the
-    border of the film that is drawn further in by d pixels leaves the d pixels between to points
-    from beyond the border. A pixel counts from its center on: of d pixels, those are floor(d +
-    1/2). `points` are those of all pixels (H, W).
+    Pixels are charged to the first link that shows points from outside to the end. A point on
+    the border of the film that is drawn further in by d pixels leaves the d pixels between to
+    points from beyond the border. A pixel counts from its center on: of d pixels, floor(d +
+    1/2) count. `points` are the points of all pixels (H, W).
     """
     height, width = points.height.shape
     columns, rows = np.arange(width), np.arange(height) * width
@@ -350,11 +350,11 @@ def outside_shares(
     borders = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
 
     def shown(settings: DoubleFrustum) -> list[Floats]:
-        """Return how many pixels in from the border show what lies beyond it, for each side's points."""
+        """Return the width in pixels of the strip from beyond the border, for each side."""
         moved = (
             sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
         )
-        # What is not known, as no camera draws it, shows nothing.
+        # Undefined displacement, of points that no camera draws, counts as nothing.
         return [np.floor(np.fmax(depth, 0.0) + 0.5) for depth in moved]
 
     by_settings = {link: shown(link) for link in dict.fromkeys(chain)}

@@ -1,4 +1,4 @@
-"""Reasons for which a prediction may be off by more than a factor of 3 (docs/answers.md, "Predictions")."""
+"""Reasons for errors of prediction above a factor of 3 (docs/answers.md, "Predictions")."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Reasons:
-    """Reasons for which predictions of displacement and wrong surfaces do not hold; None where they do."""
+    """Reasons for invalid predictions of displacement and wrong surfaces; None where valid."""
 
     displacement: str | None = None
     surface: str | None = None
@@ -39,12 +39,12 @@ NO_REASONS = Reasons()  #: of predictions that hold
 #: that in one of 100, and pixels go wrong by twos, as neighbors.
 MIN_PIXELS = 20
 
-#: Share of points from outside the film from which on displacement is not held to a factor of 3:
-#: five times what the 99th percentile leaves out. On the built-in scenes the least that is off by
-#: more is 7 %.
+#: Share of points from outside the film above which the factor of 3 for displacement is waived:
+#: five times the share above the 99th percentile. On the built-in scenes the least share with a
+#: larger error is 7 %.
 MAX_OUTSIDE = 0.05
 
-#: Share of the picture that may show triangles whose sides are so many times the plate's diagonal.
+#: Share of the picture that may show triangles with sides above a multiple of the plate's diagonal.
 MAX_LARGE, LARGE_SIDE = 0.01, 8.0
 
 #: Largest share of contours beside surfaces that are a single pixel wide. A surface of width w < 1
@@ -55,11 +55,11 @@ MAX_THIN = 0.1
 
 
 def chance(pixels: float, together: float = 0.0) -> Reason | None:
-    """Return the reason for which chance decides a number of wrong pixels, None where it does not.
+    """Return the reason for a number of wrong pixels dominated by chance, or None.
 
-    Pixels are as independent as a Poisson number, and have its variance, `pixels`. Those beside an
-    edge along a row or column are not: they add a variance, `together`. Held to a factor of 3 is
-    what varies relatively as little as `MIN_PIXELS` independent ones.
+    Pixels are as independent as a Poisson number, and have its variance, `pixels`. Pixels next
+    to an edge along a row or column are not: they add a variance, `together`. The factor of 3
+    holds for numbers with at most the relative variance of `MIN_PIXELS` independent pixels.
     """
     if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
         return None

@@ -1,4 +1,4 @@
-"""Closed form of the surface error that displacement causes along silhouettes, and the contours of an image.
+"""Closed form of surface errors that displacement causes along silhouettes, and their contours.
 
 A contour, where one surface ends before another, is found step by step between neighboring pixels;
 its normal is averaged over the steps around it. Let x run in pixels across the contour, along its
@@ -69,7 +69,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contours:
-    """All contours of an image, as N steps between neighbors that add up to the contour's length."""
+    """Contours of an image, as N steps between neighbors that add up to the contours' length."""
 
     front: Indices  #: (N,) pixels of the flattened image: the surface nearer to the viewer
     back: Indices  #: (N,) and what lies behind it
@@ -148,7 +148,7 @@ def _neighbors(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[An
 
 
 def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
-    """Return the pairs of neighbors along an axis of an image (H, W) that a contour runs between."""
+    """Return the pairs of neighbors along an axis of an image (H, W) with a contour between."""
     before, after = _neighbors(truth.object, axis)
     kind = np.where(before != after, np.int8(Kind.OBJECTS), np.int8(_NO_CONTOUR))
     occludes = _occludes(truth, axis)
@@ -173,7 +173,7 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
 
 
 def _occludes(truth: HogelImage, axis: int) -> Mask:
-    """Return the pairs of neighbors along an axis whose points lie in neither tangent plane of the other."""
+    """Return the pairs of neighbors whose points lie in neither tangent plane of the other."""
     near, far = _neighbors(truth.height, axis)
     if truth.normal is None:
         return np.zeros(near.shape, dtype=np.bool_)
@@ -190,7 +190,7 @@ def _occludes(truth: HogelImage, axis: int) -> Mask:
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Return the oriented steps of its kind around each step along either axis, (N, 2), smoothed."""
+    """Return the smoothed steps of each step's kind around it along either axis, (N, 2)."""
     size = int(np.prod(shape))
     across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:
@@ -238,14 +238,14 @@ class Silhouettes:
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
-        # A link is charged with what is wrong to the end from it on, and was not from the one
-        # before.
+        # A link is charged with pixels that are wrong from it on to the end of the chain, and right
+        # before it.
         return tuple(np.diff([wrong[settings] for settings in chain], prepend=0.0).tolist())
 
     def _spans(
         self, chain: Sequence[DoubleFrustum]
     ) -> Iterator[tuple[DoubleFrustum, Floats, Floats]]:
-        """Yield settings from the last link backward, with the ends (N,) of what stays wrong, px."""
+        """Yield settings from the last link backward, with the ends (N,) of the wrong span, px."""
         steps, *_ = sides = self._contours_for(chain[-1])
         between = steps.kind == Kind.OBJECTS
         low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
@@ -257,12 +257,12 @@ class Silhouettes:
             yield settings, low, high
 
     def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> list[Pair]:
-        """Return standard deviations of the wrong pixels beside edges along rows, and along columns.
+        """Return standard deviations of the wrong pixels along rows, and along columns.
 
-        One pair for each link of a chain, and one for rasterization. Of the distance over which
-        such a picture is wrong, whole pixels are whole rows of wrong pixels, and the rest f is a
-        row with a chance of f: l steps of one edge have a variance of l^2 f (1 - f), of which l f
-        (1 - f) is that of independent pixels, and left out.
+        There is one pair for each link of a chain, and one for rasterization. A picture is
+        wrong over a distance of whole pixels, which are whole rows of wrong pixels, and a
+        rest f, a row with a chance of f: l steps of one edge have a variance of l^2 f (1 -
+        f), less l f (1 - f), the variance of independent pixels.
         """
         steps = self._contours_for(chain[-1])[0]
         length = _lone_runs(self._truth.object.reshape(-1), steps)
@@ -284,7 +284,7 @@ class Silhouettes:
         return [(math.sqrt(rows), math.sqrt(columns)) for rows, columns in every]
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
-        """Return the expected number of judged pixels along contours that only snapping makes wrong.
+        """Return the expected number of judged pixels that only snapping makes wrong.
 
         With c and b as above, the front ends at c + d where its edge snaps; d has either sign
         equally often. Pixels that were wrong before do not count. Between objects a front that
@@ -296,7 +296,7 @@ class Silhouettes:
         return float(np.sum(steps.length * self._snapped(settings, subpixel_bits) * counted))
 
     def _snapped(self, settings: DoubleFrustum, subpixel_bits: int) -> Floats:
-        """Return the mean distance (N,) from each step at which only snapping makes pixels wrong."""
+        """Return the mean distance (N,) from each step of pixels that only snapping makes wrong."""
         steps, *_ = sides = self._contours_for(settings)
         c, b = self._ends(settings, sides)
         between = steps.kind == Kind.OBJECTS
@@ -307,7 +307,7 @@ class Silhouettes:
     def _ends(
         self, settings: DoubleFrustum, contours: tuple[Contours, TruePoints, TruePoints]
     ) -> tuple[Floats, Floats]:
-        """Return where each step's front ends in the picture, and where its visible back begins, px.
+        """Return the end of each step's front in the picture, and the begin of its back, px.
 
         Both sides of a step are displaced at the contour, half a pixel from either center.
         """
@@ -338,11 +338,11 @@ class Silhouettes:
 
 
 def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
-    """Return the length of the straight run that each step (N,) is part of, px; 1 for steps of stairs.
+    """Return the length of each step's (N,) straight run, px; 1 for steps of stairs.
 
     A run is a row of steps between the same two columns or rows of pixels, and the same two
-    `objects`, given for all pixels. Where it goes on one column or row further, it is part of a
-    line that leans, or of a curve: distances from such a line to pixel centers are evenly
+    `objects`, an array of all pixels. Where it goes on one column or row further, it is part of
+    a line that leans, or of a curve: distances from such a line to pixel centers are evenly
     distributed.
     """
     width, height = steps.resolution
@@ -384,7 +384,7 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
 
 
 def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
-    """Return the share of each pixel that spans sweep over, (H, W); areas swept twice are counted twice."""
+    """Return the share of each pixel that spans sweep over, (H, W), with multiplicity."""
     width, height = steps.resolution
     # Neighboring spans overlap and leave gaps, which smoothing over `CONTOUR_SIGMA_PX` evens out.
     # Spans are clipped to the film's diagonal, beyond which nothing is counted.

@@ -1,4 +1,4 @@
-"""`xfrustum check`: what lies where, which apertures see it, what looks like a mistake; and two views."""
+"""`xfrustum check`: place and visibility of objects, likely mistakes, and two views."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -42,15 +42,15 @@ LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 #: ring.
 MARGIN, SMALL_PX = 0.04, 7.0
 
-#: What lies farther beyond the reach, or beside the plate, than this share of the whole reach is
-#: not shown but named: one mesh in other units must not shrink all others to a dot.
+#: Distance beyond the reach, or from the plate's sides, share of the whole reach, from which
+#: objects are named and not drawn: one mesh in other units must not shrink all others to a dot.
 FARTHEST = 0.75
 
 MAX_DRAWN = 5  #: largest number of objects that are drawn: as many as the template has colors
 
 FINER = 2  #: cells of the mask of an outline per pixel of the picture, in either direction
 
-#: Attribute of the views' first element, which a page does not need: it knows what svg is.
+#: Attribute of the views' first element, redundant in a page: HTML implies the namespace of svg.
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
 Outline = list[tuple[float, float]]
@@ -78,7 +78,7 @@ class PictureFrame:
 
     @classmethod
     def from_scene(cls, scene: Scene, view: View) -> Self:
-        """Show the reach, the plate, the frusta and the objects, as far as they are not far away."""
+        """Show the reach, the plate, the frusta and all objects that are not far away."""
         toward, back = scene.frustum.reach
         far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
         least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
@@ -109,7 +109,7 @@ class PictureFrame:
         return round(TOP + (self.box[3] - across) * self.scale, 1)
 
     def place(self, points: Floats) -> Floats:
-        """Return where points (N, 2) of z and x or y lie within the frame, pixels from its top left."""
+        """Return positions of points (N, 2) of z and x or y in the frame, pixels from top left."""
         z, across = points.T
         return np.stack(
             ((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1
@@ -117,15 +117,15 @@ class PictureFrame:
 
 
 def shown_apertures(scene: Scene) -> list[Aperture]:
-    """Return the middle aperture and those at the plate's top left and bottom right corner, each once."""
+    """Return the middle, top left and bottom right apertures of the plate, without repetition."""
     return list(dict.fromkeys((scene.plate.middle, *scene.plate.corners)))
 
 
 def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline]:
     """Return closed outlines of an object within a frame, pixels from the frame's top left.
 
-    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is projected;
-    what is thinner than a cell of the mask is shown as thick as one.
+    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is
+    projected; a part thinner than a cell of the mask is shown as thick as one.
     """
     size = int(FINER * WIDTH), int(FINER * HEIGHT)
     mask = Image.new("1", size)
@@ -142,7 +142,7 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline
         columns, rows = corners[within & tiny].reshape(-1, 2).astype(np.int64).T
         inside = (columns >= 0) & (columns < size[0]) & (rows >= 0) & (rows < size[1])
         small[rows[inside], columns[inside]] = True
-        # Pillow draws what it can hold; what is far outside is outside all the same.
+        # Clipping to Pillow's coordinate range is exact: points far outside stay outside.
         for triangle in np.clip(corners[within & ~tiny], -1e6, 1e6).reshape(-1, 6).tolist():
             draw.polygon(triangle, fill=1, outline=1)
     # A border, so that outlines that leave the frame are closed along it.
@@ -226,7 +226,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:
-    """Return the views and warnings that the section about the scene of a page shows (`_scene.html.j2`)."""
+    """Return the views and warnings of a page's section about its scene (`_scene.html.j2`)."""
     views = tuple(Markup(draw_view(scene, view).replace(NAMESPACE, "", 1)) for view in View)
     return {"views": views, "warnings": warnings(scene)}
 
@@ -236,15 +236,16 @@ FILES = tuple(f"{view.value}.svg" for view in View)
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectCheck:
-    """One object, as it is known before it is drawn."""
+    """Facts of one object before it is drawn."""
 
     extent: ObjectExtent
-    looks: dict[str, str]  #: what it is shaded with, in words: `normals`, `colors` and `textures`
+    #: shading data in words: `normals`, `colors` and `textures`
+    looks: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneCheck(NotebookRepr):
-    """A scene, as it is known before it is drawn."""
+    """Facts of a scene before it is drawn."""
 
     scene: Scene
     objects: tuple[ObjectCheck, ...]
@@ -305,9 +306,9 @@ def check(
     settings: DoubleFrustum | None = None,
     viewer_distance: float | None = None,
 ) -> SceneCheck:
-    """Return where objects lie, which apertures may see them, likely mistakes, and effects by depth.
+    """Return places and visibility of objects, likely mistakes, and effects by depth.
 
-    `aperture`, `settings` and `viewer_distance` are those of `scene_effects`.
+    `aperture`, `settings` and `viewer_distance` are parameters of `scene_effects`.
     """
     objects = tuple(
         ObjectCheck(extent=extent, looks=_looks(part))
@@ -339,7 +340,7 @@ def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
 
 
 def _looks(part: SceneObject) -> dict[str, str]:
-    """Say what a mesh has to be shaded with: normals, colors of its own, and pictures on triangles."""
+    """Describe a mesh's shading data: normals, colors of its own, and pictures on triangles."""
 
     def of(some: int, total: int, what: str) -> str:
         return f"all {what}" if some == total else f"{some:,} of {total:,} {what}"

@@ -1,4 +1,4 @@
-"""Effects that a scene calls for, closed-form errors by depth, and what a viewer notices of near."""
+"""Effects that a scene calls for, closed-form errors by depth, and visible effects of near."""
 
 from __future__ import annotations
 
@@ -94,7 +94,8 @@ class SceneEffects:
             blur = (digits(b) if math.isfinite(b) else "any" for b in content["blur_px"])
             by_depth.append(
                 (
-                    f"{digits(content['nearest'])} to {digits(content['farthest'])} {content['side']}",
+                    f"{digits(content['nearest'])} to {digits(content['farthest'])} "
+                    f"{content['side']}",
                     percent(content["share"]),
                     f"{digits(content['near_px'])} px",
                     f"{digits(content['shear_px'])} px",
@@ -126,8 +127,8 @@ def scene_effects(
 ) -> SceneEffects:
     """Return the effects of an aperture's images, from the scene alone.
 
-    The aperture is the middle one where None; the settings those of `default_near` without cuts.
-    InputError where settings do not fit the scene, or a surface lies behind the viewer.
+    The aperture is the middle one where None; settings are by default `default_near` without
+    cuts. InputError where settings do not fit the scene, or a surface lies behind the viewer.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=default_near(scene))
@@ -285,7 +286,7 @@ def _separation(scene: Scene, content: DepthBin, settings: DoubleFrustum) -> flo
     """Return the smallest separation that is ordered at a bin's farthest content, scene units."""
     sections = settings.sections(_reach(scene, content))
     low, high = next((ends for ends in sections if content.farthest <= ends[1]), sections[-1])
-    # The first slab's camera has stepped back; those of the other slabs stand in the aperture.
+    # The first slab's camera has stepped back; the cameras of other slabs stand in the aperture.
     back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
     w = np.array([content.farthest + back])
     separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)

@@ -28,15 +28,14 @@ from xfrustum.scenes.model.visibility import PLATE_ROUNDING, box, in_plate
 FOV_DEG, RESOLUTION = 60.0, 512
 
 #: Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and
-#: how much larger plate and reach are at least than what they must hold.
+#: the least margin of plate and reach, a factor.
 HOGELS, ROOM = 61, 1.1
 
 #: Deviation from a whole number of cells, and from the distance of a viewer, that counts as none:
 #: quotients of lengths in other units have a few roundings of doubles.
 WHOLE = 1e-9
 
-#: Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is
-#: needed.
+#: Mantissas of lengths in a new scene file, times a power of ten: rounded up by at most 4/3.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
@@ -49,14 +48,14 @@ class Place(StrEnum):
 
 
 class Up(StrEnum):
-    """The axis of the mesh that points up: y as in glTF, or z as in Blender and most CAD programs."""
+    """Axis of the mesh that points up: y as in glTF, or z as in Blender and most CAD programs."""
 
     Y = "y"
     Z = "z"
 
     @property
     def rotate_deg(self) -> tuple[float, float, float]:
-        """The turn that makes the axis the scene's y: what looked along -y then looks at the viewer."""
+        """Turn of the axis to the scene's y, so that the mesh's -y side looks at the viewer."""
         return (-90.0, 0.0, 0.0) if self is Up.Z else (0.0, 0.0, 0.0)
 
 
@@ -67,18 +66,17 @@ Length = (
 
 @dataclass(frozen=True, kw_only=True)
 class NewSceneOptions:
-    """What of a new scene is asked for; None leaves it to the mesh."""
+    """Options of a new scene; None leaves the choice to the mesh."""
 
-    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`,
-    #: for no other mesh file says which one it has.
+    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`:
+    #: no other mesh file names its unit.
     units: str | None = None
     size: Length | None = None  #: of the longest side; by default its own, or to fit `plate`
     place: Place | str | None = None
     plate: tuple[Length, Length] | None = None  #: width and height
     pitch: Length | None = None  #: largest distance between apertures
-    viewer: Length | None = (
-        None  #: distance from which no cells are seen, unless `pitch` says otherwise
-    )
+    #: distance from which no cells are visible, unless `pitch` overrides it
+    viewer: Length | None = None
     up: Up | str = Up.Y
     force: bool = False  #: replace an existing file
 
@@ -98,8 +96,7 @@ class NewScene:
     units: str
     heights: tuple[float, float]
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: What was placed otherwise, cannot be drawn where it was asked for, or is seen as cells; None:
-    #: nothing.
+    #: Warning of a changed placement, of undrawable triangles, or of visible cells; None for none.
     warning: str | None = None
     unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
 
@@ -110,19 +107,21 @@ class NewScene:
 
     @property
     def cells_within(self) -> float:
-        """Distance from the plate within which an eye that resolves an arc minute sees hogels as cells."""
+        """Distance from the plate at which one arc minute spans a hogel, scene units."""
         return self.pitch * ARCMIN_PER_RADIAN / ACUITY_ARCMIN
 
     @property
     def sentence(self) -> str:
-        """What was written, in words."""
+        """Description of the written scene."""
         shown = " x ".join(length(side) for side in self.size)
         scaled = "" if self.scale == 1 else f", made {self.scale:.4g} times as large,"
         return (
             f"{self.path}: the mesh{scaled} is {shown} {self.units}, "
             f"{heights(*self.heights, self.units)}; plate of {length(self.plate[0])} x "
-            f"{length(self.plate[1])} {self.units} with {self.hogels[0]} x {self.hogels[1]} apertures, reach "
-            f"{length(self.reach)} {self.units} on both sides; from nearer than {length(self.cells_within)} "
+            f"{length(self.plate[1])} {self.units} with {self.hogels[0]} x {self.hogels[1]} "
+            "apertures, reach "
+            f"{length(self.reach)} {self.units} on both sides; from nearer than "
+            f"{length(self.cells_within)} "
             f"{self.units} its hogels are seen as cells"
         )
 
@@ -162,7 +161,8 @@ def new_scene(
         stated = stated if isinstance(stated, tuple) else (stated, None)
         if stated[1] in MILLIMETERS and named not in MILLIMETERS:
             raise InputError(
-                f"{name} {stated[0]:g}{stated[1]}: nothing says how long one of the mesh's {named} is; "
+                f"{name} {stated[0]:g}{stated[1]}: nothing says how long one of the mesh's "
+                f"{named} is; "
                 f"say it (--units mm), or give --{name} without a unit"
             )
         value = length_in(stated, named, str(mesh))
@@ -194,14 +194,14 @@ def new_scene(
 
 @dataclass(frozen=True, kw_only=True)
 class _Display:
-    """What is asked of the plate, and its viewer's distance, scene units; an empty plate is to be chosen."""
+    """Requested plate and viewer distance, scene units; an empty plate is chosen by the mesh."""
 
     plate: tuple[float, ...]
     pitch: float | None
     viewer: float | None
 
     def fit(self, width: float, height: float) -> tuple[tuple[float, float], tuple[int, int]]:
-        """Return the size of a plate for a mesh of this size, and its columns and rows of hogels."""
+        """Return the plate's size for a mesh of this size, and its columns and rows of hogels."""
         size = self.plate or tuple(_round_up(ROOM * side) for side in (width, height))
         pitch = self.pitch
         if pitch is None and self.viewer is not None:
@@ -215,7 +215,7 @@ class _Display:
                 raise InputError(
                     f"a pitch of {length(pitch)} is larger than the plate, {length(min(size))}"
                 )
-            # A whole number of cells, but for the roundings of a quotient, is taken as it is.
+            # A quotient within rounding of a whole number of cells is that number.
             columns, rows = (math.ceil(side / pitch * (1 - WHOLE)) for side in size)
             if self.pitch is not None and not self.plate:
                 size = tuple(float(f"{count * pitch:.12g}") for count in (columns, rows))
@@ -223,7 +223,7 @@ class _Display:
         return (size[0], size[1]), (columns, rows)
 
     def warning(self, written: NewScene) -> str | None:
-        """Return from where hogels are seen as cells, or what lies behind the viewer; None for neither."""
+        """Return a warning of visible cells, or of surfaces behind the viewer, or None."""
         units, top = written.units, written.heights[1]
         if self.viewer is not None and top >= self.viewer:
             return (
@@ -238,10 +238,11 @@ class _Display:
         cure = "a smaller --pitch, or --viewer, the distance from which they must not be"
         if self.viewer is not None:
             finest = self.viewer * ACUITY_ARCMIN / ARCMIN_PER_RADIAN
-            # Three digits, rounded down, so that it keeps what it promises.
+            # Three digits, rounded down, never overstate the distance.
             pitch = Context(prec=3, rounding=ROUND_FLOOR).create_decimal_from_float(finest)
             cure = f"--pitch {pitch:f} for a viewer at {length(self.viewer)} {units}"
-        return f"from nearer than {within} {units} hogels of {own} {units} are seen as cells; give {cure}"
+        place = f"from nearer than {within} {units}"
+        return f"{place} hogels of {own} {units} are seen as cells; give {cure}"
 
 
 def _fitted(
@@ -286,13 +287,16 @@ def _fitted(
     warning = None
     if flat and request.place is None:
         warning = (
-            "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
+            "the mesh is flat, and is placed behind the plate: in the plate, displacement is "
+            "undefined and "
             "no plan holds (--before places it on the viewer's side)"
         )
     elif count := in_plate(replace(part, vertices=scale * part.vertices + [x, y, z])):
         warning = (
-            f"{count:,} triangles lie in the plate, within rounding: displacement is undefined there, and "
-            "no plan holds for apertures that show them; give --behind or --before, or another translate"
+            f"{count:,} triangles lie in the plate, within rounding: displacement is undefined "
+            "there, and "
+            "no plan holds for apertures that show them; give --behind or --before, or another "
+            "translate"
         )
     written = NewScene(
         path=out,
@@ -312,7 +316,7 @@ def _fitted(
 
 def _round_up(value: float) -> float:
     power = math.floor(math.log10(value))
-    # Through text, which is what the file holds: 1.2 times 10 to the -3 is not the double 0.0012.
+    # Via text, as in the file: 1.2 times 10 to the -3 is not the double 0.0012.
     steps = (float(f"{step:g}e{power}") for step in ROUND_STEPS)
     return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
 

@@ -1,4 +1,4 @@
-"""Sentences about the place of objects: unseen, cut by the reach, tiny, in the plate, seen from behind."""
+"""Sentences about objects unseen, cut by the reach, tiny, in the plate, or seen from behind."""
 
 import shlex
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ MIN_SIZE_FRACTION = 0.01
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
-    """Raise InputError, with sizes, where a scene has objects and none of the apertures sees any."""
+    """Raise InputError, with sizes, for a scene whose objects no aperture sees."""
     if sentence := unseen_sentence(scene, apertures):
         raise InputError(sentence)
 
@@ -44,7 +44,7 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 
 def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Return with sizes why apertures see nothing; None where one sees an object, or there are none."""
+    """Return, with sizes, the reason that no aperture sees an object, or None."""
     if not scene.objects or sees_any(scene, apertures):
         return None
     few = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
@@ -75,7 +75,8 @@ def warnings(scene: Scene) -> tuple[str, ...]:
             cut.append(f"{name} {_spans(low[2], high[2], units)}, and {reach}{lost}")
         if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
             tiny.append(
-                f"{name} is {_size(low, high)} {units}, and the plate is {length(side)} {units} wide: "
+                f"{name} is {_size(low, high)} {units}, and the plate is {length(side)} {units} "
+                "wide: "
                 "give it a scale if it is in other units"
             )
     return (*_first(cut), *_first(tiny))
@@ -87,8 +88,10 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
     for number, part in enumerate(scene.objects):
         if count := in_plate(part):
             messages.append(
-                f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in the plate, "
-                "within rounding: displacement is undefined there, and no plan holds for apertures that show "
+                f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in "
+                "the plate, "
+                "within rounding: displacement is undefined there, and no plan holds for "
+                "apertures that show "
                 "it; move it before or behind the plate"
             )
     return _first(messages)
@@ -112,8 +115,10 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
     for number, (part, whole, away) in enumerate(zip(scene.objects, *seen.tolist(), strict=True)):
         if 2 * away > whole:
             messages.append(
-                f"{_percent(away / whole)} of the visible pixels of {_called(number, part)} show back faces, "
-                "and `--cull back` leaves them out; flip_winding = true in its table turns the winding"
+                f"{_percent(away / whole)} of the visible pixels of {_called(number, part)} show "
+                "back faces, "
+                "and `--cull back` leaves them out; flip_winding = true in its table turns the "
+                "winding"
             )
     return _first(messages)
 

@@ -1,7 +1,8 @@
 """Effects that a scene calls for, with the facts that decide them.
 
-A scene that does not call for an effect has the same picture without it. Surfaces that no image shows
-(`scenes.model.visibility`) call for none, but for light paths: they cast shadows and send light.
+A scene that does not call for an effect has the same picture without it. Surfaces that no image
+shows (`scenes.model.visibility`) call for none, but for light paths: they cast shadows and send
+light.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Decision:
 
     @property
     def used(self) -> bool:
-        """Whether any object calls for the effect."""
+        """Use of the effect by any object."""
         return bool(self.objects)
 
 
@@ -135,12 +136,12 @@ def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mas
 
 
 def needed(scene: Scene, question: Question | None = None) -> frozenset[Effect]:
-    """Return the effects that `decide` says are used."""
+    """Return the effects that `decide` marks as used."""
     return frozenset(decision.effect for decision in decide(scene, question) if decision.used)
 
 
 def chosen(scene: Scene, names: str, question: Question | None = None) -> frozenset[Effect]:
-    """Return the effects that a text names: `auto`, `all`, or names between commas; InputError for others."""
+    """Return the effects of a text: `auto`, `all`, or names between commas; else InputError."""
     if names == "auto":
         return needed(scene, question)
     if names == "all":
@@ -158,7 +159,7 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
 
 
 def checked(effects: object) -> frozenset[Effect]:
-    """Return effects that are given as members or names as members; InputError where they are no such."""
+    """Return effects of members or names; InputError for any other value."""
     if isinstance(effects, str) or not isinstance(effects, Iterable):
         raise InputError(
             f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}"

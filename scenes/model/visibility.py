@@ -1,9 +1,9 @@
 """Surfaces that images of some apertures can show, from the scene's geometry alone.
 
-The one test of visibility is by height. A triangle is cut at the ends of the reach, at the plate and
-at the projection screen. Between two of these heights the apertures that see a point form an
-interval along each axis whose ends, as functions of the point, are extreme at the corners of the
-part. Occlusion is not considered: hidden surfaces are visible here.
+Visibility is tested by height. A triangle is cut at the ends of the reach, at the plate and at the
+projection screen. Between two of these heights the apertures that see a point form an interval
+along each axis whose ends, as functions of the point, are extreme at the corners of the part.
+Occlusion is not considered: hidden surfaces are visible here.
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ FAR_ROUNDINGS = 16
 #: / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a
 #: share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
-#: Margin of lateral bounds, share of the largest term: a transform in float32 is off by at most eight
-#: roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times that.
+#: Margin of lateral bounds, share of the largest term: a transform in float32 is off by at most
+#: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times
+#: that.
 ROUNDING_MARGIN = 2.0**-16
 
-#: Distance from the plate, share of an object's largest coordinate, that rounding makes of 0: half a
-#: unit in the last place of float32, in which rasterizers and mesh files hold coordinates.
+#: Distance from the plate, share of an object's largest coordinate, that rounding makes of 0: half
+#: a unit in the last place of float32, in which rasterizers and mesh files hold coordinates.
 PLATE_ROUNDING = 2.0**-24
 
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
@@ -50,8 +51,8 @@ CHUNK_TRIANGLES = 1 << 12  #: triangles tested together: most objects show one a
 #: the rectangle of each triangle.
 MAX_SPLIT_TRIANGLES = 50_000
 
-#: Halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of the
-#: reach, has every error that grows as 1/|z|.
+#: Halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of
+#: the reach, has every error that grows as 1/|z|.
 HALVINGS = 6
 
 
@@ -92,7 +93,7 @@ def aside_of_frusta(
 
 
 def _parts(triangles: Floats, low: float, high: float) -> tuple[Floats, Mask]:
-    """Return the corners (F, 9, 3) of the parts of triangles between two heights, and which exist."""
+    """Return the corners (F, 9, 3) of triangle parts between two heights, and a validity mask."""
     z, ends = triangles[..., 2], np.roll(triangles, -1, axis=1)
     corners, valid = [triangles], [(z >= low) & (z <= high)]
     for height in (low, high):
@@ -149,7 +150,7 @@ def _heights(frustum: Frustum, reach: Interval) -> Iterator[Interval]:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """All crossed frusta of a rectangle of apertures, widened for drawn images; a bound from above."""
+    """Crossed frusta of a rectangle of apertures, widened for drawn images; a bound from above."""
 
     frustum: Frustum
     apertures: tuple[Interval, Interval]  #: lowest and highest x, and y, of the points of lines
@@ -207,7 +208,7 @@ class Region:
         return held
 
     def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
-        """Return whether images may show one of an object's triangles, or of some; False is certain."""
+        """Return whether images may show any of an object's triangles; False is certain."""
         counted = part.faces if faces is None else faces
         for start in range(0, len(counted), CHUNK_TRIANGLES):
             triangles = part.vertices[counted[start : start + CHUNK_TRIANGLES]]
@@ -236,7 +237,7 @@ def _widened(scene: Scene, step: float) -> Interval:
 def apertures_in_view(
     part: SceneObject, frustum: Frustum, plate: Plate, widened: Interval = (0.0, 0.0)
 ) -> Mask:
-    """Return (rows, columns) whether crossed frusta hold any part of an object; False is certain."""
+    """Return a map (rows, columns) of hogels that may show an object; False is certain."""
     columns, rows = plate.hogels
     # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative
     # sums along both are the numbers of rectangles over each aperture.
@@ -273,7 +274,7 @@ def _split(triangles: Floats, total: int) -> Floats:
 
 
 def _indices_between(low: Floats, high: Floats, plate: Plate, axis: int) -> tuple[Indices, Indices]:
-    """Return the (F,) first and last index of apertures between coordinates, counted to +x or +y."""
+    """Return the (F,) first and last aperture index between coordinates, toward +x or +y."""
     size, count = plate.size[axis], plate.hogels[axis]
     first = np.ceil(np.clip((low / size + 0.5) * count - 0.5 - INDEX_MARGIN, 0, count))
     last = np.floor(np.clip((high / size + 0.5) * count - 0.5 + INDEX_MARGIN, -1, count - 1))
@@ -281,7 +282,7 @@ def _indices_between(low: Floats, high: Floats, plate: Plate, axis: int) -> tupl
 
 
 def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
-    """Return (rows, columns) whether a hogel can show anything, in truth or drawn; False is certain."""
+    """Return a map (rows, columns) of hogels with any content, true or drawn; False is certain."""
     plate, frustum = scene.plate, scene.frustum
     flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, choice) for choice in settings))
     widened = _widened(scene, max(choice.near for choice in settings))
@@ -316,7 +317,7 @@ def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
 
 
 def triangles_in_chunks(part: SceneObject) -> Iterator[Floats]:
-    """Yield (F, 3, 3) corners of the triangles that have an area, some at a time: cutting takes memory."""
+    """Yield (F, 3, 3) corners of triangles with an area, in chunks: cutting takes memory."""
     for start in range(0, len(part.faces), 4 * CHUNK_TRIANGLES):
         triangles = part.vertices[part.faces[start : start + 4 * CHUNK_TRIANGLES]]
         yield triangles[has_area(triangles)]
@@ -331,7 +332,7 @@ def box(part: SceneObject) -> tuple[Point, Point]:
 
 
 def in_plate(part: SceneObject) -> int:
-    """Return the number of triangles with an area that lie in the plate, within `PLATE_ROUNDING`."""
+    """Return the number of triangles with an area in the plate, within `PLATE_ROUNDING`."""
     allowed = PLATE_ROUNDING * float(np.abs(part.vertices).max(initial=0.0))
     flat = part.faces[(np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)]
     # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
@@ -459,7 +460,7 @@ class DepthBin:
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
-    """Return the bins with content, from behind the plate to before it, of apertures with their cells."""
+    """Return the bins with content, from behind the plate to before it, for apertures' cells."""
     region = Region.from_cells(scene, apertures)
     bins = []
     for behind, reach in ((True, scene.frustum.reach[1]), (False, scene.frustum.reach[0])):
@@ -488,7 +489,7 @@ def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tup
 def _held(
     triangles: Floats, region: Region, behind: bool, heights: Interval
 ) -> tuple[Floats, float]:
-    """Return (N, 2) distances of triangles (F, 3, 3) with a part in a bin of a region, and their area."""
+    """Return (N, 2) distances of triangles (F, 3, 3) in a bin of a region, and their area."""
     near, far = heights
     low_z, high_z = (-far, -near) if behind else (near, far)
     distances = triangles[..., 2] * (-1 if behind else 1)

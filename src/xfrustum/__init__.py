@@ -2,36 +2,36 @@
 
 The public API on one page; each command of `xfrustum` is one of these:
 
-    open_scene(name_or_path)                 a scene file or a built-in scene      -> Scene
-    new_scene(mesh, path)                    writes a scene file that fits a mesh  -> NewScene
-    check(scene)                             what lies where, and who sees it      -> SceneCheck
-    Reference(scene).trace(aperture)         the ray-traced truth of an aperture   -> HogelImage
-    DoubleFrustum(near=0.1)                  one way to draw the two cameras
-    Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
-    compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
-    Evaluator(scene).stream(apertures, settings) several drawn, judged hogels     -> JudgedHogel, ..
-    write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
-    camera_of(plate, column, row)            the camera of a hogel of a stored plate -> HogelCamera
-    make_report(scene, folder, ReportOptions(..))  a sweep over settings, as a page  -> ReportFiles
-    budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
-    plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin -> PlanReport
-    cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
-    survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
-    view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
-    verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
-    baseline(verification, folder)           what got worse than what was accepted         -> Baseline
-    convert(source, out, write_as="views")   plates in other layouts of files           -> Conversion
-    write_cameras(scene, "json", folder, ..) cameras for other renderers            -> CameraFiles
-    write_image(path, image), read_image(path)   hogel images as OpenEXR
-    InputError                               what the caller can fix
+    open_scene(name_or_path)                 a scene file or a built-in scene     -> Scene
+    new_scene(mesh, path)                    writes a scene file that fits a mesh -> NewScene
+    check(scene)                             place and visibility of objects      -> SceneCheck
+    Reference(scene).trace(aperture)         ray-traced truth of an aperture      -> HogelImage
+    DoubleFrustum(near=0.1)                  settings of the two cameras
+    Rasterizer(scene).render(aperture, ..)   the same, drawn by OpenGL            -> HogelImage
+    compare_images(truth, raster, reference) errors per pixel                     -> Comparison
+    Evaluator(scene).stream(apertures, ..)   drawn and judged hogels              -> JudgedHogel, ..
+    write_plate(scene, settings, folder)     many apertures, drawn as a stream    -> PlateFiles
+    camera_of(plate, column, row)            camera of a hogel of a stored plate  -> HogelCamera
+    make_report(scene, folder, ..)           a sweep over settings, as a page     -> ReportFiles
+    budget(scene, settings)                  wrong pixels charged to causes       -> BudgetReport
+    plan(scene, apertures, Requirement())    fewest slabs, and near with a margin -> PlanReport
+    cost(scene, tolerance_px=0.5)            error against time of every setting  -> CostReport
+    survey(scene, settings, folder)          error bound of a plate               -> Survey
+    view(scene, [Eye(position=(0, 0, 600))]) views of eyes before a display       -> SceneView
+    verify(scene, source)                    verdict on any renderer's hogels     -> Verification
+    baseline(verification, folder)           regressions against accepted results -> Baseline
+    convert(source, out, write_as="views")   plates in other layouts of files     -> Conversion
+    write_cameras(scene, "json", folder, ..) cameras for other renderers          -> CameraFiles
+    write_image(path, image)                 hogel image as OpenEXR; also read_image
+    InputError                               mistake that the caller can fix
 
 Modules that every layer may use:
 
     interrupts   Ctrl-C and SIGTERM: an exception in the main thread, and exit status 130 or 143
-    terminal     The program's messages on standard error, and text from outside made fit for a terminal
-    tolerances   Limits that pictures are held to where nobody states others: the one place for these numbers
+    terminal     Messages on standard error, and foreign text made safe for a terminal
+    tolerances   Default limits of pictures: the one place for these numbers
 
-Names are imported when they are first used (`__init__.pyi`), so that `import xfrustum` costs nothing.
+Names are imported on first use (`__init__.pyi`), so that `import xfrustum` costs nothing.
 """
 
 import sys

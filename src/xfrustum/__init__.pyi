@@ -1,4 +1,4 @@
-"""Public names with their types; `__init__.py` reads them and imports each when it is first used."""
+"""Public names with their types; `__init__.py` reads them and imports each on first use."""
 
 from .compare.metrics.comparison import Comparison as Comparison
 from .compare.metrics.comparison import compare_images as compare_images

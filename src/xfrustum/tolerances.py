@@ -1,4 +1,4 @@
-"""Limits that pictures are held to where nobody states others: the one place for these numbers."""
+"""Default limits of pictures: the one place for these numbers."""
 
 #: Largest 99th percentile of displacement, in pixels: a point that moves by less than half a pixel
 #: mostly stays within its pixel.
@@ -10,6 +10,6 @@ MAX_WRONG = 1e-2
 
 MAX_DEPTH_WRONG = 1e-3  #: largest share of pixels whose wrong surface is charged to depth
 
-#: Hogels of the random sample unless another number is asked for: if none of them is beyond what is
-#: required, no more than one hogel in twenty is, with a confidence of 95 % (0.95^59 < 0.05).
+#: Default size of the random sample of hogels: with none beyond the limits, at most one hogel in
+#: twenty is, with a confidence of 95 % (0.95^59 < 0.05).
 SAMPLED_HOGELS = 59

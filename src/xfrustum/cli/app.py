@@ -43,7 +43,8 @@ class Commands(click.Group):
         if cmd_name in REPLACED:
             instead = REPLACED[cmd_name]
             raise click.UsageError(
-                f"`xfrustum {cmd_name}` is replaced by `xfrustum {instead}`: use that, see its --help"
+                f"`xfrustum {cmd_name}` is replaced by `xfrustum {instead}`: use that, see its "
+                "--help"
             )
         if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
@@ -80,7 +81,8 @@ def _size(text: str) -> int:
 @click.option(
     "--max-input-memory",
     type=Read("SIZE", _size, "a size such as 800M or 4G"),
-    help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
+    help="Memory that reading one file may take, such as 4G.  "
+    "[default: 1G, or 64 times the file's size]",
 )
 @click.option(
     "--max-hogels",
@@ -90,7 +92,8 @@ def _size(text: str) -> int:
 @click.option(
     "--arrays",
     type=click.Choice(["auto", "llvm", "cuda"]),
-    help="Where the truth is computed: on processors or a card.  [default: XFRUSTUM_DEVICE, or auto]",
+    help="Where the truth is computed: on processors or a card.  "
+    "[default: XFRUSTUM_DEVICE, or auto]",
 )
 @click.option(
     "--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings."
@@ -137,7 +140,7 @@ COMPLETION_VARIABLE = "_XFRUSTUM_COMPLETE"
 
 
 def invoke(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
+    """Run a command and return its exit status; exceptions pass, unlike in click's `main`."""
     for argument in arguments:
         try:
             argument.encode()

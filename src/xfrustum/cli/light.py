@@ -21,7 +21,7 @@ _SAMPLES = click.IntRange(1, MAX_SAMPLES)
 
 
 def _points(text: str) -> int | float:
-    """Return a number of points, or the largest error, which is below one, that a share such as 5% allows."""
+    """Return a number of points, or the largest error, below one, of a share such as 5%."""
     if text.endswith("%"):
         return float(options.BELOW_1.read(str(float(text[:-1]) / 100)))
     return int(options.number(text, int, 1, MAX_SAMPLES + 1))
@@ -29,8 +29,8 @@ def _points(text: str) -> int | float:
 
 _POINTS = options.or_auto(options.Read("N|P%", _points, "a number of points, a share such as 5%"))
 
-#: Error of an edge, radiance, for which `auto` says what it would take: a level of 8 bits takes
-#: many times more points.
+#: Error of an edge, radiance, whose cost `auto` also prints: a level of 8 bits takes many times
+#: more points.
 COARSER = 0.05
 _OF_SCENE = "  [default: the scene's]"
 
@@ -65,7 +65,7 @@ class Light(Asked):
     samples = option(click.IntRange(2), f"Light paths per pixel.{_OF_SCENE}")
 
     def applied(self, scene: Scene) -> Scene:
-        """Return the scene with these settings instead of its own; `auto` is computed, and said."""
+        """Return the scene with these settings; `auto` is computed and printed."""
         points = self.aperture_samples
         if points == options.AUTO or isinstance(points, float):
             from xfrustum.compare.prediction.band_limiting import LEVEL, needed_sub_apertures
@@ -75,7 +75,8 @@ class Light(Asked):
             points = needed_sub_apertures(scene, error=LEVEL if auto else points)
             note = f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
             if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
-                note += f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
+                note += f", and it is drawn as often; {fewer} do where edges may be off "
+                note += "by 5 % of the radiance "
                 note += "(--aperture-samples 5%)"
             options.note(note)
         paths = {
@@ -103,7 +104,7 @@ class Light(Asked):
         apertures: tuple[Aperture, ...] | None = None,
         drawn: DoubleFrustum | None = None,
     ) -> frozenset[Effect]:
-        """Return the effects that are asked for, of images of apertures (None: all), drawn or traced."""
+        """Return the requested effects, of images of apertures (None: all), drawn or traced."""
         from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
@@ -112,7 +113,7 @@ class Light(Asked):
         return chosen(scene, self.effects, question=question)
 
     def tracer(self, scene: Scene, named: str | None) -> tuple[str, bool]:
-        """Return the tracer's name, and whether it traces light paths; a named one that cannot is refused."""
+        """Return the tracer's name, and whether it traces light paths; UsageError if it cannot."""
         if not scene.transport.simulated:
             return named or "embree", False
         insisted = bool(self.shadows or self.interreflection)

@@ -1,8 +1,8 @@
 """The command line as a process: from arguments to an exit status, whatever happens on the way.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143
-ended by a signal; all but the first two say why in one line on standard error. Nothing heavy is
-imported before signals are obeyed.
+ended by a signal; all but the first two print the reason in one line on standard error. Nothing
+heavy is imported before signal handlers are installed.
 """
 
 import errno
@@ -18,8 +18,7 @@ from typing import Any
 from xfrustum import interrupts
 from xfrustum.terminal import say
 
-#: Exit status where the user can mend what is wrong; after an error of the program itself
-#: (EX_SOFTWARE).
+#: Exit statuses of a mistake of the user, and of an error of the program itself (EX_SOFTWARE).
 BAD_INPUT, UNEXPECTED_ERROR = 2, 70
 
 TRACEBACK_OPTION = "--traceback"
@@ -60,7 +59,7 @@ def run() -> int:
         logging.disable()
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
-            # Of Python's warnings only this one is for users; its class would load OpenGL.
+            # This is the only warning of Python's for users; its class would load OpenGL.
             warnings.filterwarnings("once", message=".* draws in software")
             warnings.showwarning = _show_warning
     status = main()
@@ -75,7 +74,7 @@ def run() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command with arguments (None: those of this process, which it ends); return the exit status."""
+    """Run a command with arguments and return the exit status (None: this process's, then exit)."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with interrupts.obeyed(ignored_afterwards=arguments is None):
@@ -110,7 +109,7 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
         return 0
     elif isinstance(error, OSError) and error.errno in ADVICE:
-        # Files of ours have names: without one it is what was printed.
+        # Our files have names: a nameless failure is a failure of standard output.
         place = "standard output" if error.filename is None else os.fsdecode(error.filename)
         say(f"error: {place}: {os.strerror(error.errno)}; {ADVICE[error.errno]}")
     elif isinstance(
@@ -125,7 +124,7 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
 
 
 def _report_unexpected(error: BaseException, *, shown: bool) -> None:
-    """Say in one line that the program failed, and where its traceback is."""
+    """Print in one line that the program failed, and the file of its traceback."""
     import tempfile
     import traceback
 

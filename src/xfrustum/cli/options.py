@@ -44,14 +44,13 @@ LIMIT_EXCEEDED = 1
 #: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
 TRACERS = ("embree", "mitsuba")
 
-#: Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst
-#: apertures.
+#: Value for a choice of the program: the sub-apertures that a scene needs, or the worst apertures.
 AUTO = "auto"
 
 
 @dataclass(frozen=True)
 class Declared:
-    """Parameters of click that are one attribute of a command: their value, or what is made of theirs."""
+    """Parameters of click that make one attribute of a command."""
 
     parameters: Callable[[str], list[click.Parameter]]
     make: Callable[..., Any] | None = None
@@ -66,7 +65,7 @@ def option(
 @overload
 def option(kind: click.ParamType[T], words: str, *flags: str) -> T | None: ...
 def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
-    """Return the option of an attribute: its kind and its help; named like the attribute, or by flags."""
+    """Return the option of an attribute, of a kind, with help; named like it, or by flags."""
 
     def parameters(name: str) -> list[click.Parameter]:
         named = flags or (f"--{name.replace('_', '-')}",)
@@ -109,7 +108,7 @@ def several(**members: Any) -> dict[str, Any]:
 
 
 class Asked:
-    """What a command is asked; a subclass has its options in the order of its help, inherited ones last."""
+    """Options of a command; a subclass lists its own in order of help, then inherited ones."""
 
     def __init__(self, **values: Any) -> None:
         vars(self).update(values)
@@ -118,7 +117,10 @@ class Asked:
 def command(
     example: str, within: click.Group | None = None
 ) -> Callable[[Callable[[Any], int | None]], click.Command]:
-    """Return the decorator of a command: a function of what is asked, whose help ends with an example."""
+    """Return the decorator of a command function, whose parameter `request` has a class of options.
+
+    Its help ends with the example.
+    """
 
     def made(function: Callable[[Any], int | None]) -> click.Command:
         request_class: type[Asked] = get_type_hints(function)["request"]
@@ -155,7 +157,7 @@ def present(**values: Any) -> dict[str, Any]:
 
 
 def is_given(parameter: str) -> bool:
-    """Return whether the current command's parameter of that name was given, and has not its default."""
+    """Return whether the current command's parameter has another source than its default."""
     return (
         click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
     )
@@ -168,7 +170,7 @@ def flag_of(parameter: str) -> str:
 
 
 class Read(click.ParamType[T], Generic[T]):
-    """A kind of value: a function that reads text, and what it wants where it raises ValueError."""
+    """Kind of value: a function that reads text, and the expected form, named on ValueError."""
 
     def __init__(self, name: str, read: Callable[[str], T], wants: str) -> None:
         self.name, self.read, self.wants = name, read, wants
@@ -245,7 +247,7 @@ def _length(text: str) -> tuple[float, str | None]:
 
 
 def _size(text: str) -> tuple[tuple[float, str | None], ...]:
-    """Return width and height; a unit behind the last is that of both."""
+    """Return width and height; a unit after the last applies to both."""
     first, second = (_length(part.strip()) for part in text.split(","))
     return (first[0], first[1] or second[1]), second
 
@@ -303,7 +305,8 @@ FIT: Read[Fit | float] = Read(
 )
 DEPTHS = list_of(
     Read("FORMAT[:MAPPING]", _depth, ""),
-    wants=f"a list of {', '.join(DepthFormat)}, each with or without :MAPPING ({', '.join(DepthMapping)})",
+    wants=f"a list of {', '.join(DepthFormat)}, "
+    f"each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
 _DEVICES = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
 _PART = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
@@ -325,14 +328,15 @@ _SETTINGS_HELP = {
 
 
 def settings_members(*, required: bool = False) -> dict[str, Any]:
-    """Return an option for each field of DoubleFrustum, whose defaults hold where it is left out."""
+    """Return an option for each field of DoubleFrustum, with the field's default."""
     kinds: dict[str, click.ParamType[Any]] = {"near": POSITIVE, "fit": FIT, "slabs": NUMBERS}
     defaults = {field.name: field.default for field in fields(DoubleFrustum)}
     members: dict[str, Any] = {}
     for name, words in _SETTINGS_HELP.items():
         default = defaults[name]
         if isinstance(default, StrEnum):
-            kinds[name], words = one_of(type(default)), f"{words}  [default: {default}]"  # noqa: PLW2901
+            kinds[name] = one_of(type(default))
+            words = f"{words}  [default: {default}]"  # noqa: PLW2901
         needed = {"required": True} if required and name == "near" else {}
         members[name] = option(kinds[name], words, **needed)
     return members
@@ -354,7 +358,7 @@ def settings_options(*, required: bool = False) -> Any:
 
 
 def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | None:
-    """Return where options say that blocks are done; None where they say nothing."""
+    """Return the engine that options select; None without any of them."""
     from xfrustum.reports.blocks import Engine, Part
 
     chosen = present(**values)
@@ -366,7 +370,7 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
 
 
 def engine_options(default: str, *, draws: bool = True) -> Any:
-    """Return the options that say where blocks are done; None without them: then `default`, in words, does.
+    """Return the options of an engine, or None without any: then `default`, in words.
 
     Only where blocks are drawn, devices are chosen.
     """
@@ -457,13 +461,13 @@ class Printed(Asked):
 
 
 class Measured(Printed):
-    """A command that shows its progress, and prints what it has found."""
+    """Command with a progress bar and printed results."""
 
     quiet = flag("No progress bar.")
 
     @property
     def progress(self) -> bool:
-        """Whether to draw a bar on standard error."""
+        """Display of a bar on standard error."""
         return not self.quiet
 
 
@@ -477,7 +481,7 @@ class OneOrAuto(Measured):
     )
 
     def chosen(self, scene: Scene) -> Aperture | AutoApertures:
-        """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses."""
+        """Return the aperture of an index, the middle one, or the `--apertures auto` choice."""
         if self.auto is not None and self.aperture is not None:
             raise click.UsageError(ONE_OR_MANY)
         if self.auto is not None:
@@ -501,7 +505,7 @@ def open_scene(name: str) -> Scene:
 
 
 def check_out(folder: Path | None, files: Sequence[str]) -> None:
-    """Refuse a folder, if one is asked for, that cannot be written or that holds something else."""
+    """Refuse an output folder that cannot be written or that holds something else."""
     if folder is not None:
         from xfrustum.reports.common.outputs import check_writable_folder
 
@@ -509,7 +513,7 @@ def check_out(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
-    """Return the aperture of an index, the middle one where there is none."""
+    """Return the aperture of an index, the middle one, or `--apertures auto`'s choice."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
@@ -525,7 +529,7 @@ def indices_of(
 
 
 def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
-    """Choose the worst apertures of the plate, and say on standard error which and why."""
+    """Choose the worst apertures of the plate, and print them with reasons on standard error."""
     from xfrustum.reports import heat_map
 
     auto = heat_map.auto_apertures(scene, progress=progress)
@@ -557,7 +561,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
 
 
 def warn_of(scene: Scene) -> None:
-    """Warn on standard error of objects that the reach cuts, and of those that are tiny beside the plate."""
+    """Warn on standard error of objects cut by the reach, and of tiny objects."""
     from xfrustum.reports.scene_check import sight
 
     for warning in sight.warnings(scene):
@@ -565,7 +569,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def warn_of_culling(scene: Scene, settings: DoubleFrustum | Cull | None) -> None:
-    """Warn on standard error of objects of which culling leaves out most of what is seen."""
+    """Warn on standard error of objects that culling mostly removes from view."""
     from xfrustum.reports.scene_check.sight import facing_warnings
 
     if Cull.BACK in (settings, getattr(settings, "cull", None)):

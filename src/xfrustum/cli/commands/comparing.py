@@ -1,4 +1,4 @@
-"""`report`, `compare`, `budget`: errors between truth and raster, swept, of two images, and by cause."""
+"""`report`, `compare`, `budget`: errors of the raster, swept, of two images, and by cause."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class _Report(options.Measured):
 
 @options.command("xfrustum report car --near 1,0.1,0.01 --depth d24,d32f:reversed --out report")
 def report(request: _Report) -> None:
-    """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
+    """Sweep near planes and depth formats; write pages, report.json and measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered
     frustum is measured at two corners of the plate too. With --apertures auto, a look through

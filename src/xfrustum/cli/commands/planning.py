@@ -84,7 +84,8 @@ class _Plan(options.Measured):
             return None
         if self.eyes:
             raise click.UsageError(
-                "a viewer sees all hogels at once: leave out --viewer, or --aperture and --apertures"
+                "a viewer sees all hogels at once: leave out --viewer, or --aperture and "
+                "--apertures"
             )
         if isinstance(self.apertures, str):
             return options.auto_apertures(scene, progress=self.progress)
@@ -131,7 +132,7 @@ def plan(request: _Plan) -> None:
         progress=request.progress,
     )
     if chosen is None:
-        # The middle may see nothing of what other hogels do; the scan refuses empty plates.
+        # The middle may miss objects that other hogels show; the scan refuses empty plates.
         options.warn_of(opened)
     if request.out is not None:
         planning.write_plan(report, request.out)

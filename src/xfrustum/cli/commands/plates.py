@@ -208,8 +208,10 @@ def survey(request: _Survey) -> int:
     if request.resolution is not None and request.resolution != (own := opened.frustum.resolution):
         resolution, coarser = request.resolution, max(map(truediv, own, request.resolution))
         options.note(
-            f"hogels have {resolution[0]} x {resolution[1]} pixels in place of the scene's {own[0]} x "
-            f"{own[1]}: {request.tolerance_px:g} px of these are {request.tolerance_px * coarser:.3g} "
+            f"hogels have {resolution[0]} x {resolution[1]} pixels in place of the scene's "
+            f"{own[0]} x "
+            f"{own[1]}: {request.tolerance_px:g} px of these are "
+            f"{request.tolerance_px * coarser:.3g} "
             "px of the scene's"
         )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=request.resolution))

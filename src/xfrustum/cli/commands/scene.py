@@ -1,4 +1,4 @@
-"""`scenes`, `new`, `check`: the built-in scenes, a scene file that fits a mesh, and what lies where."""
+"""`scenes`, `new`, `check`: built-in scenes, a scene file that fits a mesh, and its content."""
 
 from dataclasses import asdict
 from importlib import import_module
@@ -17,7 +17,7 @@ class _Scenes(options.Printed):
 
 @options.command("xfrustum scenes")
 def scenes(request: _Scenes) -> None:
-    """List the built-in scenes, each with what it is for."""
+    """List the built-in scenes, each with its purpose."""
     library = import_module(
         f"xfrustum.scenes.library.{'hard_cases' if request.hard else 'builtin'}"
     )

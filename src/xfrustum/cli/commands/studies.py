@@ -1,4 +1,4 @@
-"""`study`, `bench`, `selfcheck`: maps over many scenes, speed, and the truth against brute force."""
+"""`study`, `bench`, `selfcheck`: maps over scenes, speed, and the truth against brute force."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ class _Study(options.Measured):
     engine = options.engine_options("this process")
 
     def made(self, own: Any) -> None:
-        """Make the study of a module, and print what it found."""
+        """Run the study of a module, and print its results."""
         from xfrustum.reports.blocks import HERE
 
         out, engine = self.out or own.DEFAULT_FOLDER, self.engine or HERE
@@ -41,7 +41,7 @@ class _Study(options.Measured):
 def splitting(request: _Study) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
-    Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
+    Every measured picture is kept: a run that was stopped goes on from there.
     """
     from xfrustum.research import splitting as own
 
@@ -50,7 +50,7 @@ def splitting(request: _Study) -> None:
 
 @options.command("xfrustum study noticeable --quick --out noticeable", study)
 def noticeable(request: _Study) -> None:
-    """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
+    """Predict visible effects of near and depth buffer; write noticeable.md and its data.
 
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that
     was replayed is kept: a run that was stopped goes on from there.
@@ -70,7 +70,7 @@ class _Figure7(options.Asked):
 
 @options.command("xfrustum study figure7 car --out figure7", study)
 def figure7(request: _Figure7) -> None:
-    """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
+    """Draw C alone, two perspectives of C*, and both cameras (the paper's figure 7); write a page.
 
     C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
     """
@@ -101,7 +101,7 @@ def _repeat(count: int) -> Any:
 
 
 def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None:
-    """Run a benchmark with the options that are given, and print what it found."""
+    """Run a benchmark with the stated options, and print its results."""
     from xfrustum.research import benchmarks, table1
 
     own = table1 if name == "table1" else benchmarks
@@ -214,10 +214,11 @@ class _Device(options.Measured):
 def device(request: _Device) -> int:
     """Measure how the OpenGL device at hand rounds: snapping, depth, varyings, filter.
 
-    It draws adversarial triangles of every size, writes depths, and filters a texture, in seconds.
-    The file device.json, given to `budget`, `report` and `verify` as --device, says how the machine
-    that drew rounds. With --replay, recorded frames are explained by the model of the device that
-    drew them; exit status 1 if pixels stay unexplained.
+    It draws adversarial triangles of every size, writes depths, and filters a texture, in
+    seconds. The file device.json, passed to `budget`, `report` and `verify` as --device,
+    describes the rounding of the machine that drew. With --replay, recorded frames are
+    explained by the model of the device that drew them; exit status 1 if pixels stay
+    unexplained.
     """
     from xfrustum.reports import device as measuring
 
