@@ -75,7 +75,7 @@ def world(request: pytest.FixtureRequest) -> World:
 
 @pytest.fixture(autouse=True, scope="session")
 def records_follow_their_schemas() -> Iterator[None]:
-    """Check every JSON object that a command prints in any test against the schema of its record."""
+    """Check every JSON object that a command prints in a test against its schema."""
     options = import_module("xfrustum.cli.options")
     printed = options.Printed.tell
 
