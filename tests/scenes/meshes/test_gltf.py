@@ -35,19 +35,22 @@ def read(writer: Writer, folder: Path, name: str = "mesh.glb") -> SceneObject:
     return load_mesh(writer.save(folder / name))
 
 
-def sparse(base: bool) -> Writer:
-    """Return the tent with some vertices replaced; without a base the others are zero."""
+def tent() -> Writer:
     writer = Writer()
-    wrong = TENT.copy()
-    wrong[[2, 4]] = 9
-    rows = np.flatnonzero(TENT.any(axis=1)) if not base else np.array([2, 4])
+    writer.node(mesh=writer.tent())
+    return writer
+
+
+def sparse() -> Writer:
+    """Return the tent of zeros, some of which are replaced."""
+    writer = Writer()
+    rows = np.flatnonzero(TENT.any(axis=1))
     replaced = {
         "count": len(rows),
         "indices": {"bufferView": writer.view(rows.astype("<u1").tobytes()), "componentType": 5121},
         "values": {"bufferView": writer.view(TENT[rows].tobytes())},
     }
-    more = {"bufferView": writer.view(wrong.tobytes())} if base else {}
-    points = writer.array(TENT, sparse=replaced, **more)
+    points = writer.array(TENT, sparse=replaced)
     primitive = {"attributes": {"POSITION": points}, "indices": writer.array(TENT_FACES)}
     writer.node(mesh=writer.add("meshes", primitives=[primitive]))
     return writer
@@ -61,34 +64,6 @@ def interleaved() -> Writer:
     )
     primitive = {"attributes": {"POSITION": points}, "indices": writer.array(TENT_FACES)}
     writer.node(mesh=writer.add("meshes", primitives=[primitive]))
-    return writer
-
-
-def whole_numbers(kind: str) -> Writer:
-    writer = Writer()
-    writer.node(mesh=writer.mesh(TENT.astype(kind), TENT_FACES))
-    return writer
-
-
-def without_indices() -> Writer:
-    writer = Writer()
-    writer.node(mesh=writer.mesh(TENT[TENT_FACES]))
-    return writer
-
-
-def morphed(by_node: bool) -> Writer:
-    """Return the tent flattened, and raised by three targets of which one has no weight."""
-    writer = Writer()
-    half, junk = np.zeros_like(TENT), np.full_like(TENT, 8)
-    half[:, 2] = TENT[:, 2] / 2
-    flat = TENT * np.array([1, 1, 0], "<f4")
-    targets = [{"POSITION": writer.array(array)} for array in (half, junk, half)]
-    mesh = writer.mesh(flat, TENT_FACES, targets=targets)
-    weights = [1.5, 0, 0.5]
-    writer.tree["meshes"][mesh]["weights"] = [1, 1, 1] if by_node else weights
-    node = writer.node(mesh=mesh)
-    if by_node:
-        writer.tree["nodes"][node]["weights"] = weights
     return writer
 
 
@@ -135,26 +110,12 @@ def below_others() -> Writer:
     return writer
 
 
-def two_mirrors() -> Writer:
-    writer = Writer()
-    tent = writer.node(mesh=writer.tent(), scale=[-0.5, 0.5, 0.5], root=False)
-    writer.node(children=[tent], scale=[-2, 2, 2])
-    return writer
-
-
 WRITTEN: dict[str, Callable[[], Writer]] = {
-    "sparse": lambda: sparse(True),
-    "sparse without a base": lambda: sparse(False),
+    "sparse without a base": sparse,
     "byteStride": interleaved,
-    "no indices": without_indices,
-    "signed bytes": lambda: whole_numbers("<i1"),
-    "unsigned words": lambda: whole_numbers("<u2"),
-    "weights of the mesh": lambda: morphed(False),
-    "weights of the node": lambda: morphed(True),
     "skin": skinned,
     "instances and hidden nodes": instanced,
     "below a line and a camera, without scenes": below_others,
-    "two mirrors": two_mirrors,
 }
 
 
@@ -261,25 +222,14 @@ def quantized() -> Writer:
 @pytest.mark.parametrize(
     "make",
     [
-        placed_by_node,
-        lambda: placed_by_node(scale=[1, 5, 0.2]),
-        lambda: placed_by_node(scale=[-1, 2, 1]),
+        lambda: placed_by_node(scale=[-1, 5, 0.2]),
         lambda: placed_by_node(matrix=SHEAR.T.ravel().tolist()),
         placed_by_instances,
         lambda: placed_by_joint((1, 4, 1)),
         lambda: placed_by_joint((-1, 4, 1)),
         quantized,
     ],
-    ids=[
-        "still",
-        "uneven",
-        "mirrored",
-        "sheared",
-        "instances",
-        "joint",
-        "mirrored joint",
-        "quantized",
-    ],
+    ids=["uneven mirror", "sheared", "instances", "joint", "mirrored joint", "quantized"],
 )
 def test_normals_follow_the_surface_through_every_placement(
     make: Callable[[], Writer], tmp_path: Path
@@ -295,20 +245,6 @@ def test_normals_follow_the_surface_through_every_placement(
     middle = corners(mesh).reshape(-1, 18, 3).mean(axis=1)  # of each instance
     outward = (a + b + c) / 3 - np.repeat(middle, 6, axis=0)
     assert np.einsum("fk,fk->f", outward, across).sum() > 0
-
-
-def test_a_skin_blends_its_joints_and_turns_faces_where_they_mirror(tmp_path: Path) -> None:
-    writer = Writer()
-    joints = writer.array(np.tile(np.array([0, 1, 0, 0], "<u2"), (5, 1)))
-    weights = writer.array(np.tile(np.array([0.25, 0.75, 0, 0], "<f4"), (5, 1)))
-    mesh = writer.tent(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
-    root = writer.node(scale=[-1, 1, 1])
-    far = writer.node(translation=[8, 0, 0], scale=[1, 1, 3], root=False)
-    writer.tree["nodes"][root]["children"] = [far]
-    writer.add("skins", joints=[root, far])
-    writer.node(mesh=mesh, skin=0)
-    expected = PLAIN * (-1, 1, 0.25 + 0.75 * 3) - (0.75 * 8, 0, 0)
-    np.testing.assert_allclose(corners(read(writer, tmp_path)), expected[:, ::-1], atol=1e-12)
 
 
 def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
@@ -348,8 +284,7 @@ def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
 
 
 def test_buffers_lie_in_the_file_beside_it_or_in_its_text(tmp_path: Path) -> None:
-    writer = Writer()
-    writer.node(mesh=writer.tent())
+    writer = tent()
     (tmp_path / "a b.bin").write_bytes(writer.data + b"more")
     base64_uri = "data:application/gltf-buffer;base64," + base64.b64encode(writer.data).decode()
     percent_uri = "data:application/octet-stream," + quote_from_bytes(writer.data)
@@ -357,12 +292,7 @@ def test_buffers_lie_in_the_file_beside_it_or_in_its_text(tmp_path: Path) -> Non
         writer.tree["buffers"] = [{"byteLength": len(writer.data), "uri": uri}]
         for name in ("mesh.gltf", "mesh.glb"):
             np.testing.assert_array_equal(corners(read(writer, tmp_path, name)), PLAIN)
-
-
-def test_a_byte_order_mark_and_chunks_of_others_are_passed_over(tmp_path: Path) -> None:
-    writer = Writer()
-    writer.node(mesh=writer.tent())
-    text = writer.save(tmp_path / "mesh.gltf")
+    text = tmp_path / "mesh.gltf"  # a byte-order mark is no part of the text
     text.write_bytes(b"\xef\xbb\xbf" + text.read_bytes())
     np.testing.assert_array_equal(corners(load_mesh(text)), PLAIN)
 
@@ -407,7 +337,7 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
 def test_a_texture_is_the_image_of_an_extension_that_is_honoured(
     extension: str, content: dict[str, int], chosen: int, tmp_path: Path
 ) -> None:
-    writer = painted((0,), tmp_path)
+    writer = painted(tmp_path)
     writer.add("images", uri="1.png")
     Image.new("RGB", (4, 4), (1, 1, 1)).save(tmp_path / "1.png")
     writer.extend("textures", 0, extension, content)
@@ -415,26 +345,15 @@ def test_a_texture_is_the_image_of_an_extension_that_is_honoured(
     assert texture[0, 0, 0] == chosen
 
 
-def test_a_texture_of_many_primitives_and_materials_is_one_picture(tmp_path: Path) -> None:
-    mesh = read(painted((0, 0, 1), tmp_path), tmp_path)
-    assert len(mesh.textures) == 1
-    assert mesh.texture_of_triangle is not None and not mesh.texture_of_triangle.any()
-
-
-def painted(materials: tuple[int, ...], folder: Path) -> Writer:
-    """Return tents, primitives of one mesh, of materials that share a texture."""
+def painted(folder: Path) -> Writer:
+    """Return a tent with a texture."""
     Image.new("RGB", (4, 4)).save(folder / "0.png")
     writer = Writer()
     writer.add("images", uri="0.png")
     writer.add("textures", source=0)
-    for _ in set(materials):
-        writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
-    mesh = writer.tent(attributes={"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))})
-    [primitive] = writer.tree["meshes"][mesh]["primitives"]
-    writer.tree["meshes"][mesh]["primitives"] = [
-        {**primitive, "material": one} for one in materials
-    ]
-    writer.node(mesh=mesh)
+    material = writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    attributes = {"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))}
+    writer.node(mesh=writer.tent(material=material, attributes=attributes))
     return writer
 
 
@@ -508,16 +427,13 @@ REFUSED: dict[str, Callable[[Writer], None]] = {
     "min of accessor 0 is declared [0.0, 0.0, -1.0], its data have [0.0, 0.0, 0.0]": changed(
         "accessors", 0, "min", to=[0, 0, -1]
     ),
-    "max of accessor 0": changed("accessors", 0, "max", to=[4, 3, 5.0001]),
     "18 elements take 36 bytes, buffer view 1 has 34": changed("bufferViews", 1, "byteLength", to=34),
     "buffer view 1 ends after its buffer": changed("bufferViews", 1, "byteOffset", to=64),
     "buffer 0 declares 999 bytes": changed("buffers", to=[{"byteLength": 999}]),
     "there is no file": changed("buffers", to=[{"byteLength": 9, "uri": "lost.bin"}]),
-    "is a folder": changed("buffers", to=[{"byteLength": 9, "uri": "."}]),
     "is no base64": changed("buffers", to=[{"byteLength": 9, "uri": "data:;base64,?"}]),
     "index 4, 4 vertices": changed("accessors", 0, to={
         "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}),
-    "17 indices are no triangles": changed("accessors", 1, "count", to=17),
     "does not hold unsigned integers": changed("accessors", 1, "componentType", to=5122),
     "accessor 0 has 2 components, not 3": changed("accessors", 0, "type", to="VEC2"),
     "accessor 7 of 2 does not exist": changed("meshes", 0, "primitives", 0, "indices", to=7),
@@ -544,8 +460,7 @@ def test_what_would_be_misread_is_refused_in_one_line(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "DracoPy", None)
-    writer = Writer()
-    writer.node(mesh=writer.tent())
+    writer = tent()
     REFUSED[words](writer)
     with pytest.raises(InputError) as caught:
         read(writer, tmp_path)
@@ -554,8 +469,7 @@ def test_what_would_be_misread_is_refused_in_one_line(
 
 
 def test_bounds_may_be_printed_with_six_digits(tmp_path: Path) -> None:
-    writer = Writer()
-    writer.node(mesh=writer.tent())
+    writer = tent()
     changed("accessors", 0, "max", to=[4, 3, 5.00001])(writer)
     np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
 
@@ -584,14 +498,12 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 STRANGE: tuple[Any, ...] = (None, True, "7", -1, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
 
 
-@pytest.mark.parametrize(
-    "make", [skinned, instanced, morphed, sparse], ids=lambda make: make.__name__
-)
+@pytest.mark.parametrize("make", [skinned, instanced, sparse], ids=lambda make: make.__name__)
 def test_values_of_any_type_end_in_a_mesh_or_in_one_line(
-    make: Callable[..., Writer], tmp_path: Path
+    make: Callable[[], Writer], tmp_path: Path
 ) -> None:
-    """Every value of four documents replaced by values of some JSON types, one at a time."""
-    writer = make() if make in (skinned, instanced) else make(True)
+    """Every value of three documents replaced by values of some JSON types, one at a time."""
+    writer = make()
     text = writer.save(tmp_path / "mesh.gltf").read_text()
     outcomes = [0, 0]
     for number, path in enumerate(places(json.loads(text))):
@@ -630,41 +542,13 @@ def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
         load_mesh(path)
 
 
-def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> None:
-    """A hundred primitives share 20,000 vertices."""
-    writer, count = Writer(), 20_000
-    points = np.random.default_rng(4).normal(size=(count, 3)).astype("<f4")
-    mesh = writer.mesh(points, attributes={"NORMAL": writer.array(points)})
-    [primitive] = writer.tree["meshes"][mesh].pop("primitives")
-    faces = np.arange(count - count % 3, dtype="<u4").reshape(-1, 3)[:, ::-1]
-    shares = [
-        {**primitive, "indices": writer.array(own.ravel())} for own in np.array_split(faces, 100)
-    ]
-    writer.tree["meshes"][mesh]["primitives"] = shares
-    writer.node(mesh=mesh)
-    with input_memory(1 << 26):
-        whole = read(writer, tmp_path)
-    assert len(whole.vertices) == faces.size
-    np.testing.assert_array_equal(corners(whole), points[faces])
-    assert whole.vertex_normals is not None
-    lengths = np.linalg.norm(points[faces], axis=-1, keepdims=True)
-    np.testing.assert_allclose(
-        whole.vertex_normals[whole.faces], points[faces] / lengths, atol=1e-6
-    )
-
-
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])
 def test_sparse_arrays_are_measured_before_they_are_made(name: str, tmp_path: Path) -> None:
     writer = skinned()
-    [primitive] = writer.tree["meshes"][0]["primitives"]
-    number = primitive["attributes"].setdefault(
-        name, writer.tree["skins"][0]["inverseBindMatrices"]
-    )
-    if name == "NORMAL":
-        number = primitive["attributes"][name] = writer.array(TENT)
-    if name == "inverse":
-        del primitive["attributes"][name]
-    accessor = writer.tree["accessors"][number]
+    attributes = writer.tree["meshes"][0]["primitives"][0]["attributes"]
+    attributes["NORMAL"] = writer.array(TENT)
+    inverse = writer.tree["skins"][0]["inverseBindMatrices"]
+    accessor = writer.tree["accessors"][attributes.get(name, inverse)]
     at = {"bufferView": accessor.pop("bufferView")}
     accessor |= {"count": 20_000_000, "sparse": {"count": 0, "indices": at, "values": at}}
     tracemalloc.start()

@@ -27,32 +27,17 @@ Content = str | bytes
 
 OBJ_POINTS = "v 0 0 0\nv 4 0 0\nv 1 3 0\nv 1 1 5\n"
 OBJ = OBJ_POINTS + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-_CORNERS = (
-    "vt 0 0\nvt 1 0\nvn 0 0 1\nf 1/1/1 3/2/1 2/1/1\nf 1//1 2//1 4//1\nf 2/1 3/2 4/2\nf 3 1 4\n"
-)
 OBJ_ALIKE: dict[str, Content] = {
-    "UTF-8 mark and CR LF": b"\xef\xbb\xbf" + OBJ.replace("\n", "\r\n").encode(),
     "UTF-16": OBJ.encode("utf-16"),
-    "CR": OBJ.replace("\n", "\r"),
     "mixed line ends": OBJ.replace("\n", "\r\n", 2).replace("\nf", "\rf"),
-    "tabs": OBJ.replace(" ", "\t \t"),
-    "indents": OBJ.replace("v ", "  v  ").replace("f ", "\tf "),
     "capitals": OBJ.upper(),
-    "no last line end": OBJ.rstrip(),
-    "comments": "# v 9 9 9\n" + OBJ.replace("0\n", "0 # 9\n").replace("f 1 3 2", "f 1 3 2#4"),
     "comment that ends in a backslash": "# C:\\meshes\\\n" + OBJ.replace("f 1 3 2", "f 1 3 2 # \\"),
-    "continued": OBJ.replace("f 1 3 2", "f 1 \\\n 3 \\\r\n2").replace("v 4 0", "v 4\\\n0"),
     "faces first": OBJ[len(OBJ_POINTS) :] + OBJ_POINTS,
-    "relative": OBJ_POINTS + "f -4 3 -3\nf 1 -3 4\nv 9 9 9\nf -4 -3 -2\nf 3 1 4\n",
-    "forms of numbers": "v +0 -0 0.\nv 4.e0 .0 0e5\nv 1E+0 3.000 -0.0\nv 10e-1 +1. 5\n" + OBJ[32:],
     "weights of one": OBJ.replace("0\nv", "0 1.0\nv"),
-    "colors": OBJ.replace("0\nv", "0 0.5 0.25 1\nv").replace("5\nf", "5 1 1 1\nf"),
     "names like statements": "g f 1 2 3\no v 1 2 3\nusemtl f\ns off\nmtllib v 1 2 3.mtl\n" + OBJ,
     "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n" + OBJ,
     "Latin-1": b"# caf\xe9\x85f 1 2 3\ng \xfc\n" + OBJ.encode(),
-    "blank lines": "\n\n \t\n" + OBJ.replace("\n", "\n\n \n"),
     "points and lines": OBJ_POINTS + "p 1 2\nl 1 2 3\n" + OBJ[len(OBJ_POINTS) :],
-    "four forms of corners": OBJ_POINTS + _CORNERS,
     "materials in turns": OBJ.replace("f 2", "usemtl b\nf 2").replace("f 1", "usemtl a\nf 1"),
 }  # fmt: skip
 
@@ -219,7 +204,6 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 OBJ_REFUSED = {
     "f 0 1 2": "line 5: a corner has an index of 0",
     "f 1 2 5": "line 5: faces point past the vertices, of which the file has 4: index 5; export",
-    "f 1 2 -5": "line 5: faces point past the vertices, of which the file has 4: index -5",
     "f 1 2": "line 5: a face has 2 corners, and needs three",
     "f 1/1 2/1 3/1": "line 5: faces point past the texture coordinates, of which the file has 0",
     "vt 0 0\nf 1/1 2/1 3": "line 6: some corners of a face have texture coordinates, some have none",
@@ -230,8 +214,6 @@ OBJ_REFUSED = {
     "v 1 2\nf 1 2 3": "line 5: a vertex needs three coordinates",
     "v 1 2 3 2\nf 1 2 3": "line 5: the fourth coordinate is a weight of rational surfaces, and is 2",
     "v 1 2 3.1+e2\nf 1 2 3": "line 5: 'v 1 2 3.1+e2' has a word that is no number",
-    "v 1 2 \x14.0\nf 1 2 3": "line 5: 'v 1 2 \x7f.0' has a word that is no number",
-    "v 1,5 2 3\nf 1 2 3": "line 5: 'v 1,5 2 3' has a word that is no number",
     "vn 0 1\nf 1 2 3": "line 5: a normal (vn) has three numbers",
     "surf 0 1 0 1 1 2 3 4\nf 1 2 3": "line 5: 'surf' is a free-form surface",
     "call other.obj\nf 1 2 3": "line 5: 'call' is another file or a command",
@@ -250,7 +232,6 @@ OFF_REFUSED = {
     "binary": ("OFF BINARY\n\x00\x00", "binary OFF is not read"),
     "dimensions": ("4nOFF\n3\n" + OFF[4:], "nOFF, of any number of dimensions, is not read"),
     "index": (OFF.replace("3 2 0 3", "3 2 0 4"), "faces point past the vertices"),
-    "negative index": (OFF.replace("3 2 0 3", "3 2 0 -1"), "faces point past the vertices"),
     "broken index": (OFF.replace("3 2 0 3", "3 2 0 2.5"), "corners of faces are not whole numbers"),
     "word": (OFF.replace("1 3 0", "1 one 0"), "line 5: '1 one 0' has a word that is no number"),
     "no faces": ("OFF\n1 0 0\n0 0 0\n", "no triangles: 1 vertices, and no faces of three corners"),
@@ -265,11 +246,8 @@ PLY_REFUSED: dict[str, tuple[Content, str]] = {
     "cut off": (PLY[:-10], "the header declares 9 lines of elements, and the file has 8"),
     "too long": (PLY + b"3 0 1 2\n", "declares 9 lines of elements, and the file has 10"),
     "cut off in binary": (ply("<", faces=FACES[:1] + POLYGONS[2:])[:-3], "ends within face 1 of 2"),
-    "vertices cut off in binary": (BINARY[:-80], "the file is cut off"),
     "too long in binary": (BINARY + b"\0\0", "the header declares 132 bytes of elements, file has 134"),
-    "short line": (PLY.replace(b"7 1.0 1.0 5.0 2 1 -2", b"7 1.0 1.0"), "has another number of values"),
     "long line": (PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"), "has another number of values"),
-    "list too long": (PLY.replace(b"3 2 0 3 9", b"5 2 0 3 9"), "has another number of values"),
     "two corners": (ply(faces=((0, 1),)), "face 0 has 2 corners, and needs three"),
     "index": (ply(faces=((0, 1, 4),)), "(index 4, 4 vertices)"),
     "broken index": (ply("", ("float", "uchar", "float")).replace(b"3 2 0 3", b"3 2 0 2.5"), "no whole"),
@@ -288,7 +266,6 @@ PLY_REFUSED: dict[str, tuple[Content, str]] = {
 STL_REFUSED: dict[str, tuple[Content, str]] = {
     "cut off": (stl()[:-20], "header says 4 triangles = 284 bytes, file has 264"),
     "too long": (stl() + b"\r\n", "header says 4 triangles = 284 bytes, file has 286"),
-    "cut off, named solid": (stl(header=b"solid")[:-20], "header says 4 triangles = 284 bytes"),
     "header alone": (stl()[:50], "the file has 50 bytes, fewer than the header of a binary STL"),
     "no triangles": (stl(SOUP[:0]), "no triangles"),
     "no end": (STL.replace("endsolid", ""), "the file is cut off after 4 facets"),
