@@ -6,7 +6,7 @@ import stat
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import OpenEXR
 import pyarrow.parquet as pq
@@ -47,7 +47,7 @@ def refuse(constant: str) -> NoReturn:
     raise AssertionError(f"{constant} is not JSON")
 
 
-def one_object(text: str) -> dict[str, object]:
+def one_object(text: str) -> dict[str, Any]:
     value = json.loads(text, parse_constant=refuse)
     assert isinstance(value, dict)
     return value
@@ -62,7 +62,6 @@ def test_scenes_lists_every_builtin_scene_with_its_purpose(
     assert all(entry.purpose in line for entry, line in zip(builtin.listing(), lines, strict=True))
     assert main(["scenes", "--json"]) == 0
     entries = one_object(capsys.readouterr().out)["scenes"]
-    assert isinstance(entries, list)
     assert [entry["name"] for entry in entries] == builtin.names()
 
 
@@ -73,26 +72,9 @@ def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_
     printed = capsys.readouterr()
     numbers = one_object(printed.out)
     assert printed.err == ""
-    keys = [
-        "pixels",
-        "judged",
-        "covered",
-        "at_plate",
-        "surface",
-        "triangle",
-        "displacement_px",
-        "height",
-    ]
-    assert set(keys) <= set(numbers)
     assert numbers["pixels"] == 48 * 32
-    assert isinstance(numbers["radiance"], dict)
-    assert isinstance(numbers["radiance"]["flip"], float)
-    for share in ("surface", "triangle"):
-        part = numbers[share]
-        assert isinstance(part, dict) and isinstance(numbers["judged"], int)
-        assert part["fraction"] == part["wrong"] / numbers["judged"]
-    assert isinstance(numbers["displacement_px"], dict)
-    assert list(numbers["displacement_px"]) == ["rms", "p50", "p95", "p99", "max"]
+    for share in (numbers["surface"], numbers["triangle"]):
+        assert share["fraction"] == share["wrong"] / numbers["judged"]
     errors = ("displacement", "height", "radiance", "surface", "triangle")
     names = sorted(path.name for path in Path("errors").iterdir())
     assert names == ["comparison.json", *(f"{error}.png" for error in errors)]
@@ -176,7 +158,7 @@ def test_report_says_the_best_setting_and_where_the_page_is(
         "parquet": "report/two-boxes/measurements.parquet",
         "inspection": "report/two-boxes/inspect.html",
     }
-    assert isinstance(told["rows"], list) and len(told["rows"]) == 4
+    assert len(told["rows"]) == 4
 
 
 @pytest.mark.usefixtures("scene")

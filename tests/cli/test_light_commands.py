@@ -116,8 +116,11 @@ def test_light_paths_bring_their_variance_to_the_comparison(
     assert printed(capsys)["radiance"]["noise"] is None
 
 
-def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
-    run("study figure7 asymmetric --near 0.01 --out seven")
+def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
+    run("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
     assert capsys.readouterr().out.strip() == "seven/index.html"
     pictures = {f"{name}.png" for name in ("both", "c-star-as-seen", "c-star-other", "c-star", "c")}
     assert {path.name for path in Path("seven").iterdir()} == {"index.html", *pictures}
@@ -128,14 +131,8 @@ def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[st
         np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both")
     )
     # C* overlays C: where it shows a surface, both show it; elsewhere both show what C shows.
-    overlay = np.where(c_star[..., 3:] > 0, c_star, c)
-    np.testing.assert_array_equal(overlay, both)
+    np.testing.assert_array_equal(np.where(c_star[..., 3:] > 0, c_star, c), both)
     assert (c[..., 3] > 0).any() and (c_star[..., 3] > 0).any()
-
-
-def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer() -> None:
-    """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
-    run("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
     scene = open_scene("asymmetric")
     width, height = scene.frustum.resolution
     fov = scene.frustum.fov

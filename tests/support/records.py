@@ -30,6 +30,6 @@ def check_printed(record: object) -> None:
     context = click.get_current_context()
     name = "-".join(context.command_path.split()[1:])
     if name == "device":
-        kind = next((option for option in ("list", "replay") if context.params.get(option)), None)
-        name = "device" if kind is None else f"device-{kind}"
+        kinds = {"listed": "-list", "replay": "-replay"}
+        name += "".join(kind for option, kind in kinds.items() if context.params.get(option))
     assert problems(name, record) == []

@@ -1,7 +1,6 @@
 """Visible surfaces: those of the truth are never missed, and unseen scenes are refused with sizes."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ from xfrustum.scenes.model.visibility import (
     extents,
     share_between,
 )
-from xfrustum.scenes.plate.plate import ApertureBlocks, Screen
+from xfrustum.scenes.plate.plate import Screen
 
 CENTERED = Frustum(
     resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50))
@@ -237,14 +236,6 @@ def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     assert "object 0 (sphere) spans 50 to 170 mm behind the plate, and the reach is 150 mm" in error
     share = float(error.rpartition(": ")[2].partition(" %")[0])
     assert share == pytest.approx(100 / 6, abs=0.6)
-
-
-def test_of_a_plate_of_ten_thousand_million_hogels_one_is_asked() -> None:
-    """No memory holds a list or a map of them."""
-    scene = open_scene("asymmetric")
-    side = range(100_000)
-    large = replace(scene, plate=Plate(size=scene.plate.size, hogels=(len(side), len(side))))
-    assert unseen_sentence(large, ApertureBlocks(large.plate, ((side, side),))) is None
 
 
 def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() -> None:
