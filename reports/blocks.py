@@ -54,7 +54,8 @@ of linear algebra."""
 DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES"
 """Environment variables that choose the devices of a process: EGL's by index, and CUDA's."""
 
-CONNECT_S = 10  #: time limit for the answer of a scheduler, seconds
+#: time limit for the answer of a scheduler, seconds
+CONNECT_S = 10
 
 #: Time limit and interval for a block that a cluster has finished to appear in the store, seconds;
 #: NFS caches the entries of a folder for at most 60 s.
@@ -71,8 +72,10 @@ class Session(Protocol):
 class Job(ABC):
     """Work in blocks, pickled for workers with its scene; blocks are pickled too."""
 
-    draws: ClassVar[bool] = True  #: whether sessions use OpenGL, which takes one process per GPU
-    unit: ClassVar[str] = "hogel"  #: noun for the parts of a block in progress bars
+    #: whether sessions use OpenGL, which takes one process per GPU
+    draws: ClassVar[bool] = True
+    #: noun for the parts of a block in progress bars
+    unit: ClassVar[str] = "hogel"
 
     @property
     @abstractmethod
@@ -121,12 +124,15 @@ class Part:
 class Engine:
     """Place of the work: processes of this machine, or the workers of a Dask scheduler."""
 
-    scheduler: str | None = None  #: address of a Dask scheduler
+    #: address of a Dask scheduler
+    scheduler: str | None = None
     #: Number of processes, 1 for the command itself; None for one per device where sessions draw
     #: on GPUs or on `devices`, else for one per available processor.
     workers: int | None = None
-    devices: tuple[int, ...] = ()  #: EGL device indices, used in turn; empty for all GPUs
-    part: Part = field(default_factory=Part)  #: part of the blocks that this command makes
+    #: EGL device indices, used in turn; empty for all GPUs
+    devices: tuple[int, ...] = ()
+    #: part of the blocks that this command makes
+    part: Part = field(default_factory=Part)
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
@@ -152,7 +158,8 @@ class Engine:
         return max(1, min(usual if self.workers is None else self.workers, blocks))
 
 
-HERE = Engine(workers=1)  #: this process alone
+#: this process alone
+HERE = Engine(workers=1)
 
 
 class WorkerLostError(InputError):
@@ -167,7 +174,8 @@ class Workers(ABC):
     """Processes that make blocks: this one, others of this machine, or workers of a cluster."""
 
     count: int = 1
-    elsewhere: ClassVar[bool] = False  #: whether their files may appear here with a delay
+    #: whether their files may appear here with a delay
+    elsewhere: ClassVar[bool] = False
 
     @abstractmethod
     def map(
@@ -243,7 +251,8 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
             pool.end()
         return
     before = os.environ.get(DEVICE_VARIABLE)
-    if devices:  # OpenGL takes the device from the environment, here as in a worker process
+    # OpenGL takes the device from the environment, here as in a worker process.
+    if devices:
         os.environ[DEVICE_VARIABLE] = str(devices[0])
     try:
         with _OpenSession() as opened:
@@ -386,8 +395,10 @@ class _Pool(Workers):
                 self.end()
 
 
-_session = _OpenSession()  #: session of a worker process
-_pickled_job = b""  #: job of a worker process of this machine
+#: session of a worker process
+_session = _OpenSession()
+#: job of a worker process of this machine
+_pickled_job = b""
 
 
 def _begin(stopped: Connection[Any, Any], environments: Any, job: bytes) -> None:
@@ -396,7 +407,8 @@ def _begin(stopped: Connection[Any, Any], environments: Any, job: bytes) -> None
     # Ctrl-C goes to all processes of a terminal; the command ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # standard output belongs to the command
+    # Standard output belongs to the command.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.environ.update(environments.get())
     _pickled_job = job
 
@@ -460,7 +472,8 @@ class _Cluster(Workers):
             )  # fmt: skip
             items_by_key = {future.key: item for future, item in zip(futures, listed, strict=True)}
             completed = as_completed(futures, loop=self._client.loop)
-            del futures  # the scheduler keeps results that are referenced
+            # The scheduler keeps results that are referenced.
+            del futures
             for future in completed:
                 item = items_by_key.pop(future.key)
                 try:

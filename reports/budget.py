@@ -58,10 +58,14 @@ class BudgetReport(NotebookRepr):
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
-    chain: Chain  #: images from the truth to the drawn frame
-    geometry: Budget  #: every wrong pixel, charged to one link of the chain
-    radiance: radiance_budget.RadianceBudget  #: the error of color, link by link
-    why: str = ""  #: reason for which the aperture was chosen; empty where it was given
+    #: images from the truth to the drawn frame
+    chain: Chain
+    #: every wrong pixel, charged to one link of the chain
+    geometry: Budget
+    #: the error of color, link by link
+    radiance: radiance_budget.RadianceBudget
+    #: reason for which the aperture was chosen; empty where it was given
+    why: str = ""
 
     @property
     def place(self) -> str:
@@ -204,7 +208,8 @@ def budget_of(
     return make_budget(reference, chain), chain
 
 
-IN_ALL = "in all"  #: name of the radiance error as a whole, beside its links
+#: name of the radiance error as a whole, beside its links
+IN_ALL = "in all"
 
 
 def _radiance_rows(report: BudgetReport) -> tuple[radiance_budget.RadianceLink, ...]:

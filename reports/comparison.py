@@ -22,12 +22,16 @@ FILES = (
 class FileComparison:
     """Two image files compared."""
 
-    comparison: Comparison  #: its `surface` is None where the scene is not at hand to trace
-    reach: float  #: the truth's longest reach, scene units
+    #: its `surface` is None where the scene is not at hand to trace
+    comparison: Comparison
+    #: the truth's longest reach, scene units
+    reach: float
     #: both ends of the scale of height errors; see `images.height_range`
     heights: tuple[float, float]
-    note: str  #: reason why the scene is not at hand; empty where it is
-    unexamined: str = ""  #: words for a truth that a tracer alone made; empty where it was examined
+    #: reason why the scene is not at hand; empty where it is
+    note: str
+    #: words for a truth that a tracer alone made; empty where it was examined
+    unexamined: str = ""
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:

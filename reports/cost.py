@@ -229,11 +229,13 @@ class Way:
 
     renderer: str
     label: str
-    family: str  #: group of options that it belongs to: a depth buffer, or whatever else was varied
+    #: group of options that it belongs to: a depth buffer, or whatever else was varied
+    family: str
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
-_Made = tuple[Way, Callable[[], HogelImage | Drawn]]  #: a way, and what makes a picture so
+#: a way, and what makes a picture so
+_Made = tuple[Way, Callable[[], HogelImage | Drawn]]
 
 
 def _errors(
@@ -341,7 +343,8 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_M
     yield truth, partial(tracers["embree"].trace, aperture)
 
 
-COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` but the first
+#: heads of `Option.cells` but the first
+COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")
 
 #: Share of the tolerance with an answer of its own: a tenth of a pixel for half a pixel.
 STRICTER_FRACTION = 0.2
@@ -352,7 +355,8 @@ class Option(Way):
     """One way to make a picture: its error and its time."""
 
     displacement_p99_px: float
-    surface_fraction: float  #: share of judged pixels with the wrong surface
+    #: share of judged pixels with the wrong surface
+    surface_fraction: float
     #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device
     #: drew, and read back: None for a tracer, which does neither.
     time_s: Timing
@@ -404,7 +408,8 @@ class FastestWithin:
     tolerance_px: float
     fastest: tuple[Option, ...]
     ranked: bool
-    sentence: str = ""  #: the answer in words
+    #: the answer in words
+    sentence: str = ""
 
     @property
     def option(self) -> Option | None:

@@ -25,7 +25,8 @@ from xfrustum.scenes.representation import counted, digits, percent, sides
 MOVED_PX = 1.0
 """Displacement of full color on a map: a neighboring pixel shows the point."""
 
-MAX_LISTED_OBJECTS = 24  #: largest number of listed objects of a scene; the others are counted
+#: largest number of listed objects of a scene; the others are counted
+MAX_LISTED_OBJECTS = 24
 
 DISPLAYED = (Scene, SceneObject, HogelImage, EyeImage, Comparison, JudgedDrawing, JudgedHogel)
 """Types that notebooks display by the functions below."""

@@ -27,9 +27,12 @@ from xfrustum.tolerances import TOLERANCE_PX
 #: hogels, and each is five pixels wide on the page.
 MAX_MAP_CELLS = 120
 
-MAP_PIXELS = 260  #: height of the map of a plate as high as wide, on the page
-MARK = "#D55E00"  #: color of the marks of apertures
-LABEL = "#1b1f24"  #: color of their labels, which lie on white on light and on dark paper
+#: height of the map of a plate as high as wide, on the page
+MAP_PIXELS = 260
+#: color of the marks of apertures
+MARK = "#D55E00"
+#: color of their labels, which lie on white on light and on dark paper
+LABEL = "#1b1f24"
 
 
 def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:

@@ -23,7 +23,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.representation import digits, percent
 
 PAGE = "inspect.html"
-MARK = '<p class="kicker">xfrustum'  #: text of every page of this program
+#: text of every page of this program
+MARK = '<p class="kicker">xfrustum'
 
 MAX_HOGELS = 12
 """Largest number of hogels on a page: at 512 x 512 pixels each takes about a megabyte."""
@@ -34,7 +35,8 @@ MAX_SIDE_PX = 1024
 MAX_LISTED_PIXELS = 400
 """Largest number of wrong pixels of a hogel whose values are on the page."""
 
-DRAWN = FrameRequest(color=True, causes=True)  #: frames that can be inspected
+#: frames that can be inspected
+DRAWN = FrameRequest(color=True, causes=True)
 
 COLORS = (
     "rgb(224,49,49)",
@@ -66,7 +68,8 @@ class Pane:
 
     caption: str
     content: bytes
-    over_truth: bool = False  #: errors, shown over the dimmed truth
+    #: errors, shown over the dimmed truth
+    over_truth: bool = False
     legend: tuple[Legend, ...] = ()
 
 
@@ -74,10 +77,14 @@ class Pane:
 class InspectedHogel:
     """A hogel in panes, and the values of truth and image at its wrong pixels."""
 
-    aperture: tuple[int, int]  #: column and row
-    size: tuple[int, int]  #: width and height in pixels
-    words: str  #: errors of the hogel in a line
-    panes: tuple[Pane, ...]  #: the truth first
+    #: column and row
+    aperture: tuple[int, int]
+    #: width and height in pixels
+    size: tuple[int, int]
+    #: errors of the hogel in a line
+    words: str
+    #: the truth first
+    panes: tuple[Pane, ...]
     #: columns, and a row of them for each listed wrong pixel
     columns: tuple[str, ...]
     pixels: tuple[tuple[int | float | str | None, ...], ...]
@@ -252,7 +259,8 @@ class PlateMap:
     """One number of the hogels of a plate: a share where `words` begin with "Share"."""
 
     words: str
-    cells: Floats  #: (rows, columns) largest value of each cell; NaN where no hogel is known
+    #: (rows, columns) largest value of each cell; NaN where no hogel is known
+    cells: Floats
 
     @classmethod
     def from_values(
@@ -284,9 +292,12 @@ class Inspection:
 
     command: str
     scene: Scene
-    intro: str  #: sentence about the hogels
-    hogels: Sequence[InspectedHogel]  #: the worst first; at most `MAX_HOGELS` are shown
-    plate_map: PlateMap  #: errors of the hogels of the plate
+    #: sentence about the hogels
+    intro: str
+    #: the worst first; at most `MAX_HOGELS` are shown
+    hogels: Sequence[InspectedHogel]
+    #: errors of the hogels of the plate
+    plate_map: PlateMap
 
 
 def write_inspection(folder: Path, shown: Inspection) -> None:

@@ -17,7 +17,8 @@ from xfrustum.scenes.arrays import Bytes, Floats, Mask, Singles
 # Pictures
 # ------------------------------------------------------------------------------------------------
 
-SHADES = (0.35, 0.9)  #: darkest and lightest gray of surfaces in pictures without color, by height
+#: darkest and lightest gray of surfaces in pictures without color, by height
+SHADES = (0.35, 0.9)
 #: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under
 #: marks, and opacity of the mark of a displaced pixel.
 WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
@@ -99,8 +100,10 @@ class Figure:
 class Display:
     """Content of the display of an object."""
 
-    line: str  #: the object in a line, with sizes and units
-    facts: str = ""  #: further lines, aligned
+    #: the object in a line, with sizes and units
+    line: str
+    #: further lines, aligned
+    facts: str = ""
     figures: Sequence[Figure] = ()
 
     def html(self, name: str) -> str:

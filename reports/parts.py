@@ -129,7 +129,8 @@ class ParquetParts:
         path = self.path(number)
         with self._writing():
             if os.path.lexists(path) and not path.is_file():
-                path.unlink()  # a pipe or a device would be written into
+                # A pipe or a device would be written into.
+                path.unlink()
             write_file(path, parquet_bytes(table), host=self.out)
 
     def read(self, number: int, columns: list[str] | None = None) -> pa.Table:

@@ -37,7 +37,8 @@ MEASURES = {
     "depth_wrong": "surfaces wrong by depth",
 }
 
-MAX_NAMED = 5  #: largest number of heights or apertures that a sentence lists
+#: largest number of heights or apertures that a sentence lists
+MAX_NAMED = 5
 
 _NO_PLAN = {
     Cause.EYES: "No plan: eyes notice the smallest near.",

@@ -58,13 +58,15 @@ from xfrustum.tolerances import MAX_WRONG
 
 FILES = PAGE, DATA = "index.html", "plan.json"
 
-LINE_CHARACTERS = 100  #: largest number of characters in a line of text
+#: largest number of characters in a line of text
+LINE_CHARACTERS = 100
 
 #: Pixels of both eyes' films that confirm a plan, each of another hogel: a minute of two cores or
 #: less.
 CONFIRMED_HOGELS = 20_000
 
-QUANTILES = (0.01, 0.1, 0.5, 0.9)  #: shares of the scanned hogels whose largest near is listed
+#: shares of the scanned hogels whose largest near is listed
+QUANTILES = (0.01, 0.1, 0.5, 0.9)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -73,10 +75,14 @@ class PlanReport(NotebookRepr):
 
     scene: Scene
     plan: Plan
-    apertures: tuple[Aperture, ...]  #: apertures of the plan; the middle one for a plate
-    auto: AutoApertures | None = None  #: choice of the apertures by a scan of the plate
-    scan: PlateScan | None = None  #: None for a plan of some apertures
-    view_zone: ViewZone | None = None  #: at the viewer's distance; None without a viewer
+    #: apertures of the plan; the middle one for a plate
+    apertures: tuple[Aperture, ...]
+    #: choice of the apertures by a scan of the plate
+    auto: AutoApertures | None = None
+    #: None for a plan of some apertures
+    scan: PlateScan | None = None
+    #: at the viewer's distance; None without a viewer
+    view_zone: ViewZone | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:

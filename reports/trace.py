@@ -31,9 +31,12 @@ class TraceRecord:
     """Record that `trace --json` prints."""
 
     file: Path
-    decided_by: str  #: `certified`, or the name of a tracer
-    certainty: dict[str, int]  #: pixels by class
-    alone: dict[str, int] | None  #: judged pixels, and errors of each tracer alone
+    #: `certified`, or the name of a tracer
+    decided_by: str
+    #: pixels by class
+    certainty: dict[str, int]
+    #: judged pixels, and errors of each tracer alone
+    alone: dict[str, int] | None
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:

@@ -25,15 +25,18 @@ from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Frustum
 from xfrustum.scenes.representation import ShortRepr
 
-RIGHT = -1  #: value in a map of charges of a pixel that is right in the end, or not judged
+#: value in a map of charges of a pixel that is right in the end, or not judged
+RIGHT = -1
 
 
 @dataclass(frozen=True, kw_only=True)
 class CauseNumbers:
     """Effect of one link of the chain, measured and predicted; None where nothing is displaced."""
 
-    surface: int  #: judged pixels charged to it that show the wrong surface
-    triangle: int  #: and another triangle
+    #: judged pixels charged to it that show the wrong surface
+    surface: int
+    #: and another triangle
+    triangle: int
     displacement_rms_px: (
         float | None
     )  #: displacement added, where every image shows a surface off the plate
@@ -82,7 +85,8 @@ class BudgetNumbers:
     unexplained: int
     not_in_every_link: int
     prediction_reasons: Reasons
-    device_model: str  #: name of the model by which rounding is explained
+    #: name of the model by which rounding is explained
+    device_model: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -91,8 +95,10 @@ class VectorBudget(ShortRepr):
 
     #: (links, H, W, components) differences between neighboring images, NaN elsewhere
     steps: Floats
-    total: Floats  #: (H, W, components) last image minus first
-    elsewhere: int  #: pixels left out, because some image shows no surface or one in the plate
+    #: (H, W, components) last image minus first
+    total: Floats
+    #: pixels left out, because some image shows no surface or one in the plate
+    elsewhere: int
 
     @classmethod
     def from_values(cls, values: Floats) -> VectorBudget:
@@ -135,10 +141,14 @@ class ChainStart(ShortRepr):
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    device: DeviceModel  #: that drew R0
-    judged: Mask  #: (H, W) pixels whose truth is no tie
-    exact: error_maps.PixelErrors  #: errors of R0, the frame with exact depth
-    exact_wrong: Mask  #: (H, W) judged pixels at which R0 shows the wrong surface
+    #: that drew R0
+    device: DeviceModel
+    #: (H, W) pixels whose truth is no tie
+    judged: Mask
+    #: errors of R0, the frame with exact depth
+    exact: error_maps.PixelErrors
+    #: (H, W) judged pixels at which R0 shows the wrong surface
+    exact_wrong: Mask
     #: (H, W) last link up to R0 that changes the triangle of a pixel, else `RIGHT`
     charge: NDArray[np.int8]
     #: (H, W) link from which on a pixel of R0 shows a wrong surface, else `RIGHT`
@@ -147,10 +157,14 @@ class ChainStart(ShortRepr):
     shifts: tuple[Floats, ...]
     #: (H, W) lengths that each link adds to displacement, pixels; None for links without effect
     steps: tuple[Floats | None, ...]
-    known: Mask  #: (H, W) pixels at which all these images show a surface off the plate
-    sizes: tuple[Size, ...]  #: size of each of `steps` over the `known` pixels
-    rounding: Causes  #: causes of the changes by rasterization with exact depth
-    shear: ShearNumbers | None  #: effect of the pivot alone on the points of T2; None without any
+    #: (H, W) pixels at which all these images show a surface off the plate
+    known: Mask
+    #: size of each of `steps` over the `known` pixels
+    sizes: tuple[Size, ...]
+    #: causes of the changes by rasterization with exact depth
+    rounding: Causes
+    #: effect of the pivot alone on the points of T2; None without any
+    shear: ShearNumbers | None
 
     @classmethod
     def from_images(
@@ -235,14 +249,19 @@ class Budget(ShortRepr):
     """The error of one image, link by link."""
 
     start: ChainStart
-    errors: error_maps.PixelErrors  #: errors of the last image
-    charge: NDArray[np.int8]  #: (H, W) link that each wrong pixel is charged to, else `RIGHT`
+    #: errors of the last image
+    errors: error_maps.PixelErrors
+    #: (H, W) link that each wrong pixel is charged to, else `RIGHT`
+    charge: NDArray[np.int8]
     #: (H, W) link from which on each pixel shows a wrong surface, else `RIGHT`
     surface_charge: NDArray[np.int8]
-    explanation: Causes  #: causes of the pixels charged to rasterization and depth
-    causes: tuple[Cause, ...]  #: effect of each link, in the order of `links`
+    #: causes of the pixels charged to rasterization and depth
+    explanation: Causes
+    #: effect of each link, in the order of `links`
+    causes: tuple[Cause, ...]
     predicted: tuple[LinkPrediction, ...]
-    reasons: Reasons  #: reasons for which predictions do not hold
+    #: reasons for which predictions do not hold
+    reasons: Reasons
 
     @property
     def drawn(self) -> HogelImage:
@@ -403,12 +422,14 @@ class ShearNumbers:
     rows.
     """
 
-    pixels: int  #: that show a surface off the plate: all are measured
+    #: that show a surface off the plate: all are measured
+    pixels: int
     rms_px: float
     closed_form_rms_px: float
     mean_px: tuple[float, float]
     closed_form_mean_px: tuple[float, float]
-    largest_difference_px: float  #: between a traced shift and its closed form
+    #: between a traced shift and its closed form
+    largest_difference_px: float
 
 
 def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:

@@ -49,7 +49,8 @@ MAX_CHAIN_PIXELS = 1 << 22
 class RadianceChange:
     """Change of linear radiance over a link or the whole chain; None without such pixels."""
 
-    mean: float | None  #: over all judged pixels, like the next two
+    #: over all judged pixels, like the next two
+    mean: float | None
     rms: float | None
     max: float | None
     rms_same_triangle: (
@@ -82,9 +83,12 @@ class RadianceBudget(ShortRepr):
     links: tuple[str, ...]
     #: linear RGB; nothing is left out, for a pixel that shows no surface is black
     change: VectorBudget
-    judged: Mask  #: (H, W) pixels whose truth is no tie
-    same: Mask  #: (H, W) judged pixels that show the same triangle in all images of the chain
-    errors: dict[str, float]  #: by link that is measured against samples, their rms standard error
+    #: (H, W) pixels whose truth is no tie
+    judged: Mask
+    #: (H, W) judged pixels that show the same triangle in all images of the chain
+    same: Mask
+    #: by link that is measured against samples, their rms standard error
+    errors: dict[str, float]
 
     @property
     def numbers(self) -> RadianceNumbers:

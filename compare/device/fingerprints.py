@@ -58,7 +58,8 @@ class Within:
     """How the depths that a device stored lie between a model's bounds."""
 
     pixels: int
-    within: int  #: that lie between the bounds
+    #: that lie between the bounds
+    within: int
     #: median ratio of the tolerances to the tolerances of an unmeasured device
     share_of_safe: float
 
@@ -94,9 +95,11 @@ class DeviceRecord:
     cut_from_px: float | None
     cuts: dict[str, float]
     varyings: dict[str, float]
-    tried: dict[str, Any]  #: numbers of trials
+    #: numbers of trials
+    tried: dict[str, Any]
     within: dict[str, Within]
-    model: dict[str, Any]  #: model by which pixels are explained
+    #: model by which pixels are explained
+    model: dict[str, Any]
 
 
 class Measured:

@@ -33,7 +33,8 @@ class RecordedFrame:
     """One frame by its name, `scene|near/reach|depth|mapping|column,row`."""
 
     name: str
-    triangle: Numbers  #: (H, W) numbers as drawn, `NOTHING` where nothing is
+    #: (H, W) numbers as drawn, `NOTHING` where nothing is
+    triangle: Numbers
 
     @property
     def scene(self) -> str:
@@ -50,7 +51,8 @@ class RecordedFrame:
             raise InputError(
                 f"{self.name!r} names no frame; write scene|near/reach|depth|mapping|column,row"
             ) from error
-        depth_buffer: Any = {"depth": depth, "mapping": mapping}  # checked by `DoubleFrustum`
+        # Checked by `DoubleFrustum`.
+        depth_buffer: Any = {"depth": depth, "mapping": mapping}
         settings = DoubleFrustum(near=near_of_scene, **depth_buffer)
         return scene.plate.aperture(column, row), settings
 
@@ -60,7 +62,8 @@ class ReplayRecord:
     """Record that `device --replay --json` prints."""
 
     frames: int
-    wrong: int  #: pixels that differ from exact cameras; the next four are its parts
+    #: pixels that differ from exact cameras; the next four are its parts
+    wrong: int
     edge: int
     order: int
     lost: int
@@ -75,10 +78,14 @@ class Replayed:
     """Causes of the differences of recorded frames from their exact cameras."""
 
     frames: int
-    device: str  #: name of the device that drew
-    model: DeviceModel  #: model by which they were explained
-    counts: dict[str, int]  #: pixels by their heading
-    unexplained: dict[str, int]  #: pixels of each frame that has some
+    #: name of the device that drew
+    device: str
+    #: model by which they were explained
+    model: DeviceModel
+    #: pixels by their heading
+    counts: dict[str, int]
+    #: pixels of each frame that has some
+    unexplained: dict[str, int]
 
     @property
     def wrong(self) -> int:

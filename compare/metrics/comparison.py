@@ -43,20 +43,26 @@ class ComparisonNumbers:
     """Errors of a raster image in numbers: the record that `compare --json` prints."""
 
     pixels: int
-    judged: int  #: pixels whose truth is no tie
-    covered: int  #: pixels where the truth shows a surface
+    #: pixels whose truth is no tie
+    judged: int
+    #: pixels where the truth shows a surface
+    covered: int
     #: raster pixels that show a surface in the plate, where displacement is undefined
     at_plate: int
-    surface: SurfaceShare | None  #: None where the scene was not at hand
-    triangle: Share | None  #: None where the raster image names no triangles
+    #: None where the scene was not at hand
+    surface: SurfaceShare | None
+    #: None where the raster image names no triangles
+    triangle: Share | None
     displacement_px: (
         error_maps.Spread | None
     )  #: None where the raster shows no surface off the plate
     height: (
         error_maps.HeightError | None
     )  #: None where no pixel shows the same triangle in both images
-    radiance: RadianceNumbers | None  #: None where colors were not compared, or an image has none
-    certainty: dict[str, int]  #: the truth's pixels by class
+    #: None where colors were not compared, or an image has none
+    radiance: RadianceNumbers | None
+    #: the truth's pixels by class
+    certainty: dict[str, int]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -64,7 +70,8 @@ class Comparison(ShortRepr, ComparisonNumbers):
     """Errors of a raster image, in numbers and pixel by pixel."""
 
     errors: error_maps.PixelErrors
-    colors: RadianceError | None  #: None where they were not compared
+    #: None where they were not compared
+    colors: RadianceError | None
 
     @property
     def maps(self) -> error_maps.ErrorMaps:

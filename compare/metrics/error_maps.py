@@ -37,7 +37,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.representation import ShortRepr
 
-Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
+#: function that returns which points (N,) are occluded
+Occluded = Callable[[SurfacePoints], Mask]
 FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
 """Bounds of points that float in front of every surface.
 
@@ -126,9 +127,12 @@ def lengths(shift: Floats) -> Floats:
 class DrawnPoints:
     """Surface points that some pixels of an image show, as a structure of arrays."""
 
-    pixels: Indices  #: (N,) flat numbers
-    coordinates: Floats  #: (3, N) scene units
-    triangle: Numbers  #: (N,) as the image has them
+    #: (N,) flat numbers
+    pixels: Indices
+    #: (3, N) scene units
+    coordinates: Floats
+    #: (N,) as the image has them
+    triangle: Numbers
     #: (N, 3) error bounds of the stored coordinates; None as float32
     doubt: Floats | None = None
 
@@ -404,13 +408,20 @@ def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
 class ErrorMaps(ShortRepr):
     """Each error as an image; errors are raster minus truth."""
 
-    judged: Mask  #: (H, W) pixels whose truth is no tie
-    surface: Mask | None  #: pixels that show the wrong surface; None without the scene
-    outside: Mask | None  #: of these, pixels whose point belongs outside the true film
-    triangle: Mask  #: pixels that show another triangle number
-    displacement: Floats  #: (H, W, 2) columns and rows in pixels, NaN where undefined
-    height: Floats  #: (H, W), NaN where the triangles differ
-    radiance: Floats | None  #: (H, W, 3), NaN where not judged; None where not compared
+    #: (H, W) pixels whose truth is no tie
+    judged: Mask
+    #: pixels that show the wrong surface; None without the scene
+    surface: Mask | None
+    #: of these, pixels whose point belongs outside the true film
+    outside: Mask | None
+    #: pixels that show another triangle number
+    triangle: Mask
+    #: (H, W, 2) columns and rows in pixels, NaN where undefined
+    displacement: Floats
+    #: (H, W), NaN where the triangles differ
+    height: Floats
+    #: (H, W, 3), NaN where not judged; None where not compared
+    radiance: Floats | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -419,13 +430,17 @@ class PixelErrors(ShortRepr):
 
     truth: HogelImage
     raster: HogelImage
-    judged: Mask  #: like the next three, a mask of `ErrorMaps`
+    #: like the next three, a mask of `ErrorMaps`
+    judged: Mask
     surface: Mask | None
     outside: Mask | None
     triangle: Mask
-    shift: Floats  #: (2, H, W) true minus drawn place, columns and rows; NaN where undefined
-    moved: Floats  #: (H, W) length of `shift`
-    height: Floats  #: (H, W) raster minus truth, NaN where the triangles differ
+    #: (2, H, W) true minus drawn place, columns and rows; NaN where undefined
+    shift: Floats
+    #: (H, W) length of `shift`
+    moved: Floats
+    #: (H, W) raster minus truth, NaN where the triangles differ
+    height: Floats
     spread: Spread | None
     height_error: HeightError | None
 

@@ -34,7 +34,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.scenes.representation import ShortRepr
 
-ALPHA = 0.01  #: chance that a test of a whole picture fails although nothing is wrong
+#: chance that a test of a whole picture fails although nothing is wrong
+ALPHA = 0.01
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """Viewing condition of FLIP: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
@@ -48,8 +49,10 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 STEP = 1 / 255
 """One level of 8-bit output in linear radiance: allowed difference of two shaded answers."""
 
-Rgb = tuple[float, float, float]  #: one number for each of red, green and blue
-Done = Callable[[], object]  #: function that is called when a part of the work is done
+#: one number for each of red, green and blue
+Rgb = tuple[float, float, float]
+#: function that is called when a part of the work is done
+Done = Callable[[], object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,14 +66,20 @@ class NoiseNumbers:
     """
 
     agrees: bool
-    differ: int  #: pixels
+    #: pixels
+    differ: int
     alpha: float
-    tests: int  #: pixels times channels
+    #: pixels times channels
+    tests: int
     p_value: float
-    farthest: float  #: deviation in standard errors; infinite where a pixel without noise differs
-    without_noise: int  #: tested pixels in which no channel varies from sample to sample
-    bias: float  #: mean of picture minus reference over the tested pixels
-    bias_error: float  #: one standard error of it, from the variances
+    #: deviation in standard errors; infinite where a pixel without noise differs
+    farthest: float
+    #: tested pixels in which no channel varies from sample to sample
+    without_noise: int
+    #: mean of picture minus reference over the tested pixels
+    bias: float
+    #: one standard error of it, from the variances
+    bias_error: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +87,8 @@ class NoiseTest:
     """Result of a per-pixel test of a picture against a noisy reference."""
 
     numbers: NoiseNumbers
-    differs: Mask  #: (H, W) pixels that differ at the level of the whole picture
+    #: (H, W) pixels that differ at the level of the whole picture
+    differs: Mask
 
 
 def compare_with_noise(
@@ -139,17 +149,23 @@ class LeftOutNumbers:
 
     shadows: bool
     interreflection: bool
-    light_paths: int  #: per pixel of one of the two truths
-    pixels: int  #: that change beyond noise
-    darker: int  #: of these, on the mean of their channels
+    #: per pixel of one of the two truths
+    light_paths: int
+    #: that change beyond noise
+    pixels: int
+    #: of these, on the mean of their channels
+    darker: int
     brighter: int
-    mean: float  #: change of radiance over pixels and channels
+    #: change of radiance over pixels and channels
+    mean: float
     mean_of_image: (
         float | None
     )  #: over the mean radiance of the image without them; None where that is 0
-    rms: float  #: of the change, from which the noise is taken off
+    #: of the change, from which the noise is taken off
+    rms: float
     rms_noise: float
-    alpha: float  #: level of the test of pixels against noise, for the whole picture
+    #: level of the test of pixels against noise, for the whole picture
+    alpha: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,7 +175,8 @@ class LeftOut:
     numbers: LeftOutNumbers
     #: the truth with them minus the truth without; samples of one truth
     difference: RadianceEstimate
-    without: Floats  #: the truth without them, (H, W, 3)
+    #: the truth without them, (H, W, 3)
+    without: Floats
 
 
 def transported(
@@ -222,11 +239,13 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
 class PerceptualDifference:
     """Perceptual difference of two pictures."""
 
-    flip: float  #: mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
+    #: mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
+    flip: float
     ssim: (
         float | None
     )  #: mean over picture and channels, 1 for equal; None if smaller than its window
-    flip_map: Singles  #: (H, W) float32
+    #: (H, W) float32
+    flip_map: Singles
 
 
 def perceptual_difference(
@@ -280,7 +299,8 @@ class RadianceSpread:
     mean: float
     p99: float
     max: float
-    above_step: float  #: share of pixels with a channel that is off by more than `STEP`
+    #: share of pixels with a channel that is off by more than `STEP`
+    above_step: float
     channels: ChannelSpread
 
     @staticmethod
@@ -318,7 +338,8 @@ class RadianceNumbers(RadianceSpread):
     away_from_edges: (
         RadianceSpread | None
     )  #: over those pixels that the function of that name returns
-    flip: float | None  #: None unless requested, like the next two
+    #: None unless requested, like the next two
+    flip: float | None
     ssim: float | None
     pixels_per_degree: float | None
     noise: (

@@ -29,19 +29,24 @@ class BufferLimit:
 
     depth: DepthFormat
     mapping: DepthMapping
-    smallest_near: float | None  #: scene units, three digits; None where no near is enough
-    displacement_p99_px: float | None  #: displacement by that near at the worst view, pixels
-    any_near: bool = False  #: whether it is the smallest near of all
+    #: scene units, three digits; None where no near is enough
+    smallest_near: float | None
+    #: displacement by that near at the worst view, pixels
+    displacement_p99_px: float | None
+    #: whether it is the smallest near of all
+    any_near: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
     """Ranges of near of all judges, closed forms for one pair of frusta."""
 
-    pixels: float | None  #: largest near within the tolerance at all views; None where none is
+    #: largest near within the tolerance at all views; None where none is
+    pixels: float | None
     buffers: tuple[BufferLimit, ...]
     eyes: tuple[NearLimit, ...]
-    hogels: Floats  #: (A,) largest near of each scanned aperture; see `hogel_limits`
+    #: (A,) largest near of each scanned aperture; see `hogel_limits`
+    hogels: Floats
 
 
 def near_limits(

@@ -46,7 +46,8 @@ class HogelResult(Errors):
     """Measured errors of a plan at one hogel."""
 
     aperture: Aperture
-    covered: int  #: pixels where the truth shows a surface
+    #: pixels where the truth shows a surface
+    covered: int
 
 
 def hogel_results(
@@ -127,9 +128,11 @@ class SheetPair:
     """Two sheets of one camera, parallel to the plate, a separation apart along z, scene units."""
 
     camera: ExactCamera
-    heights: Floats  #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
+    #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
+    heights: Floats
     separation: float
-    loser_first: bool  #: whether the sheet that must not show is drawn first
+    #: whether the sheet that must not show is drawn first
+    loser_first: bool
 
     def objects(self, owned: Mask) -> list[SceneObject]:
         """Return both sheets in drawing order: squares over the cells (n, n) owned."""
@@ -158,8 +161,10 @@ class SheetFilm:
 
     scene: Scene
     aperture: Aperture
-    pair: Indices  #: (H, W) number of the pair that each pixel belongs to
-    shown: Indices  #: (H, W) number of the object that it must show
+    #: (H, W) number of the pair that each pixel belongs to
+    pair: Indices
+    #: (H, W) number of the object that it must show
+    shown: Indices
 
     @classmethod
     def from_scene(

@@ -29,24 +29,29 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG
 
-MAX_SAMPLES = 3  #: largest number of samples: each further one follows one that disproved a plan
+#: largest number of samples: each further one follows one that disproved a plan
+MAX_SAMPLES = 3
 
 #: Confidence of the bound of each sample, for all to hold together: they are independent (Sidak
 #: 1967).
 EACH = CONFIDENCE ** (1 / MAX_SAMPLES)
 
-WORST_VIEWS = 4  #: number of worst scanned apertures from which a plan is first made
+#: number of worst scanned apertures from which a plan is first made
+WORST_VIEWS = 4
 
 #: Scanned displacement, in tolerances, from which on an aperture is traced in full before it is
 #: trusted, and how many at a time, the worst first: one line in a hundred of 576 is six, which give
 #: a 99th percentile to a factor of two at best.
 SUSPECTED_EXCESS, MAX_SUSPECTED = 0.5, 8
 
-MAX_ROUNDS = 8  #: largest number of plans that are made anew with apertures that joined
+#: largest number of plans that are made anew with apertures that joined
+MAX_ROUNDS = 8
 
-MAX_LISTED_APERTURES = 100  #: largest number of apertures that a result lists
+#: largest number of apertures that a result lists
+MAX_LISTED_APERTURES = 100
 
-MAX_COMPARED = 5  #: largest number of depth buffers to choose from that are all compared
+#: largest number of depth buffers to choose from that are all compared
+MAX_COMPARED = 5
 
 Index = tuple[int, int]
 
@@ -54,14 +59,22 @@ Index = tuple[int, int]
 class Cause(StrEnum):
     """Reason for a plan, or for the lack of one."""
 
-    ONE_PAIR = "one-pair"  #: one pair of frusta keeps all limits
-    CUTS = "cuts"  #: fewer cuts fail
-    SEPARATION = "separation"  #: no depth buffer orders sheets of the required separation
-    TOO_MANY_CUTS = "too-many-cuts"  #: even the largest number of cuts fails
-    EYES = "eyes"  #: eyes notice the smallest near
-    IN_APERTURE = "in-aperture"  #: a surface in an aperture fills 1 % of its picture
-    AT_PLATE = "at-plate"  #: surfaces lie closer to the plate than the smallest cut
-    EVERY_APERTURE = "every-aperture"  #: a surface lies in every aperture that sees anything
+    #: one pair of frusta keeps all limits
+    ONE_PAIR = "one-pair"
+    #: fewer cuts fail
+    CUTS = "cuts"
+    #: no depth buffer orders sheets of the required separation
+    SEPARATION = "separation"
+    #: even the largest number of cuts fails
+    TOO_MANY_CUTS = "too-many-cuts"
+    #: eyes notice the smallest near
+    EYES = "eyes"
+    #: a surface in an aperture fills 1 % of its picture
+    IN_APERTURE = "in-aperture"
+    #: surfaces lie closer to the plate than the smallest cut
+    AT_PLATE = "at-plate"
+    #: a surface lies in every aperture that sees anything
+    EVERY_APERTURE = "every-aperture"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,17 +82,27 @@ class PlateResult:
     """Measures of a plan all over the plate; counts are of hogels."""
 
     hogels: int
-    scouted: int  #: hogels that were scanned
-    measured: int = 0  #: hogels that were drawn and judged
-    sampled: int = 0  #: hogels in the last random sample
-    beyond: int = 0  #: hogels of the last sample beyond the tolerance
-    empty: int = 0  #: hogels of the last sample that show nothing and are not beyond
-    worst: HogelResult | None = None  #: hogel with the largest excess; None without a plan
-    worst_by: str | None = None  #: name of the error of `worst` with the largest excess
-    infeasible: int  #: hogels at which no near keeps the tolerance
+    #: hogels that were scanned
+    scouted: int
+    #: hogels that were drawn and judged
+    measured: int = 0
+    #: hogels in the last random sample
+    sampled: int = 0
+    #: hogels of the last sample beyond the tolerance
+    beyond: int = 0
+    #: hogels of the last sample that show nothing and are not beyond
+    empty: int = 0
+    #: hogel with the largest excess; None without a plan
+    worst: HogelResult | None = None
+    #: name of the error of `worst` with the largest excess
+    worst_by: str | None = None
+    #: hogels at which no near keeps the tolerance
+    infeasible: int
     share_beyond_at_most: float = 1.0
-    confidence: float = 1.0  #: probability that the bound holds; 1 where every hogel was measured
-    infeasible_apertures: tuple[Index, ...]  #: at most `MAX_LISTED_APERTURES`
+    #: probability that the bound holds; 1 where every hogel was measured
+    confidence: float = 1.0
+    #: at most `MAX_LISTED_APERTURES`
+    infeasible_apertures: tuple[Index, ...]
 
     @property
     def share_within_at_least(self) -> float:
@@ -101,16 +124,21 @@ class Plan:
     slabs: tuple[float, ...] = ()
     depth: DepthFormat | None = None
     mapping: DepthMapping | None = None
-    predicted: Quality | None = None  #: errors at the worst aperture
+    #: errors at the worst aperture
+    predicted: Quality | None = None
     measured: Quality | None = None
-    within: bool = False  #: whether all limits were measured to hold
-    plate: PlateResult | None = None  #: None for a plan of some apertures
+    #: whether all limits were measured to hold
+    within: bool = False
+    #: None for a plan of some apertures
+    plate: PlateResult | None = None
     limits: Limits | None = None
-    outcome: Outcome | None = None  #: search that led to it; None where none was made
+    #: search that led to it; None where none was made
+    outcome: Outcome | None = None
     in_aperture: tuple[Index, float] | None = (
         None  #: aperture of `IN_APERTURE`, share of its pixels
     )
-    device_model: str | None = None  #: name of the model of the device that measured it
+    #: name of the model of the device that measured it
+    device_model: str | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:

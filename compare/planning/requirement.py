@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from xfrustum.compare.planning.viewer import ViewerRequirement
 
-SEPARATION_PER_REACH = 1e-3  #: default separation of ordered sheets, share of the longest reach
+#: default separation of ordered sheets, share of the longest reach
+SEPARATION_PER_REACH = 1e-3
 
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
@@ -38,9 +39,12 @@ def depth_buffers(
 class Errors:
     """Errors of settings at a hogel, or at the worst of several: measured, or predicted at most."""
 
-    displacement_p99_px: float  #: 0 where nothing is displaced, infinite where it is undefined
-    surface_fraction: float  #: share of judged pixels with the wrong surface
-    depth_wrong: float  #: share whose wrong surface is charged to depth, by the unluckiest order
+    #: 0 where nothing is displaced, infinite where it is undefined
+    displacement_p99_px: float
+    #: share of judged pixels with the wrong surface
+    surface_fraction: float
+    #: share whose wrong surface is charged to depth, by the unluckiest order
+    depth_wrong: float
 
     def beyond(self, tolerance_px: float) -> bool:
         """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
@@ -60,7 +64,8 @@ def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
 class Quality(Errors):
     """Errors at the worst of some apertures and of sheets at the farthest visible surface."""
 
-    misordered: float  #: share of pixels that show the wrong one of two sheets a separation apart
+    #: share of pixels that show the wrong one of two sheets a separation apart
+    misordered: float
     #: smallest separation of which at most `MAX_MISORDERED_FRACTION` is wrong, scene units; 0
     #: where no two surfaces can be misordered
     separation: float
@@ -70,14 +75,20 @@ class Quality(Errors):
 class Requirement:
     """Limits of a plan; InputError for numbers out of range."""
 
-    tolerance_px: float = TOLERANCE_PX  #: largest 99th percentile of displacement, pixels
-    pixels_count: bool = True  #: whether displacement and wrong surfaces limit near, or eyes alone
+    #: largest 99th percentile of displacement, pixels
+    tolerance_px: float = TOLERANCE_PX
+    #: whether displacement and wrong surfaces limit near, or eyes alone
+    pixels_count: bool = True
     #: distance of ordered sheets, scene units; None for `SEPARATION_PER_REACH` of the reach
     separation: float | None = None
-    max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
-    device: DeviceModel | None = None  #: device that draws; None for the one at hand
-    viewer: ViewerRequirement | None = None  #: limits of a viewer's eyes
-    choices: tuple[DepthBuffer, ...] = ()  #: depth buffers to choose from; empty for all
+    #: largest share of judged pixels that are wrong by depth
+    max_wrong: float = MAX_DEPTH_WRONG
+    #: device that draws; None for the one at hand
+    device: DeviceModel | None = None
+    #: limits of a viewer's eyes
+    viewer: ViewerRequirement | None = None
+    #: depth buffers to choose from; empty for all
+    choices: tuple[DepthBuffer, ...] = ()
 
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)

@@ -37,10 +37,13 @@ SEPARATION_MARGIN = 2.0
 #: than the required separation, and their number: down to 1/4096 of it.
 TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
 
-INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and its half
+#: mean number of lengths of three digits between a length and its half
+INDICES_PER_OCTAVE = 271
 
-MAX_CUTS = 16  #: largest number of cuts: each slab is a pass over the whole scene, for each camera
-BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}  #: bytes of a depth value
+#: largest number of cuts: each slab is a pass over the whole scene, for each camera
+MAX_CUTS = 16
+#: bytes of a depth value
+BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 
 #: Margin beyond which more is worth nothing. Apertures that no scan has traced take little of it:
 #: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605
@@ -90,8 +93,10 @@ class Attempt:
 
     settings: DoubleFrustum
     predicted: Quality
-    near_excess: float  #: ratio of errors that grow with near
-    depth_excess: float  #: ratio of pixels wrong by depth, and of separation
+    #: ratio of errors that grow with near
+    near_excess: float
+    #: ratio of pixels wrong by depth, and of separation
+    depth_excess: float
 
     @property
     def excess(self) -> float:
@@ -118,10 +123,14 @@ class Attempt:
 class Outcome:
     """Result of a search."""
 
-    able: bool  #: whether any depth buffer orders the required separation, however it is cut
-    holding: int  #: depth buffers that hold with the fewest cuts
-    best: Attempt | None = None  #: cheapest attempt with the largest margin
-    largest_near: float | None = None  #: largest near that holds with the cuts and buffer of `best`
+    #: whether any depth buffer orders the required separation, however it is cut
+    able: bool
+    #: depth buffers that hold with the fewest cuts
+    holding: int
+    #: cheapest attempt with the largest margin
+    best: Attempt | None = None
+    #: largest near that holds with the cuts and buffer of `best`
+    largest_near: float | None = None
     #: failed attempt nearest to holding, with one cut less, or with the most cuts where none holds
     failed: Attempt | None = None
 
@@ -205,7 +214,8 @@ class Search:
     ) -> float:
         settings, separations = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
         for camera, low, high in ends:
-            if low < high:  # outside of the first slab cameras stand in the aperture
+            # Outside of the first slab cameras stand in the aperture.
+            if low < high:
                 slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
                 separations.append(self._views.separation_in(slab, settings))
         return max(separations)

@@ -22,10 +22,14 @@ STEREO, CRACK = "stereo", "crack"
 class NearLimit:
     """Largest near offset whose effect of one kind stays unnoticed."""
 
-    name: str  #: `STEREO` or `CRACK`
-    largest_near: float | None  #: three digits; None where every near is unnoticed, 0 where none is
-    allowed: float  #: arc seconds of disparity, or arc minutes of a crack's width
-    hidden_by: str  #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
+    #: `STEREO` or `CRACK`
+    name: str
+    #: three digits; None where every near is unnoticed, 0 where none is
+    largest_near: float | None
+    #: arc seconds of disparity, or arc minutes of a crack's width
+    allowed: float
+    #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
+    hidden_by: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +99,8 @@ def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     return min(pairs, key=lambda pair: pair[0])[1] if pairs else None
 
 
-Interval = tuple[float, float]  #: lower and upper end, scene units
+#: lower and upper end, scene units
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +111,12 @@ class ViewZone:
     farther.
     """
 
-    distance: float  #: from the plate, scene units
-    some: tuple[Interval, Interval]  #: x and y of eyes that see at least one hogel
-    every: tuple[Interval, Interval] | None  #: x and y of eyes that see every hogel; None for none
+    #: from the plate, scene units
+    distance: float
+    #: x and y of eyes that see at least one hogel
+    some: tuple[Interval, Interval]
+    #: x and y of eyes that see every hogel; None for none
+    every: tuple[Interval, Interval] | None
 
     @property
     def some_eyes_apart(self) -> float:

@@ -35,8 +35,10 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum
 #: the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.
 HEIGHT_TOLERANCE_RATIO = 1e-9
 
-NEIGHBORHOOD_PX = 3  #: width of a neighborhood in pixels: one to each side
-Done = Callable[[int], object]  #: progress, called with a number of hogels
+#: width of a neighborhood in pixels: one to each side
+NEIGHBORHOOD_PX = 3
+#: progress, called with a number of hogels
+Done = Callable[[int], object]
 
 
 def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:

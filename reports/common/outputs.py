@@ -26,7 +26,8 @@ from xfrustum.scenes.disk import durable
 
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types: dataclasses are objects, NaN and infinity None."""
-    if hasattr(value, "tolist"):  # NumPy's, which the command line does not load for its complaints
+    # NumPy's warnings, which the command line does not load for its complaints.
+    if hasattr(value, "tolist"):
         value = value.tolist()
     elif isinstance(value, Path | StrEnum):
         value = str(value)
@@ -70,7 +71,8 @@ class Staging:
     full.
     """
 
-    folder: Path  #: aside, to which the files are written
+    #: aside, to which the files are written
+    folder: Path
 
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out, self.names = out, names

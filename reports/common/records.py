@@ -18,7 +18,8 @@ from xfrustum.reports.common.outputs import json_ready
 _SCALARS = ((bool, pa.bool_()), (int, pa.int64()), (float, pa.float64()), (str, pa.string()))
 """Types of single values and of their columns; the first match counts: a bool is an int."""
 
-_UNIONS = (Union, UnionType)  #: both forms in which Python names a type that may be one of several
+#: both forms in which Python names a type that may be one of several
+_UNIONS = (Union, UnionType)
 
 
 def named_columns(pattern: str) -> Mapping[str, str]:

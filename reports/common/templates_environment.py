@@ -26,7 +26,8 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.scenes.representation import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
-NO_FILTERS: Filters = MappingProxyType({})  #: none but the filters of every template
+#: none but the filters of every template
+NO_FILTERS: Filters = MappingProxyType({})
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
@@ -125,7 +126,8 @@ def script_json(value: Any) -> Markup:
     return Markup(text)
 
 
-@cache  # an environment remembers the templates that it has compiled
+# An environment remembers the templates that it has compiled.
+@cache
 def _environment(
     filters: tuple[tuple[str, Callable[..., Any]], ...], *, autoescape: bool = True
 ) -> Environment:

@@ -13,7 +13,8 @@ CONFIDENCE = 0.95
 
 With fewer, the interval from the lowest to the highest holds it with probability 1 - 2^(1 - n)."""
 
-FEWEST_DIFFERENCES = 6  #: fewest differences of pairs whose interval has `CONFIDENCE`
+#: fewest differences of pairs whose interval has `CONFIDENCE`
+FEWEST_DIFFERENCES = 6
 
 FEWEST_REPETITIONS = 5
 """Fewest repetitions to distinguish two times.
@@ -48,7 +49,8 @@ class Timing:
     median: float
     lowest: float
     highest: float
-    repetitions: int  #: after the warm-up
+    #: after the warm-up
+    repetitions: int
     #: Ends of the median's interval where it is narrower than from `lowest` to `highest`, else
     #: None.
     low: float | None = None

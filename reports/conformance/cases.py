@@ -153,7 +153,8 @@ def _wavefront(scene: Scene) -> str:
     for number, part in enumerate(scene.objects):
         lines.append(f"o object_{number}")
         places = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
-        if part.vertex_colors is not None:  # sRGB, as in all files but glTF
+        # sRGB, as in all files but glTF.
+        if part.vertex_colors is not None:
             colors = encoding_curve(part.vertex_colors).tolist()
             places = [
                 f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, colors, strict=True)
@@ -204,7 +205,8 @@ def _binary_gltf(scene: Scene) -> bytes:
         return made
 
     whole = trimesh.Scene()
-    with np.errstate(all="ignore"):  # lengths beyond float32's range are in scene.obj
+    # Lengths beyond float32's range are in scene.obj.
+    with np.errstate(all="ignore"):
         for number, part in enumerate(scene.objects):
             name = f"object_{number}"
             whole.add_geometry(mesh(part), node_name=name, geom_name=name)

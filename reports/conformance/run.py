@@ -64,7 +64,8 @@ class CaseOutcome(StrEnum):
 class Failure(StrEnum):
     """Cause of a failed case that `verify` does not name."""
 
-    MISSING = "missing"  # an image is absent, or cannot be read
+    # An image is absent, or cannot be read.
+    MISSING = "missing"
     NOTHING_SHOWN = "nothing-shown"
     UNEXPLAINED = "unexplained"
 

@@ -70,12 +70,14 @@ class Measurement:
     comparison: ComparisonNumbers
     #: links of the error budget with their wrong pixels; empty where left out
     causes: tuple[Cause, ...]
-    unexplained: int | None  #: wrong pixels without an explanation by rounding; None without causes
+    #: wrong pixels without an explanation by rounding; None without causes
+    unexplained: int | None
     predicted: (
         Prediction | None
     )  #: the error by closed forms, from the scene alone; None without causes
     times_s: StageTimes
-    gpu_s: float  #: time of the device, a part of `times_s.raster`
+    #: time of the device, a part of `times_s.raster`
+    gpu_s: float
     #: effect of the pivot on the shown points, if any
     shear: ShearNumbers | None = None
     #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that
@@ -186,7 +188,8 @@ class Window:
 
     low: float
     high: float
-    nears: int  #: that were measured from `low` to `high`
+    #: that were measured from `low` to `high`
+    nears: int
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,8 @@ SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 ALONE_COLORS = {"embree": "rgb(213, 94, 0)", "mitsuba": "rgb(0, 114, 178)"}
 """Colors of pixels that a tracer alone would have got wrong."""
-OUTLINE_COLOR = "rgb(170, 170, 170)"  #: color of surfaces under marks
+#: color of surfaces under marks
+OUTLINE_COLOR = "rgb(170, 170, 170)"
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
     "pivot": "rgb(86,180,233)",
@@ -53,7 +54,8 @@ CAUSE_COLORS = {
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 """Color of pixels that are charged to rounding and bear none of its marks."""
 
-KEPT_FRAMES = 3  #: frames whose pictures are compared with the next frames
+#: frames whose pictures are compared with the next frames
+KEPT_FRAMES = 3
 _STEPS, _HEIGHT_STEPS = 40, 15
 VIRIDIS = "440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725"
 INFERNO = "000004 1b0c41 4a0c6b 781c6d a52c60 cf4446 ed6925 fb9b06 f7d13d fcffa4"
@@ -174,7 +176,8 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
     if image.color is None:
         linear = np.full((*share.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
     else:
-        linear = np.fmax(image.color, 0.0)  # NaN is black
+        # NaN is black.
+        linear = np.fmax(image.color, 0.0)
         np.minimum(linear, 1.0, out=linear)
     if reduction > 1:
         block = (reduction, reduction)
@@ -308,6 +311,7 @@ def _palette_png(
     return buffer.getvalue()
 
 
-@cache  # to read the colors takes as long as to draw with them
+# To read the colors takes as long as to draw with them.
+@cache
 def _palette(colors: tuple[str, ...]) -> bytes:
     return np.rint([(0, 0, 0), *(rgb(color) for color in colors)]).astype(np.uint8).tobytes()

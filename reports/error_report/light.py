@@ -51,7 +51,8 @@ class LightReport:
     """Light of a report beside its rows."""
 
     scene: Scene
-    names: str  #: of the effects, as `--effects` takes them
+    #: of the effects, as `--effects` takes them
+    names: str
     #: For every effect: whether the scene calls for it, and why.
     decisions: tuple[EffectRow, ...]
     #: True where images with all effects and with the needed effects are equal, bit by bit.

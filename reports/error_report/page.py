@@ -32,7 +32,8 @@ Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
 """Rows of one aperture and one camera geometry, with their numbers in the sweep."""
 
-PANEL_PIXELS = 170  #: height of the panel of causes of one depth buffer on the page
+#: height of the panel of causes of one depth buffer on the page
+PANEL_PIXELS = 170
 
 SPARSE_FRACTION = 0.002
 """Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""

@@ -62,11 +62,14 @@ class Sweep:
     #: One for each aperture and setting: all settings of the first aperture first.
     rows: tuple[Measurement, ...]
     truths: tuple[Truth, ...]
-    decided_by: str  #: what decided the truths; see `reference.alone.DECISIONS`
-    reduction: int  #: image pixels per picture pixel, along each side
+    #: what decided the truths; see `reference.alone.DECISIONS`
+    decided_by: str
+    #: image pixels per picture pixel, along each side
+    reduction: int
     versions: Mapping[str, str]
     devices: Mapping[str, str]
-    device_model: str  #: name of the model by which rounding is explained
+    #: name of the model by which rounding is explained
+    device_model: str
     #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`,
     #: `predict`, `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for
     #: that page, and of a shaded scene `light`. Stages run at the same time: the sum exceeds
@@ -193,7 +196,8 @@ def _measure(
             stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
             # All frames of an aperture carry the time of its truth; it counts once.
             if aperture in truths:
-                stages["trace"] = 0.0  # all frames of an aperture have the time of its truth
+                # All frames of an aperture have the time of its truth.
+                stages["trace"] = 0.0
             else:
                 since = time.perf_counter()
                 picture = images.picture(truth, reduction)

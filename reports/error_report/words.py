@@ -28,7 +28,8 @@ from xfrustum.scenes import DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.representation import counted, digits, percent, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-MAX_NAMED_HOGELS = 5  #: largest number of hogels that the recommendation names
+#: largest number of hogels that the recommendation names
+MAX_NAMED_HOGELS = 5
 
 
 CAUSE_WORDS = {

@@ -38,12 +38,18 @@ BLOCK_BYTES = 1 << 26
 #: hogels, and a plate of ten million hogels has 40,000 files for each of its arrays.
 MAX_BLOCK_SIDE = 16
 
-ATTRIBUTE = "xfrustum"  #: attribute of the group with everything that decides its pixels
-LAYOUT = "layout"  #: key of a description with the size of blocks, which decides no pixel
-COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value  #: names of arrays for readers
-FINISHED = "finished"  #: array over (row, column), 1 where a hogel is there
-METADATA = "zarr.json"  #: name of the description of a group or an array in its folder
-PLATE_DIMENSIONS = ("row", "column")  #: the first two of every array
+#: attribute of the group with everything that decides its pixels
+ATTRIBUTE = "xfrustum"
+#: key of a description with the size of blocks, which decides no pixel
+LAYOUT = "layout"
+#: names of arrays for readers
+COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
+#: array over (row, column), 1 where a hogel is there
+FINISHED = "finished"
+#: name of the description of a group or an array in its folder
+METADATA = "zarr.json"
+#: the first two of every array
+PLATE_DIMENSIONS = ("row", "column")
 
 #: Level 1 takes a small part of the time of drawing; the checksum shows damage to a chunk.
 COMPRESSOR = ZstdCodec(level=1, checksum=True)
@@ -82,7 +88,8 @@ class MeasuredHogel:
 
     column: int
     row: int
-    x: float  #: aperture, scene units
+    #: aperture, scene units
+    x: float
     y: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
 
@@ -100,8 +107,10 @@ class ImageArray:
 
     name: str
     dtype: np.dtype[Any]
-    fill: Any  #: value of hogels that are not there
-    shape: tuple[int, ...]  #: of one image
+    #: value of hogels that are not there
+    fill: Any
+    #: of one image
+    shape: tuple[int, ...]
     dimensions: tuple[str, ...]
     attributes: Mapping[str, str]
 
@@ -115,7 +124,8 @@ class ImageArray:
 class Block:
     """Rectangle of hogels in one shard of every array, and the requested hogels among them."""
 
-    number: int  #: row by row from the top left
+    #: row by row from the top left
+    number: int
     columns: range
     rows: range
     apertures: tuple[Aperture, ...]
@@ -140,8 +150,10 @@ class Tile:
     """Images of some hogels of a block: the product of a source, which a store writes at once."""
 
     block: Block
-    images: dict[str, NDArray[Any]]  #: (rows, columns, H, W, ..) by the name of the array
-    drawn: NDArray[np.bool_]  #: (rows, columns), which hogels have images
+    #: (rows, columns, H, W, ..) by the name of the array
+    images: dict[str, NDArray[Any]]
+    #: (rows, columns), which hogels have images
+    drawn: NDArray[np.bool_]
     measured: list[MeasuredHogel] = field(default_factory=list)
 
     @classmethod
@@ -171,8 +183,10 @@ class PlateArrays:
     frustum: Frustum
     units: str
     content: PlateContent
-    side: tuple[int, int]  #: columns and rows of a block
-    measures: tuple[tuple[str, str], ...] = ()  #: name and unit of each, where hogels are judged
+    #: columns and rows of a block
+    side: tuple[int, int]
+    #: name and unit of each, where hogels are judged
+    measures: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def images(self) -> tuple[ImageArray, ...]:

@@ -69,8 +69,10 @@ class HogelSource:
     A renderer that makes many hogels at once is another class with `description` and `tiles`.
     """
 
-    hogels: Callable[[Iterable[Aperture]], Iterator[PlateHogel]]  #: in the order of the apertures
-    description: dict[str, Any]  #: everything that decides the pixels
+    #: in the order of the apertures
+    hogels: Callable[[Iterable[Aperture]], Iterator[PlateHogel]]
+    #: everything that decides the pixels
+    description: dict[str, Any]
 
     def tiles(
         self, blocks: Iterable[Block], arrays: PlateArrays, done: Callable[[int], object]
@@ -224,8 +226,10 @@ def described_as(
     return {key: value for key, value in json_ready(described).items() if value is not None}
 
 
-Span = tuple[int, int] | None  #: first and last index; None for all
-MOST_WORKERS = 1024  #: number of blocks above which they do not limit the number of processes
+#: first and last index; None for all
+Span = tuple[int, int] | None
+#: number of blocks above which they do not limit the number of processes
+MOST_WORKERS = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,11 +237,16 @@ class PlateFiles:
     """Result of drawing some apertures of a plate."""
 
     out: Path
-    drawn: int  #: hogels
-    present: int  #: hogels that were there
-    damaged: int  #: drawn hogels that had been there, and were damaged
-    notes: tuple[str, ...]  #: sentences for the user
-    table: Path | None = None  #: folder of the table of measures, where hogels are judged
+    #: hogels
+    drawn: int
+    #: hogels that were there
+    present: int
+    #: drawn hogels that had been there, and were damaged
+    damaged: int
+    #: sentences for the user
+    notes: tuple[str, ...]
+    #: folder of the table of measures, where hogels are judged
+    table: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,11 +255,13 @@ class PlateJob(Job):
 
     name = "plate"
     scene: Scene
-    settings: DoubleFrustum | None  #: None for truths
+    #: None for truths
+    settings: DoubleFrustum | None
     content: PlateContent
     out: Path
     arrays: PlateArrays
-    free: bool  #: whether an existing store keeps its own blocks
+    #: whether an existing store keeps its own blocks
+    free: bool
     judge: bool
     check: bool
 

@@ -79,7 +79,8 @@ class PlateReader:
         if not isinstance(description, dict):
             raise InputError(f"{path}: is no plate of xfrustum; draw it with `xfrustum plate`")
         self.path = path
-        self.description: Mapping[str, Any] = description  #: everything that decides the pixels
+        #: everything that decides the pixels
+        self.description: Mapping[str, Any] = description
         #: Images by name, (rows, columns, H, W) or (rows, columns, H, W, 3).
         self.arrays: dict[str, Any] = {name: group[name] for name in Channel if name in group}
         self._finished: Any = group[FINISHED]

@@ -52,7 +52,8 @@ from xfrustum.scenes.plate.plate import ApertureBlocks, Plate
 SOURCE = "source"
 """Key of the place of a scene in its description, for people: it need not agree to go on."""
 
-PLACES = ("column", "row", "x", "y")  #: columns of the table of measures that name the hogel
+#: columns of the table of measures that name the hogel
+PLACES = ("column", "row", "x", "y")
 
 
 class PlateStore:
@@ -117,7 +118,8 @@ class PlateStore:
                             block.rows[row], block.columns[column]
                         ]
                     except DAMAGE:
-                        flags[row, column] = 0  # the next command draws it again
+                        # The next command draws it again.
+                        flags[row, column] = 0
                 try:
                     array[block.selection] = tile.images[name]
                 except ValueError:
@@ -242,8 +244,10 @@ class PlateSize:
 
     place: Path
     hogels: int
-    needed: int  #: bytes before compression
-    free: int  #: bytes
+    #: bytes before compression
+    needed: int
+    #: bytes
+    free: int
 
     @property
     def words(self) -> str:

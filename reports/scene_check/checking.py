@@ -46,9 +46,11 @@ MARGIN, SMALL_PX = 0.04, 7.0
 #: objects are named and not drawn: one mesh in other units must not shrink all others to a dot.
 FARTHEST = 0.75
 
-MAX_DRAWN = 5  #: largest number of objects that are drawn: as many as the template has colors
+#: largest number of objects that are drawn: as many as the template has colors
+MAX_DRAWN = 5
 
-FINER = 2  #: cells of the mask of an outline per pixel of the picture, in either direction
+#: cells of the mask of an outline per pixel of the picture, in either direction
+FINER = 2
 
 #: Attribute of the views' first element, redundant in a page: HTML implies the namespace of svg.
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
@@ -74,7 +76,8 @@ class PictureFrame:
 
     #: Left, bottom, right and top, scene units: z to the right, and x or y upward.
     box: tuple[float, float, float, float]
-    scale: float  #: pixels per scene unit
+    #: pixels per scene unit
+    scale: float
 
     @classmethod
     def from_scene(cls, scene: Scene, view: View) -> Self:
@@ -168,7 +171,8 @@ def draw_view(scene: Scene, view: View) -> str:
     toward, back = frustum.reach
     frusta = []
     middle, *corners = shown_apertures(scene)
-    for aperture in (*corners, middle):  # the middle one last
+    # The middle one last.
+    for aperture in (*corners, middle):
         for end in (-back, toward):
             low, high = aside_of_frusta(frustum, [aperture], axis, (end, end))
             places = [(0.0, (aperture.x, aperture.y)[axis]), (end, low), (end, high)]
@@ -182,7 +186,8 @@ def draw_view(scene: Scene, view: View) -> str:
             "ring": None,
             "away": "",
         }
-        if not shapes:  # outside the picture
+        # Outside the picture.
+        if not shapes:
             shape["away"] = heights(lowest[2], highest[2], scene.units)
         else:
             every = np.concatenate([np.array(outline) for outline in shapes])

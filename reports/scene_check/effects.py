@@ -29,7 +29,8 @@ from xfrustum.scenes.plate.double_frustum import Camera
 from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
-DEFAULT_NEAR_PER_REACH = 1e-3  #: near offset where none is stated, share of the longest reach
+#: near offset where none is stated, share of the longest reach
+DEFAULT_NEAR_PER_REACH = 1e-3
 
 #: Numbers of sub-apertures whose errors are listed: the middle alone, and affordable ones.
 EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
@@ -42,8 +43,10 @@ class EffectRow:
     name: str
     used: bool
     reason: str
-    objects: tuple[int, ...] = ()  #: numbers of objects that call for it and may be shown
-    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that call for it and cannot be shown
+    #: numbers of objects that call for it and may be shown
+    objects: tuple[int, ...] = ()
+    #: numbers of objects that call for it and cannot be shown
+    out_of_sight: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,9 +57,12 @@ class SceneEffects:
     aperture: Aperture
     settings: DoubleFrustum
     rows: tuple[EffectRow, ...]
-    slabs: tuple[SlabContent, ...]  #: of both cameras, from the back
-    depths: dict[str, Any]  #: content of the frustum by depth, with errors in closed form
-    viewer: dict[str, Any] | None = field(default=None)  #: `viewer_record`; None without a viewer
+    #: of both cameras, from the back
+    slabs: tuple[SlabContent, ...]
+    #: content of the frustum by depth, with errors in closed form
+    depths: dict[str, Any]
+    #: `viewer_record`; None without a viewer
+    viewer: dict[str, Any] | None = field(default=None)
 
     def summary(self) -> dict[str, Any]:
         """Return the keys that effects add to `check --json`."""

@@ -71,14 +71,18 @@ class NewSceneOptions:
     #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`:
     #: no other mesh file names its unit.
     units: str | None = None
-    size: Length | None = None  #: of the longest side; by default its own, or to fit `plate`
+    #: of the longest side; by default its own, or to fit `plate`
+    size: Length | None = None
     place: Place | str | None = None
-    plate: tuple[Length, Length] | None = None  #: width and height
-    pitch: Length | None = None  #: largest distance between apertures
+    #: width and height
+    plate: tuple[Length, Length] | None = None
+    #: largest distance between apertures
+    pitch: Length | None = None
     #: distance from which no cells are visible, unless `pitch` overrides it
     viewer: Length | None = None
     up: Up | str = Up.Y
-    force: bool = False  #: replace an existing file
+    #: replace an existing file
+    force: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,10 +90,12 @@ class NewScene:
     """A scene file that was written."""
 
     path: Path
-    mesh: tuple[float, ...]  #: lengths of the mesh's box along x, y and z, as its file has it
+    #: lengths of the mesh's box along x, y and z, as its file has it
+    mesh: tuple[float, ...]
     scale: float
     translate: tuple[float, ...]
-    size: tuple[float, ...]  #: lengths of the box in scene units
+    #: lengths of the box in scene units
+    size: tuple[float, ...]
     plate: tuple[float, float]
     hogels: tuple[int, int]
     reach: float
@@ -98,7 +104,8 @@ class NewScene:
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Warning of a changed placement, of undrawable triangles, or of visible cells; None for none.
     warning: str | None = None
-    unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
+    #: features of the mesh file that are not honoured
+    unread: tuple[UnreadFeature, ...] = ()
 
     @property
     def pitch(self) -> float:

@@ -20,9 +20,11 @@ from xfrustum.scenes.model.visibility import (
 )
 from xfrustum.scenes.plate.plate import Aperture
 
-MAX_NAMED_OBJECTS = 3  #: largest number of objects that one message names
+#: largest number of objects that one message names
+MAX_NAMED_OBJECTS = 3
 
-FACING_RESOLUTION = (64, 64)  #: pixels of the images in which back faces are counted
+#: pixels of the images in which back faces are counted
+FACING_RESOLUTION = (64, 64)
 
 #: Smallest size of an object, share of the plate's longer side, without a warning. A smaller object
 #: is more likely in other units: a pixel of a hogel is a hundredth of that side, or more.

@@ -30,9 +30,12 @@ class SettingAnswer:
     """Judged hogels of one setting, and the bound on the share of the plate, as written."""
 
     judged: int
-    beyond: int  #: hogels beyond the tolerance
-    empty: int  #: hogels within it that show nothing
-    share_beyond_at_most: float | None  #: None where other parts of a job array are missing
+    #: hogels beyond the tolerance
+    beyond: int
+    #: hogels within it that show nothing
+    empty: int
+    #: None where other parts of a job array are missing
+    share_beyond_at_most: float | None
     worst: rows.WorstHogel | None
 
     @property
@@ -59,10 +62,13 @@ class Survey(NotebookRepr):
 
     scene: Scene
     settings: tuple[DoubleFrustum, ...]
-    stats: tuple[rows.SettingStats, ...]  #: statistics of each setting
+    #: statistics of each setting
+    stats: tuple[rows.SettingStats, ...]
     extent: SampleExtent
-    tolerance_px: float  #: largest displacement (p99) of a hogel within the limits, pixels
-    workers: int  #: number of processes
+    #: largest displacement (p99) of a hogel within the limits, pixels
+    tolerance_px: float
+    #: number of processes
+    workers: int
     wall_s: float
 
     @cached_property
@@ -175,10 +181,13 @@ class Survey(NotebookRepr):
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
-MARKED_HOGELS = 3  #: number of the worst hogels on the map of displacement
-DISTRIBUTION_MARGIN = 3.0  #: factor by which the axis of displacement exceeds the values
+#: number of the worst hogels on the map of displacement
+MARKED_HOGELS = 3
+#: factor by which the axis of displacement exceeds the values
+DISTRIBUTION_MARGIN = 3.0
 
-Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]  #: the worst hogels with pictures
+#: the worst hogels with pictures
+Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]
 
 
 def write_survey(answer: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
@@ -290,7 +299,8 @@ def depth_figure(answer: Survey) -> Plot | None:
             rms = np.sqrt(stats.depth_squares_px2 / stats.depth_pixels)
         curves = ("rms", rms, "solid"), ("largest", stats.depth_max_px, "dot")
         for word, values, dash in curves:
-            heights = [value if value > 0 else None for value in values.tolist()]  # NaN: empty bin
+            # NaN: empty bin.
+            heights = [value if value > 0 else None for value in values.tolist()]
             drawn += filter(None, heights)
             lines.append(
                 {

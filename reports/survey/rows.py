@@ -34,8 +34,10 @@ from xfrustum.scenes.arrays import Floats
 #: and so changes by a factor of about three from bin to bin; the first bin begins at the plate.
 DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
 
-WORST_HOGELS = 6  #: number of the worst hogels of each setting that are named and shown
-P99, SURFACE = "displacement_px_p99", "surface_fraction"  #: columns that rank the worst hogels
+#: number of the worst hogels of each setting that are named and shown
+WORST_HOGELS = 6
+#: columns that rank the worst hogels
+P99, SURFACE = "displacement_px_p99", "surface_fraction"
 
 #: Smallest displacement in the distribution, far below the resolution of 32-bit positions; and
 #: largest number of its points.
@@ -50,7 +52,8 @@ MAP_COLUMNS = {
     "unexplained": "unexplained pixels",
 }
 
-MAX_PICTURE_PX = 512  #: longest side of a picture on the page
+#: longest side of a picture on the page
+MAX_PICTURE_PX = 512
 
 #: Pixels that are drawn and judged in a block, with the overhead of each hogel: 10 to 60 s of one
 #: core, while a task costs a scheduler a few milliseconds.
@@ -60,7 +63,8 @@ PIXELS_PER_BLOCK = 1 << 22
 #: link of the error budget, take as long as 256 x 256 pixels.
 PIXELS_PER_HOGEL = 1 << 16
 
-MIN_BLOCKS = 16  #: number of blocks even of a small sample, so that several workers have work
+#: number of blocks even of a small sample, so that several workers have work
+MIN_BLOCKS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +72,8 @@ class DepthBins:
     """Displacement by depth of content: values for each bin of |z|."""
 
     pixels: tuple[int, ...]
-    squares_px2: tuple[float, ...]  #: sums of squared displacements
+    #: sums of squared displacements
+    squares_px2: tuple[float, ...]
     max_px: tuple[float, ...]
 
     @classmethod
@@ -92,8 +97,10 @@ class DepthBins:
 class Device:
     """Device that drew a hogel."""
 
-    renderer: str  #: name of its OpenGL renderer
-    index: int  #: index among EGL's devices
+    #: name of its OpenGL renderer
+    renderer: str
+    #: index among EGL's devices
+    index: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +113,14 @@ class SurveyRow:
 
     column: int
     row: int
-    setting: int  #: number of the setting, from 0
+    #: number of the setting, from 0
+    setting: int
     beyond: bool
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
     causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
-    unexplained: int  #: pixels
+    #: pixels
+    unexplained: int
     depth: DepthBins
     device: Device
 
@@ -149,8 +158,10 @@ class SurveyRow:
 class WorstHogel:
     """Hogel by its badness: beyond the limits, then displacement, then wrong surfaces."""
 
-    aperture: tuple[int, int]  #: column and row
-    displacement_p99_px: float | None  #: None where it is undefined
+    #: column and row
+    aperture: tuple[int, int]
+    #: None where it is undefined
+    displacement_p99_px: float | None
     surface_fraction: float
     beyond: bool
 
@@ -171,11 +182,15 @@ class SettingStats:
     """Counts, maps and the worst hogels of the rows of one setting."""
 
     def __init__(self, hogels: tuple[int, int]) -> None:
-        self._hogels = hogels  # columns and rows of the plate
+        # Columns and rows of the plate.
+        self._hogels = hogels
         self.judged = self.beyond = 0
-        self.empty = 0  #: hogels within the limits that show nothing
-        self.known = np.zeros((1, 1), dtype=bool)  #: cells of maps with a judged hogel
-        self.worst: list[WorstHogel] = []  #: the worst first
+        #: hogels within the limits that show nothing
+        self.empty = 0
+        #: cells of maps with a judged hogel
+        self.known = np.zeros((1, 1), dtype=bool)
+        #: the worst first
+        self.worst: list[WorstHogel] = []
         #: By column: the largest value in each cell (rows, columns); NaN where there is none.
         self.maps: dict[str, Floats] = {}
         self._moved_px: list[Floats] = []
@@ -248,7 +263,8 @@ def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
 class HogelBlock:
     """Hogels by their places on the path of `aperture_at`."""
 
-    number: int  #: of the part
+    #: of the part
+    number: int
     places: Sequence[int]
 
 

@@ -26,7 +26,8 @@ from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.model.visibility import apertures_drawn
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-ROWS = "survey.parquet"  #: name of the folder of the rows
+#: name of the folder of the rows
+ROWS = "survey.parquet"
 
 
 def survey(  # noqa: PLR0913 - one keyword for each option of the command
@@ -92,7 +93,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         progress_bar(sum(map(job.size, own)), job.name, job.unit, shown=progress) as bar,
     ):
         for look in range(sample.looks):
-            if look:  # the parts of a job array have but one
+            # The parts of a job array have but one.
+            if look:
                 own = blocks = blocks_of(sample.new_places(look), size, blocks[-1].number + 1)
                 bar.total += sum(map(job.size, own))
             parts.tell_damaged((block.number for block in own), note)

@@ -54,7 +54,8 @@ MEASURES = {
 ROUNDING_PX = 1e-6
 """Largest rounding of displacements, px: some hundred operations on doubles up to 1e3 px."""
 
-MAX_LISTED, GIT_SECONDS = 8, 20.0  # changes of a kind that are listed; longest time of git
+# Changes of a kind that are listed; longest time of git.
+MAX_LISTED, GIT_SECONDS = 8, 20.0
 
 HARMLESS = [
     word
@@ -63,7 +64,8 @@ HARMLESS = [
 ]
 """Options with which git starts no program that a repository names."""
 
-Place = tuple[int, int]  #: column and row of a hogel
+#: column and row of a hogel
+Place = tuple[int, int]
 Measures = dict[str, float | None]
 
 
@@ -123,8 +125,10 @@ class MeasureChange:
     measure: str
     aperture: Place
     accepted: float | None
-    limit: float | None  #: largest value that is not worse; None where nothing is accepted
-    now: float | None  #: None where it cannot be measured any more
+    #: largest value that is not worse; None where nothing is accepted
+    limit: float | None
+    #: None where it cannot be measured any more
+    now: float | None
     change: Change
 
     @property
@@ -154,7 +158,8 @@ class Run:
     judged: str
     commit: str | None
     xfrustum: str
-    verification: dict[str, Any]  #: content of verification.json
+    #: content of verification.json
+    verification: dict[str, Any]
 
     @property
     def key(self) -> tuple[str, str, str, str]:
@@ -174,14 +179,19 @@ _RUN = TypeAdapter(Run)
 class BaselineOptions:
     """Options of the comparison with the accepted run."""
 
-    renderer: str | None = None  #: name of the renderer; None: the source
-    device: str | None = None  #: name of its device; None: this machine's processor
-    near: float | None = None  #: as of `verify`, like the next two: other options, other measures
+    #: name of the renderer; None: the source
+    renderer: str | None = None
+    #: name of its device; None: this machine's processor
+    device: str | None = None
+    #: as of `verify`, like the next two: other options, other measures
+    near: float | None = None
     accept: Sequence[str] = ()
     encoding: str | None = None
-    tolerance: Stated | None = None  #: None: measures are compared exactly
+    #: None: measures are compared exactly
+    tolerance: Stated | None = None
     approve: bool = False
-    repository: Path | None = None  #: folder whose commit is noted; None: the current one
+    #: folder whose commit is noted; None: the current one
+    repository: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,11 +201,14 @@ class Baseline:
     run: Run
     approved: bool
     changes: tuple[MeasureChange, ...]
-    tolerance: str  #: origin of the limits
+    #: origin of the limits
+    tolerance: str
     new_hogels: int
-    new_beyond_limits: int  #: hogels that were not accepted before and exceed the limits
+    #: hogels that were not accepted before and exceed the limits
+    new_beyond_limits: int
     not_judged_hogels: int
-    notes: tuple[str, ...]  #: facts without which the comparison may be misunderstood
+    #: facts without which the comparison may be misunderstood
+    notes: tuple[str, ...]
 
     @property
     def change(self) -> Change:
@@ -357,7 +370,8 @@ def _changes(
         for name, now in present.items():
             was = before.get(name)
             if name == "wrong_pixels" and len(kinds - {None}) > 1:
-                was = None  # counts of another kind of wrong pixels are another measure
+                # Counts of another kind of wrong pixels are another measure.
+                was = None
             # A missing hogel counts once, and not once more for each of its other measures.
             if now is None and (was is None or present["missing"]):
                 continue

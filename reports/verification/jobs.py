@@ -70,8 +70,10 @@ class VerifyJob(Job):
     renderer: sources.ForeignRenderer
     limits: Limits
     state: str
-    judged: Sequence[Aperture]  #: hogels of all looks of a sample, in their order
-    ends: tuple[int, ...]  #: number of hogels after each look
+    #: hogels of all looks of a sample, in their order
+    judged: Sequence[Aperture]
+    #: number of hogels after each look
+    ends: tuple[int, ...]
     hogels_per_block: int
     parts: ParquetParts
     name = "verify"

@@ -17,12 +17,14 @@ from xfrustum.scenes import InputError
 from xfrustum.scenes.files import layouts
 from xfrustum.scenes.files.plate_files import FileSet, find_files
 
-LAYOUT = "layout"  # name of the defect
+# Name of the defect.
+LAYOUT = "layout"
 
 CONVENTIONAL_FAULTS = {"orientation", "aperture-order", "shift-x", "shift-y", "view-shear"}
 """Defects of files in the right layout: where they alone explain, it is not doubted."""
 
-MAX_TRIED_HOGELS = 9  #: largest number of hogels by which another reading is tried
+#: largest number of hogels by which another reading is tried
+MAX_TRIED_HOGELS = 9
 
 MAX_WRONG_IN_RIGHT_READING = 0.1
 """Largest share of wrong pixels of a right layout (see `testset.MIN_EXPLAINED_FRACTION`)."""

@@ -45,7 +45,8 @@ class HogelRow:
 
     column: int
     row: int
-    beyond: bool  #: whether it is missing, for the reason `problem`, or does not pass
+    #: whether it is missing, for the reason `problem`, or does not pass
+    beyond: bool
     verdict: str
     problem: str | None
     as_found: RowNumbers | None = field(metadata=named_columns("{}"))

@@ -38,7 +38,8 @@ MAX_NAMES_TRIED = 10_000
 MAX_LOG_LINES, MAX_LOG_BYTES = 5, 1 << 16
 """Last lines of a failed command's standard error that are reported, of its last bytes."""
 
-Renderer = Callable[[Scene, Aperture], HogelImage]  #: a renderer in Python
+#: a renderer in Python
+Renderer = Callable[[Scene, Aperture], HogelImage]
 
 
 class Problem(Exception):
@@ -129,7 +130,8 @@ class Files(Source):
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there are apertures, and none of their files exists."""
-        if not apertures:  # as for an eye that sees no hogel
+        # As for an eye that sees no hogel.
+        if not apertures:
             return
         parsed = string.Formatter().parse(self.pattern)
         any_name = "".join(
@@ -161,7 +163,8 @@ def shape_of(scene: Scene) -> PlateShape:
 
 def is_place(source: str, plate: Plate) -> bool:
     """Return whether a source names a folder, or one picture of a plate of several hogels."""
-    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
+    # What cannot be the name of a file may still be a pattern.
+    with suppress(OSError, ValueError):
         return Path(source).is_dir() or (plate.hogels != (1, 1) and Path(source).is_file())
     return False
 
@@ -207,7 +210,8 @@ class LaidOut(Source):
             picture = files.hogel(*aperture.index)
         except InputError as error:
             raise Problem(str(error)) from error
-        if picture.pixels.dtype.kind == "f":  # nothing but colors
+        # Nothing but colors.
+        if picture.pixels.dtype.kind == "f":
             color = picture.pixels.astype(np.float32)
             nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
             position = np.full(color.shape, np.nan, dtype=np.float32)
@@ -304,10 +308,12 @@ class Command(Source):
     template: (
         str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
     )
-    folder: Path  #: that {out} lies in
+    #: that {out} lies in
+    folder: Path
     timeout_s: float
     suffix: str = ".png"
-    working: Path | None = None  #: in which the program runs; None: this process's
+    #: in which the program runs; None: this process's
+    working: Path | None = None
 
     def __post_init__(self) -> None:
         self.name = self.template
@@ -350,11 +356,13 @@ class ForeignRenderer:
     near: float | None = None
     accept: tuple[str, ...] = ()
     timeout_s: float = 60.0
-    folder: Path | None = None  #: in which a command runs; None: the process's
+    #: in which a command runs; None: the process's
+    folder: Path | None = None
     named_from: Path | None = (
         None  #: folder from which the user named the files of an absolute `source`
     )
-    layout: str | None = None  #: of folders and pictures
+    #: of folders and pictures
+    layout: str | None = None
 
     def nominal(self, scene: Scene) -> RendererModel:
         """Return the model by the author's statements; InputError for impossible ones."""

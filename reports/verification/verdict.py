@@ -32,7 +32,8 @@ from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.representation import plain
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
-ROWS = "hogels.parquet"  #: name of the file with a row for each hogel of a sample
+#: name of the file with a row for each hogel of a sample
+ROWS = "hogels.parquet"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -43,7 +44,8 @@ class Verification(Verdict, NotebookRepr):
     source: str
     diagnosis: Diagnosis
     worst: WorstHogels = field(repr=False)
-    extent: SampleExtent | None = None  #: of a sample of the plate; None for chosen hogels
+    #: of a sample of the plate; None for chosen hogels
+    extent: SampleExtent | None = None
 
     @property
     def failed(self) -> int:

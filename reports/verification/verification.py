@@ -46,7 +46,8 @@ from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 Item = TypeVar("Item")
-FiguresPair = tuple[Figures, Figures]  #: figures of a hogel as found, and as corrected
+#: figures of a hogel as found, and as corrected
+FiguresPair = tuple[Figures, Figures]
 
 SAMPLE_SIDE = 5
 """Columns and rows of diagnosed hogels: 25 distinguish all orders of apertures, many times over."""
@@ -61,25 +62,38 @@ class VerifyOptions:
 
     #: program in place of files, run for each aperture with {x}, {y}, {i}, {j} and {out}
     command: str | None = None
-    timeout_s: float = 60.0  #: of one run
-    encoding: Encoding | str | None = None  #: meaning of pictures; None: `rgb`
-    layout: str | None = None  #: of a folder or picture (docs/layouts.md)
-    apertures: Sequence[tuple[int, int]] | None = None  #: column and row; None: the whole plate
-    near: float | None = None  #: offset that the renderer's author states, scene units
-    accept: Sequence[str] = ()  #: conventions out of `ACCEPTABLE` that are no defects
-    max_wrong: float = MAX_WRONG  #: share of wrong surfaces, colors or outlines of each hogel
+    #: of one run
+    timeout_s: float = 60.0
+    #: meaning of pictures; None: `rgb`
+    encoding: Encoding | str | None = None
+    #: of a folder or picture (docs/layouts.md)
+    layout: str | None = None
+    #: column and row; None: the whole plate
+    apertures: Sequence[tuple[int, int]] | None = None
+    #: offset that the renderer's author states, scene units
+    near: float | None = None
+    #: conventions out of `ACCEPTABLE` that are no defects
+    accept: Sequence[str] = ()
+    #: share of wrong surfaces, colors or outlines of each hogel
+    max_wrong: float = MAX_WRONG
     #: distance of 99 of 100 points or outlines; unknown exceeds it; None: no limit
     max_displacement_px: float | None = TOLERANCE_PX
     #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
     max_color: float | None = None
     #: property of plain pictures: `color`, or `geometry`: shown pixels and outlines
     compare: Compared | str = Compared.COLOR
-    device: DeviceModel | None = None  #: model of the machine that drew; None: any
-    sample: int | None = None  #: hogels drawn at random, >= 1; None: `apertures`
-    until: float | None = None  #: share of the plate, 0 to 1, at which growing samples stop
-    seed: int = 0  #: start of the random numbers of a sample
-    channels: bool = False  #: whether to keep all channels of the worst hogels
-    progress: bool = False  #: whether to draw a bar on standard error
+    #: model of the machine that drew; None: any
+    device: DeviceModel | None = None
+    #: hogels drawn at random, >= 1; None: `apertures`
+    sample: int | None = None
+    #: share of the plate, 0 to 1, at which growing samples stop
+    until: float | None = None
+    #: start of the random numbers of a sample
+    seed: int = 0
+    #: whether to keep all channels of the worst hogels
+    channels: bool = False
+    #: whether to draw a bar on standard error
+    progress: bool = False
 
     @property
     def limits(self) -> Limits:
@@ -184,9 +198,11 @@ def with_tested_diagnosis(verification: Verification) -> Verification:
 class Question:
     """Models by which hogels are judged: as declared, and as diagnosed."""
 
-    model: RendererModel  #: nominal model with the accepted conventions
+    #: nominal model with the accepted conventions
+    model: RendererModel
     findings: Findings
-    accepts_reading: bool  #: whether another reading of the pixels is accepted
+    #: whether another reading of the pixels is accepted
+    accepts_reading: bool
 
 
 @dataclass(kw_only=True, eq=False)

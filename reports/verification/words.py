@@ -26,9 +26,12 @@ from xfrustum.scenes.representation import counted, percent_up
 if TYPE_CHECKING:
     from xfrustum.reports.verification.verdict import Verification
 
-MAX_TOLD = 10  # hogels that the sentence of a defect names
-MAX_NAMED = 4  # hogels that a sentence names
-MAX_LISTED = 10  # hogels that the terminal names one by one
+# Hogels that the sentence of a defect names.
+MAX_TOLD = 10
+# Hogels that a sentence names.
+MAX_NAMED = 4
+# Hogels that the terminal names one by one.
+MAX_LISTED = 10
 
 NOT_MEASURED = "not measured, as there are no outlines"
 NOTHING_TO_JUDGE = (

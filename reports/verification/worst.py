@@ -26,9 +26,11 @@ class Pictured:
 
     aperture: Aperture
     words: str
-    badness: tuple[float, float]  #: as found, then corrected
+    #: as found, then corrected
+    badness: tuple[float, float]
     pictures: dict[str, str]
-    inspected: InspectedHogel | None = None  #: all channels, where selected
+    #: all channels, where selected
+    inspected: InspectedHogel | None = None
 
 
 @dataclass(kw_only=True)

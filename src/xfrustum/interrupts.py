@@ -15,7 +15,8 @@ from typing import Any
 #: Message by signal; its exit status is 128 plus its number, as shells report it.
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
-RETRY_S = 0.02  #: time until the exception is raised again where it did not arrive
+#: time until the exception is raised again where it did not arrive
+RETRY_S = 0.02
 
 _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGINT: signal.default_int_handler,
@@ -23,7 +24,8 @@ _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGALRM: signal.SIG_DFL,
 }
 
-received: signal.Signals | None = None  #: the first signal that came since `obeyed` was entered
+#: the first signal that came since `obeyed` was entered
+received: signal.Signals | None = None
 
 _taken: set[signal.Signals] = set()
 _raised = False

@@ -31,7 +31,8 @@ def say(message: str) -> None:
         )  # names, mostly
         half = (MAX_MESSAGE - len(" .. ")) // 2
         line = line if len(line) <= MAX_MESSAGE else f"{line[:half]} .. {line[-half:]}"
-    with suppress(OSError, ValueError, AttributeError):  # sys.stderr may be None
+    # sys.stderr may be None.
+    with suppress(OSError, ValueError, AttributeError):
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 

@@ -8,7 +8,8 @@ TOLERANCE_PX = 0.5
 #: which leaves one pixel in a hundred out; as many may show another surface.
 MAX_WRONG = 1e-2
 
-MAX_DEPTH_WRONG = 1e-3  #: largest share of pixels whose wrong surface is charged to depth
+#: largest share of pixels whose wrong surface is charged to depth
+MAX_DEPTH_WRONG = 1e-3
 
 #: Default size of the random sample of hogels: with none beyond the limits, at most one hogel in
 #: twenty is, with a confidence of 95 % (0.95^59 < 0.05).

@@ -36,7 +36,8 @@ Array = np.ndarray[Any, Any]
 
 #: passes, and attributes of faces, with numbers from 1; 0 is no surface
 TRIANGLE, OBJECT = "xfrustum_triangle", "xfrustum_object"
-PLATE_EMPTY = "xfrustum plate"  #: empty that represents the plate; hogels follow its placement
+#: empty that represents the plate; hogels follow its placement
+PLATE_EMPTY = "xfrustum plate"
 
 ENCODINGS = ("triangle-id", "exr", "picture")
 LAYOUTS = {
@@ -231,7 +232,8 @@ def encoded(
     pixel's line.
     """
 
-    def named(*channels: str) -> Array:  # (channels, H, W), whatever the view layer is called
+    # (channels, H, W), whatever the view layer is called.
+    def named(*channels: str) -> Array:
         ends = (
             next(plane for name, plane in planes.items() if name.endswith(f".{end}"))
             for end in channels
@@ -262,7 +264,8 @@ def encoded(
     written: dict[str, Array] = dict(
         zip(("P.X", "P.Y", "P.Z", "Z"), (*points, points[2]), strict=True)
     )
-    if numbers:  # normals of triangles by their winding, NaN where there is none
+    # Normals of triangles by their winding, NaN where there is none.
+    if numbers:
         with np.load(HERE / "scene.npz") as stored:
             corners = stored["vertices"][stored["faces"]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

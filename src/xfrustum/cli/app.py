@@ -111,9 +111,11 @@ def cli(
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
-    del traceback  # `main` reads this option before anything else can fail
+    # `main` reads this option before anything else can fail.
+    del traceback
     if arrays is not None:
-        os.environ["XFRUSTUM_DEVICE"] = arrays  # worker processes inherit it
+        # Worker processes inherit it.
+        os.environ["XFRUSTUM_DEVICE"] = arrays
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None or max_hogels is not None:

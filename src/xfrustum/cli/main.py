@@ -69,7 +69,8 @@ def run() -> int:
         except OSError:  # what cannot be written is dropped, or Python would report it at its end
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if interrupts.received is not None:
-        os._exit(status)  # at once: threads may be at work, and interrupted libraries in any state
+        # At once: threads may be at work, and interrupted libraries in any state.
+        os._exit(status)
     return status
 
 

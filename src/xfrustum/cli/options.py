@@ -181,7 +181,8 @@ class Read(click.ParamType[T], Generic[T]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> T:
         """Return the value that was read."""
-        if not isinstance(value, str):  # a default
+        # A default.
+        if not isinstance(value, str):
             return value  # type: ignore[no-any-return]
         try:
             return self.read(value.strip())
@@ -252,7 +253,8 @@ def _size(text: str) -> tuple[tuple[float, str | None], ...]:
     return (first[0], first[1] or second[1]), second
 
 
-Span = tuple[int, int] | None  # first and last index; None for all
+# First and last index; None for all.
+Span = tuple[int, int] | None
 
 
 def _span(text: str) -> Span:
@@ -365,7 +367,8 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
     if part is not None:
         chosen["part"] = Part(number=part[0], count=part[1])
         if "scheduler" not in chosen:
-            chosen.setdefault("workers", 1)  # also for part 1/1: a job array may have one job
+            # Also for part 1/1: a job array may have one job.
+            chosen.setdefault("workers", 1)
     return Engine(**chosen) if chosen else None
 
 
@@ -388,7 +391,8 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
     """Return a wish for names of files, and the built-in scenes whose names begin like a word."""
-    del context, parameter  # click hands over both, and neither matters
+    # Click hands over both, and neither matters.
+    del context, parameter
     from xfrustum.scenes.library import builtin
 
     named = [CompletionItem(name) for name in builtin.names() if name.startswith(begun)]

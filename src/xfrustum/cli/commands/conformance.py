@@ -164,7 +164,8 @@ def run(request: _Run) -> int:
     from xfrustum.scenes.arguments import check_program
 
     if request.command is not None:
-        check_program(request.command)  # before imports that take seconds
+        # Before imports that take seconds.
+        check_program(request.command)
     from xfrustum.reports.conformance.run import CaseRenderer
 
     return request.judge(

@@ -29,7 +29,8 @@ class _Study(options.Measured):
         files = own.make_study(
             out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress
         )
-        if files is None:  # other parts of a job array are not measured yet
+        # Other parts of a job array are not measured yet.
+        if files is None:
             options.note("this part is measured; the last one to be finished writes the study")
         else:
             self.tell(

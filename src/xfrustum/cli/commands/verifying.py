@@ -217,7 +217,8 @@ def verify(request: _Verify) -> int:
         return 0 if verification.kept else options.LIMIT_EXCEEDED
     stated_ = {name: request.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and request.judged["command"] is None:
-        stated_["encoding"] = None  # the stated default judges the same
+        # The stated default judges the same.
+        stated_["encoding"] = None
     folder = request.baseline.pop("folder")
     held = accepted.baseline(
         verification, folder, accepted.BaselineOptions(**stated_, **request.baseline)
