@@ -163,7 +163,7 @@ def shape_of(scene: Scene) -> PlateShape:
 
 def is_place(source: str, plate: Plate) -> bool:
     """Return whether a source names a folder, or one picture of a plate of several hogels."""
-    # What cannot be the name of a file may still be a pattern.
+    # A string that is invalid as a file name may still be a pattern.
     with suppress(OSError, ValueError):
         return Path(source).is_dir() or (plate.hogels != (1, 1) and Path(source).is_file())
     return False
