@@ -28,7 +28,7 @@ import pyarrow as pa
 from pydantic import TypeAdapter
 
 from xfrustum.compare.judging.verdict import Hogel, Limits, Outcome
-from xfrustum.compare.sampling import PathApertures, PlateSample
+from xfrustum.compare.sampling import PathApertures, PlateSample, SampleExtent
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.outputs import json_ready
@@ -244,7 +244,7 @@ def verify_on(
         job.parts.open(json_ready(described))
         blocks = list(engine.part.of(job.blocks(0)))
         if renderer.command is not None:
-            _forget_answers(job, blocks, note)
+            _forget_answers(job, blocks, sample, note)
         job.parts.tell_damaged(blocks, note)
         done = sum(map(job.finished, blocks))
         if done:
@@ -258,14 +258,13 @@ def verify_on(
             for look in range(len(ends)):
                 own = blocks if look == 0 else job.blocks(look)
                 workers.run(job, own, sum(map(job.size, own)), progress=options.progress)
-                every = list(range(job.blocks(look)[-1] + 1))
-                if not all(map(job.finished, every)):
+                judged_look = _judged_look(job, sample, look)
+                if judged_look is None:
                     return None
-                rows = [row for block in every for row in job.parts.read(block).to_pylist()]
-                extent = None if sample is None else sample.extent(len(rows), look)
-                failed = sum(row["verdict"] != Outcome.PASS for row in rows)
-                if extent is None or extent.decides(failed):
+                extent, decided = judged_look
+                if decided:
                     break
+            every = list(range(job.blocks(look)[-1] + 1))
             verification = _put_together(job, workers, every, note, channels=out is not None)
             verification = replace(verification, source=name, extent=extent)
     return with_tested_diagnosis(verification)
@@ -285,14 +284,37 @@ def _looks(
     return PathApertures(scene.plate, np.concatenate(places).tolist()), ends
 
 
-def _forget_answers(job: VerifyJob, blocks: Sequence[int], note: Callable[[str], object]) -> None:
+def _judged_look(
+    job: VerifyJob, sample: PlateSample | None, look: int
+) -> tuple[SampleExtent | None, bool] | None:
+    """Return the extent after a look, and whether it ends judging; None where blocks are missing."""
+    every = range(job.blocks(look)[-1] + 1)
+    if not all(map(job.finished, every)):
+        return None
+    if sample is None:
+        return None, True
+    parts = (job.parts.read(block, ["verdict"])["verdict"].to_pylist() for block in every)
+    verdicts = [verdict for part in parts for verdict in part]
+    extent = sample.extent(len(verdicts), look)
+    return extent, extent.decides(sum(verdict != Outcome.PASS for verdict in verdicts))
+
+
+def _forget_answers(
+    job: VerifyJob,
+    blocks: Sequence[int],
+    sample: PlateSample | None,
+    note: Callable[[str], object],
+) -> None:
     """Remove the answers of a command that is judged anew: it may answer otherwise by now."""
-    if blocks and all(map(job.finished, job.blocks(0))):
+    looks = (_judged_look(job, sample, look) for look in range(len(job.ends)))
+    if blocks and any(judged is not None and judged[1] for judged in looks):
         note(f"what is in {job.parts.folder} was finished; the command is judged anew")
         for block in range(len(job.begins)):
             job.parts.remove(block)
         job.parts.remove(QUESTION)
-    for block in filter(job.finished, blocks):
+    # Parts of a job array have a single look.
+    later = range(job.blocks(0)[-1] + 1, len(job.begins))
+    for block in filter(job.finished, (*blocks, *later)):
         if Outcome.MISSING in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
             job.parts.remove(block)
 

@@ -108,6 +108,24 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
     assert [hogel["verdict"] for hogel in result["hogels"]] == ["missing"] * 6
 
 
+def test_growing_samples_of_a_command_go_on_where_they_were_stopped(
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first sample is whole and decides nothing; a later one lacks a block after an interrupt."""
+    module, words = command_of(right_path, tmp_path)
+    # Two of the four hogels of the first sample show another one.
+    module.write_text('case "$1" in 2) set 0 "$2" "$3";; esac\n')
+    out, more = tmp_path / "verified", ("--until", "60%", "--part", "1/1")
+    assert verified(right_path, out, *words, *more) == 0
+    *kept, last = sorted(out.glob("verification.parquet/part-*"))
+    assert len(kept) == 5
+    last.unlink()
+    times = [path.stat().st_mtime_ns for path in kept]
+    assert verified(right_path, out, *words, *more) == 0
+    assert "is judged anew" not in capsys.readouterr().err
+    assert [path.stat().st_mtime_ns for path in kept] == times and last.exists()
+
+
 def test_a_command_runs_in_the_folder_of_the_caller(
     right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
