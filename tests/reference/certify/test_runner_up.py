@@ -18,6 +18,9 @@ ALIKE = 1e-9
 #: large
 ROUNDED = 1e-13
 
+#: Height 1e-11 from a square at 3, relative
+CLOSE = 3 * (1 + 1e-11)
+
 
 def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
     """Return two triangles for each height: squares parallel to the plate."""
@@ -81,44 +84,32 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     )
 
 
-def test_each_camera_sees_what_is_on_its_own_side() -> None:
-    """C: nearest and second nearest; C*: farthest and next toward the plate; never mixed."""
-    frustum = FRUSTA[0]
-    for heights, gap in [
-        ([-5.0, -3.0, -8.0], 2.0),
-        ([5.0, 3.0, 8.0], 3.0),
-        ([5.0, -3.0, -8.0], math.inf),
-        ([5.0, 0.0], 5.0),
-        ([0.0, -4.0, -5.0], 4.0),
-        ([-3.0], math.inf),
-        ([-3.0, -9.5], math.inf),  # beyond the reach
-    ]:
-        scene = soup(level_squares(heights), frustum)
-        gaps = Reference(scene).gaps(at(0.3, -0.2))
-        np.testing.assert_allclose(gaps, gap, rtol=0, atol=8 * ROUNDED, err_msg=str(heights))
-
-
-def test_the_next_surface_that_is_drawn_earlier_is_found_among_smaller_numbers() -> None:
-    for heights, gap in [
-        ([-3.0, -5.0, -8.0], math.inf),
-        ([-5.0, -3.0, -8.0], 2.0),
-        ([-8.0, -3.0, -5.0], 5.0),
-        ([5.0, 8.0, 3.0], 3.0),
-        ([3.0, -5.0, 8.0], 5.0),
-        ([8.0, 3.0, 5.0], math.inf),
-    ]:
-        reference, aperture = Reference(soup(level_squares(heights), FRUSTA[0])), at(0.3, -0.2)
-        gaps = reference.gaps(aperture, reference.trace(aperture))
-        np.testing.assert_allclose(gaps, gap, rtol=0, atol=8 * ROUNDED, err_msg=str(heights))
-
-
-def test_surfaces_a_few_roundings_apart_are_told_apart_and_coincident_ones_are_one() -> None:
-    close = 3 * (1 + 1e-11)
-    for heights, gap in [
-        ([-3.0, -close], close - 3),
-        ([-3.0, -3.0], math.inf),
-        ([-3.0, -3.0, -4.0], 1.0),
-    ]:
-        scene = soup(level_squares(heights), FRUSTA[0])
-        gaps = Reference(scene).gaps(at(0.3, -0.2))
-        np.testing.assert_allclose(gaps, gap, rtol=0, atol=3 * ROUNDED)
+@pytest.mark.parametrize(
+    ("heights", "drawn", "gap"),
+    [
+        # C: nearest and second nearest; C*: farthest and next toward the plate; never mixed.
+        ([-5.0, -3.0, -8.0], False, 2.0),
+        ([5.0, 3.0, 8.0], False, 3.0),
+        ([5.0, -3.0, -8.0], False, math.inf),
+        ([5.0, 0.0], False, 5.0),
+        ([0.0, -4.0, -5.0], False, 4.0),
+        ([-3.0], False, math.inf),
+        ([-3.0, -9.5], False, math.inf),  # beyond the reach
+        # The next surface with a smaller number, which is drawn earlier.
+        ([-3.0, -5.0, -8.0], True, math.inf),
+        ([-8.0, -3.0, -5.0], True, 5.0),
+        ([5.0, 8.0, 3.0], True, 3.0),
+        ([3.0, -5.0, 8.0], True, 5.0),
+        ([8.0, 3.0, 5.0], True, math.inf),
+        # A few roundings apart, and coincident.
+        ([-3.0, -CLOSE], False, CLOSE - 3),
+        ([-3.0, -3.0], False, math.inf),
+        ([-3.0, -3.0, -4.0], False, 1.0),
+    ],
+)
+def test_gaps_of_level_squares_are_differences_of_heights(
+    heights: list[float], drawn: bool, gap: float
+) -> None:
+    reference, aperture = Reference(soup(level_squares(heights), FRUSTA[0])), at(0.3, -0.2)
+    gaps = reference.gaps(aperture, *([reference.trace(aperture)] if drawn else []))
+    np.testing.assert_allclose(gaps, gap, rtol=0, atol=max(map(abs, heights)) * ROUNDED)

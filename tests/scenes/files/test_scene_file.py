@@ -84,13 +84,10 @@ MISTAKES_OF_LIGHT = [
         PAINT + "difuse = 1\n",
         ["material.paint.difuse", "nearest valid key is material.paint.diffuse"],
     ),
-    (PAINT + "diffuse = -1\n", ["material.paint.diffuse[0]", "equal to 0, not -1"]),
-    (PAINT + "reflectivity = 1.5\n", ["material.paint.reflectivity[0]", "equal to 1, not 1.5"]),
     ('[material."car paint"]\nexponent = 0\n', ['material."car paint".exponent']),
     ("[material]\npaint = 3\n", ["material.paint", "not 3"]),
     (LIGHT + "colour = 1\n", ["light[0].colour", "light[0].color"]),
     (LIGHT + LIGHT.replace("3, 4", "0, 0"), ["light[1].direction", "a length"]),
-    ("[light]\ndirection = [1, 0, 0]\n", ["light", "[[light]]"]),
     (
         "[sampling]\nsamples = 4\n",
         ["sampling.samples", "nearest valid key is sampling.supersample"],
@@ -98,7 +95,6 @@ MISTAKES_OF_LIGHT = [
     ("[transport]\nshadows = 1\n", ["transport.shadows", "boolean, not 1"]),
     (BOX + "chord_tolerance = 1\n", ["object[0]", "only Bezier patches"]),
     (BOX + 'material = "gold"\n' + PAINT, ["object[0].material", "gold", "paint"]),
-    ("[lights]\n", ["unknown key lights", "nearest valid key is light"]),
 ]
 
 
@@ -111,10 +107,7 @@ MISTAKES_OF_LIGHT = [
             ["frustum.fovdeg", "nearest valid key is frustum.fov_deg"],
         ),
         ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels[0]", "valid integer", "81.5"]),
-        ([PLATE.replace("81", "0"), FRUSTUM], ["plate.hogels[0]", "equal to 1, not 0"]),
-        ([PLATE, FRUSTUM.replace("150", "0")], ["frustum.reach[0]", "greater than 0"]),
         ([PLATE, FRUSTUM, BOX, "scale = 0\n"], ["object[0].scale", "greater than 0"]),
-        ([PLATE.replace("80", "-80"), FRUSTUM], ["plate.size[0]", "greater than 0, not -80"]),
         ([PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM], ["plate.size[1] is missing"]),
         ([PLATE, FRUSTUM.replace("45.0", "180")], ["frustum.fov_deg[1]", "less than 180, not 180"]),
         (
@@ -124,10 +117,6 @@ MISTAKES_OF_LIGHT = [
         (
             [PLATE, FRUSTUM, "screen = {height = 1, center = [0, 0], size = [1, 1]}\n"],
             ["fov_deg", "screen"],
-        ),
-        (
-            [PLATE, FRUSTUM, "screen = { height = 1, centre = [0, 0] }\n"],
-            ["frustum.screen.centre", "center"],
         ),
         ([PLATE, FRUSTUM, "[[object]]\n"], ["object[0]", "mesh or shape", "box, square, sphere"]),
         ([PLATE, FRUSTUM, BOX, 'mesh = "a.obj"\n'], ["object[0]", "not both"]),
