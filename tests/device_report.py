@@ -1,6 +1,6 @@
-"""`make test-device`: what matters on a device that draws, as one page that a person can send.
+"""`make test-device`: checks that matter on a device that draws, as one page to send.
 
-It uses no network, ends within eight minutes, and says of everything that it did not do why not.
+It uses no network, ends within eight minutes, and lists everything skipped, with the reason.
 """
 
 from __future__ import annotations
@@ -22,12 +22,10 @@ from typing import Any
 CHECKOUT = Path(__file__).resolve().parents[1]
 RECORDED = CHECKOUT.parent / "shared" / "data" / "devices"
 REPORT = "build/device-report.md"
-LIMIT_S = (
-    470.0  #: of everything: what has not begun by then is skipped, and what still runs is ended
-)
+LIMIT_S = 470.0  #: total: later work is skipped, and running work is ended
 FAILED = "  - failed: "  #: begins the line of a test that failed
 MOST_LISTED = (
-    30  #: of what failed, or was skipped for a reason of its own, in a group of tests: one page
+    30  #: of failures, or of tests skipped for their own reasons, in a group of tests: one page
 )
 
 TESTS = (
@@ -50,10 +48,10 @@ import hashlib, json
 from xfrustum import Reference, open_scene
 image = Reference(scene := open_scene("car")).trace(scene.plate.middle)
 names = "triangle object certainty position normal color".split()
-digest = lambda one: hashlib.sha256(one.tobytes()).hexdigest()[:16]
+digest = lambda array: hashlib.sha256(array.tobytes()).hexdigest()[:16]
 print(json.dumps({name: digest(getattr(image, name)) for name in names}))
 """
-"""Prints a digest of each channel of the car's truth, by the arrays that the environment asks for."""
+"""Prints a digest of each channel of the car's truth, by the arrays of the environment."""
 
 
 @dataclass
@@ -74,7 +72,7 @@ class Session:
     def run(
         self, name: str, *words: str, **environment: str
     ) -> subprocess.CompletedProcess[str] | None:
-        """Run this Python with some words; None, and a line that says so, where there is no time for it."""
+        """Run this Python with some words; None, and a line of the page, if there is no time."""
         _say(f"{self.limit_s - self.left_s:5.0f} s  {name}")
         ended = "there was no time left"
         try:
@@ -93,8 +91,8 @@ class Session:
         self.skip(name, ended)
         return None
 
-    def asked(self, name: str, *words: str, **environment: str) -> Any:
-        """Return what a program prints as JSON; None, and a line with its last words, where it fails."""
+    def run_json(self, name: str, *words: str, **environment: str) -> Any:
+        """Return a program's JSON output; None, and a line with its last words, if it fails."""
         done = self.run(name, *words, **environment)
         if done is None:
             return None
@@ -108,12 +106,12 @@ class Session:
 
     def command(self, words: str) -> Any:
         """Return the JSON of a command of xfrustum."""
-        return self.asked(
+        return self.run_json(
             f"xfrustum {words}", "-m", "xfrustum", *words.split(), "--json", "--quiet"
         )
 
     def skip(self, name: str, why: str) -> None:
-        """Say what was not done."""
+        """Report skipped work."""
         _say(f"         skipped: {name}: {why}")
         self.skipped.append(f"- {name}: {why}")
 
@@ -157,18 +155,19 @@ def pictures(session: Session) -> None:
         session.skip(
             "replay of recorded frames", "../shared/data/devices is not beside the checkout"
         )
-    elif found := session.command(f"device --replay {os.path.relpath(frames, CHECKOUT)}"):
-        session.failed |= found["unexplained"] > 0
+    elif answer := session.command(f"device --replay {os.path.relpath(frames, CHECKOUT)}"):
+        session.failed |= answer["unexplained"] > 0
         lines.append(
-            f"- {found['frames']} frames recorded on {found['device']}, by its model: {found['wrong']:,} "
-            f"pixels differ from exact cameras, {found['unexplained']:,} unexplained"
+            f"- {answer['frames']} frames recorded on {answer['device']}, by its model: "
+            f"{answer['wrong']:,} "
+            f"pixels differ from exact cameras, {answer['unexplained']:,} unexplained"
         )
     for scene in ("large-triangles", "car"):
-        if found := session.command(f"report {scene} --out build/device/{scene}"):
-            wrong = sum(row["unexplained"] for row in found["rows"])
+        if answer := session.command(f"report {scene} --out build/device/{scene}"):
+            wrong = sum(row["unexplained"] for row in answer["rows"])
             session.failed |= wrong > 0
             lines.append(
-                f"- report {scene}: {wrong:,} unexplained pixels in {len(found['rows'])} rows"
+                f"- report {scene}: {wrong:,} unexplained pixels in {len(answer['rows'])} rows"
             )
     session.section("Pictures", lines or ["None."])
 
@@ -210,8 +209,8 @@ def counted(name: str, log: Path) -> list[str]:
         if (skipped := case.find("skipped")) is not None:
             reasons[skipped.get("message", "")] += 1
         for problem in (*case.findall("failure"), *case.findall("error")):
-            told = problem.get("message", "").split("\n")[0][:160]
-            failed.append(f"{FAILED}{case.get('classname')}::{case.get('name')}: {told}")
+            message = problem.get("message", "").split("\n")[0][:160]
+            failed.append(f"{FAILED}{case.get('classname')}::{case.get('name')}: {message}")
     passed = len(cases) - len(failed) - reasons.total()
     head = f"- {name}: {passed} passed, {len(failed)} failed, {reasons.total()} skipped"
     listed = [*failed, *(f"  - skipped {count}: {why}" for why, count in reasons.items())]
@@ -224,23 +223,28 @@ def truth(session: Session, *, card: bool) -> None:
         return session.skip(
             "bits of the truth on CUDA and LLVM", "the device that draws is no card"
         )
-    found = {
-        d: session.asked(f"truth on {d}", "-c", TRUTH, XFRUSTUM_DEVICE=d) for d in ("cuda", "llvm")
+    digests = {
+        d: session.run_json(f"truth on {d}", "-c", TRUTH, XFRUSTUM_DEVICE=d)
+        for d in ("cuda", "llvm")
     }
-    if all(found.values()):
-        differ = [name for name in found["llvm"] if found["llvm"][name] != found["cuda"][name]]
-        said = f"differs in {', '.join(differ)}" if differ else "has the same bits in all channels"
-        session.section("Truth", [f"The car's truth {said} on CUDA and on LLVM."])
+    if all(digests.values()):
+        differ = [
+            name for name in digests["llvm"] if digests["llvm"][name] != digests["cuda"][name]
+        ]
+        verdict = (
+            f"differs in {', '.join(differ)}" if differ else "has the same bits in all channels"
+        )
+        session.section("Truth", [f"The car's truth {verdict} on CUDA and on LLVM."])
     return None
 
 
 def speeds(session: Session) -> None:
     """Add a few speeds."""
     lines = []
-    if found := session.command("bench plate car --resolution 256 --repeat 1"):
-        lines.append(f"- hogels a second, car at 256 x 256: {medians(found['hogels_per_second'])}")
-    if found := session.command("bench truth car --resolution 512 --repeat 3"):
-        rates = medians(found["races"][0]["mpixel_per_s"])
+    if answer := session.command("bench plate car --resolution 256 --repeat 1"):
+        lines.append(f"- hogels a second, car at 256 x 256: {medians(answer['hogels_per_second'])}")
+    if answer := session.command("bench truth car --resolution 512 --repeat 3"):
+        rates = medians(answer["races"][0]["mpixel_per_s"])
         lines.append(f"- million pixels a second, truth of the car at 512 x 512: {rates}")
     session.section("Speed", lines or ["None."])
 
@@ -251,14 +255,14 @@ def medians(rates: dict[str, dict[str, float]]) -> str:
 
 
 def main() -> int:
-    """Write the report and print it; exit status 1 where a test failed or a pixel stayed unexplained."""
+    """Write the report and print it; exit status 1 if a test failed or a pixel is unexplained."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=CHECKOUT / "build" / "device")
     parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="seconds, for slow machines")
-    asked = parser.parse_args()
-    out: Path = asked.out
+    run_json = parser.parse_args()
+    out: Path = run_json.out
     out.mkdir(parents=True, exist_ok=True)
-    session = Session(limit_s=asked.limit_s)
+    session = Session(limit_s=run_json.limit_s)
     card = device(session, out)
     steps: tuple[Callable[[], None], ...] = (
         lambda: pictures(session),

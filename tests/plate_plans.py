@@ -40,7 +40,7 @@ SHAPES = {
     "two sheets near the plate": part("square", 50.0, (0.0, 0.0, -0.02))
     + part("square", 50.0, (0.0, 0.0, -0.05)),
 }
-"""Objects in, across or near the plate of `FILM`: its apertures are 1.94 mm apart, and it reaches 60 mm."""
+"""Objects in, across or near the plate of `FILM`: apertures are 1.94 mm apart, reach is 60 mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +53,9 @@ class Trial:
 
     @property
     def kept(self) -> bool:
-        """Whether the survey does not refute what the plan promises of the share of hogels beyond.
+        """Return whether the survey does not refute the plan's promised share of hogels beyond.
 
-        The lower bound of that share, with `CONFIDENCE`, is that of Clopper and Pearson (1934).
+        The lower bound of that share, with `CONFIDENCE`, is by Clopper and Pearson (1934).
         """
         assert self.plan is not None and self.plan.plate is not None
         beyond, judged = self.survey.beyond, self.survey.judged
@@ -64,8 +64,8 @@ class Trial:
 
 
 def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
-    """Plan for the plate of a scene, and survey hogels of it with what was planned."""
-    made, found = None, None
+    """Plan for the plate of a scene, and survey hogels of it with the planned settings."""
+    made, surveyed = None, None
     try:
         report = plan(scene, None, requirement)
         made = report.plan
@@ -83,8 +83,8 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
                 tolerance_px=requirement.tolerance_px,
                 engine=engine,
             )
-            found = done.answers[0]
-    return Trial(plan=made, survey=found, reason=reason)
+            surveyed = done.answers[0]
+    return Trial(plan=made, survey=surveyed, reason=reason)
 
 
 def opened(name: str, resolution: int) -> Scene:

@@ -38,7 +38,7 @@ def plate(name: str, hogels: tuple[int, int], pixels: int) -> Scene:
 
 
 def plate_sums(scene: Scene, nears: Sequence[float] = NEARS) -> tuple[LinkSum, ...]:
-    """Return the sums over all hogels of a plate, drawn with reversed float depth and several nears."""
+    """Return the sums over all hogels of a plate, with reversed float depth and several nears."""
     reference = Reference(scene)
     columns, rows = scene.plate.hogels
 
@@ -60,19 +60,23 @@ def main() -> None:
     parser.add_argument("--hogels", default="9x7")
     parser.add_argument("--pixels", type=int, default=160)
     parser.add_argument("--nears", default=",".join(map(str, NEARS)))
-    given = parser.parse_args()
-    columns, rows = map(int, given.hogels.split("x"))
-    nears = [float(near) for near in given.nears.split(",")]
-    said(f"{'scene':<18} {'link':<14} {'measured':>9} {'predicted':>10} {'ratio':>6}  reasons")
-    for name in given.scenes:
-        for found in plate_sums(plate(name, (columns, rows), given.pixels), nears):
-            if found.surface or found.predicted:
-                ratio = "-" if found.ratio is None else f"{found.ratio:.2f}"
-                numbers = f"{found.surface:>9,} {found.predicted:>10,.1f} {ratio:>6}"
-                said(f"{name:<18} {found.name:<14} {numbers}  {', '.join(sorted(found.reasons))}")
+    arguments = parser.parse_args()
+    columns, rows = map(int, arguments.hogels.split("x"))
+    nears = [float(near) for near in arguments.nears.split(",")]
+    write_line(
+        f"{'scene':<18} {'link':<14} {'measured':>9} {'predicted':>10} {'ratio':>6}  reasons"
+    )
+    for name in arguments.scenes:
+        for link in plate_sums(plate(name, (columns, rows), arguments.pixels), nears):
+            if link.surface or link.predicted:
+                ratio = "-" if link.ratio is None else f"{link.ratio:.2f}"
+                numbers = f"{link.surface:>9,} {link.predicted:>10,.1f} {ratio:>6}"
+                write_line(
+                    f"{name:<18} {link.name:<14} {numbers}  {', '.join(sorted(link.reasons))}"
+                )
 
 
-def said(line: str) -> None:
+def write_line(line: str) -> None:
     sys.stdout.write(f"{line.rstrip()}\n")
     sys.stdout.flush()
 

@@ -1,4 +1,4 @@
-"""Rules that neither ruff nor import-linter checks: sizes, ways to end the process, forbidden names."""
+"""Rules that neither ruff nor import-linter checks: sizes, ways to exit, forbidden names."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ def test_stages_before_reports_make_no_html() -> None:
     sources = [path for path in SOURCES if name(path).split("/")[0] in STAGES]
     assert len(sources) > len(STAGES)
     markup = re.compile(r"</?(div|p|b|pre|img|table|svg|html|span)\b[^|]*>")
-    found = [
+    violations = [
         f"{name(path)}: {text!r}"
         for path in sources
         for text in literals(ast.parse(path.read_text()))
         if markup.search(text)
     ]
-    assert found == []
+    assert violations == []
     imports = re.compile(r"^\s*(?:from|import) (?:html|jinja2|markupsafe|plotly)\b", re.MULTILINE)
     assert [name(path) for path in sources if imports.search(path.read_text())] == []
 
@@ -102,11 +102,11 @@ def test_stages_before_reports_make_no_html() -> None:
 def test_stages_before_reports_build_no_sentences() -> None:
     """Words are made of records in `reports`; only messages of errors are made before."""
     sentence = re.compile(r"\w+ \w+ \w+ \w+ \w+")
-    found = [
+    violations = [
         f"{name(path)}: {text!r}"
         for path in SOURCES
         if name(path).split("/")[0] in STAGES[1:] and name(path) not in WORDED
         for text in literals(ast.parse(path.read_text()))
         if sentence.search(text)
     ]
-    assert found == []
+    assert violations == []

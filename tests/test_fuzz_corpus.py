@@ -1,4 +1,4 @@
-"""Faults that fuzzing once found stay mended: every input of the corpus ends as every input must."""
+"""Faults that fuzzing once found stay mended: every input of the corpus ends as it must."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.fuzz.mutations import mutated, mutated_arguments
 
 @pytest.fixture(scope="module")
 def replayed() -> dict[str, list[str]]:
-    """Return the findings of each input, from another process: this one has threads and must not fork."""
+    """Return the findings of each input, from another process: threads here forbid forks."""
     checkout = Path(__file__).resolve().parents[1]
     line = [sys.executable, "-m", "tests.fuzz", "--replay"]
     done = subprocess.run(line, cwd=checkout, capture_output=True, check=True)
@@ -62,5 +62,5 @@ def test_every_finding_is_found() -> None:
         ({"left": left}, ["leftovers"]),
         ({"left": left, "status": 0, "errors": b"xfrustum: note\n"}, []),
     ]
-    for changes, found in cases:
-        assert list(findings(Outcome(**{**fine, **changes}), left, named=True)) == found
+    for changes, expected in cases:
+        assert list(findings(Outcome(**{**fine, **changes}), left, named=True)) == expected

@@ -67,7 +67,7 @@ def test_the_installed_command_lists_the_scenes(wheel: Path, tmp_path: Path) -> 
     ]
     install += ["--no-deps", "--no-build-isolation", "--no-index", wheel]
     subprocess.run(install, cwd=tmp_path, env=clean, check=True, capture_output=True)
-    told = subprocess.check_output(
+    printed = subprocess.check_output(
         [programs / "xfrustum", "scenes"], cwd=tmp_path, env=clean, text=True
     )
-    assert "car" in told
+    assert "car" in printed

@@ -1,4 +1,4 @@
-"""The command line: one JSON object on standard output, one line per mistake, nothing half-written."""
+"""The command line: one JSON object on standard output, one line per mistake, no partial files."""
 
 import json
 import signal
@@ -83,7 +83,7 @@ def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_
 def test_compare_finds_a_scene_that_was_moved_with_its_images(
     images: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The message about a broken one is not about a missing file at the place that the image names."""
+    """A broken image causes another message than a missing file at the place that it names."""
     Path("moved").mkdir()
     for name in ("boxes.toml", *images):
         Path(name).rename(f"moved/{name}")
@@ -132,7 +132,8 @@ def test_without_its_scene_compare_leaves_surface_open_and_says_why(
     reason = {
         "gone": "boxes.toml: no such scene file)",
         "other": "not the one",
-        "broken": "boxes.toml: unknown key frustum.fovdeg; the nearest valid key is frustum.fov_deg)",
+        "broken": "boxes.toml: unknown key frustum.fovdeg; the nearest valid key is "
+        "frustum.fov_deg)",
     }
     assert reason[change] in printed.err
     assert ("cannot be opened" in printed.err) == (change != "other")
@@ -146,19 +147,19 @@ def test_report_says_the_best_setting_and_where_the_page_is(
 ) -> None:
     arguments = f"report {scene} --near 1,0.01 --apertures 2,1;0,2 --depth d24".split()
     assert main([*arguments, "--out", "out", "--quiet"]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert said.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")
-    assert Path(said.out.splitlines()[-1]) == Path("out/index.html")
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")
+    assert Path(printed.out.splitlines()[-1]) == Path("out/index.html")
     assert main([*arguments, "--json"]) == 0
-    told = one_object(capsys.readouterr().out)
-    assert told["files"] == {
+    answer = one_object(capsys.readouterr().out)
+    assert answer["files"] == {
         "html": "report/two-boxes/index.html",
         "json": "report/two-boxes/report.json",
         "parquet": "report/two-boxes/measurements.parquet",
         "inspection": "report/two-boxes/inspect.html",
     }
-    assert len(told["rows"]) == 4
+    assert len(answer["rows"]) == 4
 
 
 @pytest.mark.usefixtures("scene")
@@ -371,8 +372,8 @@ def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
     assert "in broken" in file.read_text() and stat.S_IMODE(file.stat().st_mode) == 0o600
     file.unlink()
     assert main(["--traceback", "trace", scene, "--out", "x.exr"]) == 70
-    said = capsys.readouterr().err
-    assert said.startswith("Traceback (most recent call last)") and "in broken" in said
+    trace = capsys.readouterr().err
+    assert trace.startswith("Traceback (most recent call last)") and "in broken" in trace
     assert list(file.parent.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""`--decided-by`: tracers' own pictures, what they alone would have got wrong, and reports against them."""
+"""`--decided-by`: pictures of single tracers, their errors, and reports against them."""
 
 import base64
 import io
@@ -20,7 +20,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import read_image
 
 HARD = "hard/nearly-coincident"
-"""Two surfaces closer to each other than single precision tells."""
+"""Two surfaces closer to each other than the resolution of single precision."""
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
@@ -31,9 +31,9 @@ def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
         main(["trace", HARD, "--decided-by", tracer, "--json", "--out", str(tmp_path / "a.exr")])
         == 0
     )
-    told = json.loads(capsys.readouterr().out)
-    assert told["decided_by"] == tracer and told["alone"] is None
-    assert list(told["certainty"]) == ["unexamined"]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["decided_by"] == tracer and answer["alone"] is None
+    assert list(answer["certainty"]) == ["unexamined"]
     image = read_image(tmp_path / "a.exr")
     scene = open_scene(HARD)
     proposed = Reference(scene, tracer=tracer).propose(scene.plate.middle)
@@ -45,24 +45,24 @@ def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
 def test_what_tracers_alone_would_have_got_wrong_is_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By definition: pixels of their own pictures with another triangle than the certified truth."""
+    """By definition: pixels whose triangle differs between tracer and certified truth."""
     assert main(["trace", HARD, "--json", "--quiet", "--out", str(tmp_path / "truth.exr")]) == 0
-    told = json.loads(capsys.readouterr().out)
+    answer = json.loads(capsys.readouterr().out)
     truth = read_image(tmp_path / "truth.exr")
     judged = truth.certainty != Certainty.TIE
-    assert told["alone"]["judged"] == judged.sum()
-    assert sum(told["certainty"].values()) == truth.triangle.size
+    assert answer["alone"]["judged"] == judged.sum()
+    assert sum(answer["certainty"].values()) == truth.triangle.size
     scene = open_scene(HARD)
     for tracer in TRACERS:
         alone = Reference(scene, tracer=tracer).propose(scene.plate.middle)
-        assert told["alone"][tracer] == ((alone.triangle != truth.triangle) & judged).sum()
-    assert told["alone"]["embree"] > 100
+        assert answer["alone"][tracer] == ((alone.triangle != truth.triangle) & judged).sum()
+    assert answer["alone"]["embree"] > 100
 
 
 def test_compare_says_that_a_truth_was_not_examined(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for decided, said in (
+    for decided, lines in (
         ("embree", ["note: truth: Embree alone, not examined"]),
         ("certified", []),
     ):
@@ -71,10 +71,12 @@ def test_compare_says_that_a_truth_was_not_examined(
         capsys.readouterr()
         assert main(["compare", out, out]) == 0
         err = capsys.readouterr().err
-        assert [line.removeprefix("xfrustum: ") for line in err.splitlines()] == said
+        assert [line.removeprefix("xfrustum: ") for line in err.splitlines()] == lines
 
 
-REPORT = f"report {HARD} --pivot aperture --near 0.01 --depth d32f:reversed --apertures 2,2 --quiet".split()
+REPORT = (
+    f"report {HARD} --pivot aperture --near 0.01 --depth d32f:reversed --apertures 2,2 --quiet"
+).split()
 
 
 def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(tmp_path: Path) -> None:
@@ -100,7 +102,7 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(tmp_p
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:
-    """Off the edges, where nothing is hard, a tracer in single precision shows what is true."""
+    """Away from edges, where nothing is hard, a tracer in single precision is right."""
     scene = view("asymmetric-recentered", (48, 36))
     settings = DoubleFrustum(near=0.5, slabs=(15.0,))
     certified = Reference(scene).trace_model(scene.plate.middle, settings)

@@ -1,4 +1,4 @@
-"""`xfrustum device`: what it prints, writes and refuses; cards that EGL does not draw on."""
+"""`xfrustum device`: output, files and refusals; cards on which EGL does not draw."""
 
 import json
 import math
@@ -35,8 +35,8 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
     assert main(["device", "--json", "--quiet", "--out", str(folder)]) == 0
     measured = json.loads(capsys.readouterr().out)
     assert measured["varyings"]["flat"] == 0
-    for name, one in measured["within"].items():
-        assert one["within"] == one["pixels"] >= (4096 if name == "filter" else 50_000)
+    for name, counts in measured["within"].items():
+        assert counts["within"] == counts["pixels"] >= (4096 if name == "filter" else 50_000)
     assert json.loads((folder / "device.json").read_text()) == measured
     assert DeviceModel.read(folder / "device.json").subpixel_bits == measured["subpixel_bits"]
     assert measured["renderer"] in (folder / "index.html").read_text()
@@ -48,26 +48,26 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
 
 @pytest.mark.slow
 def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
-    """It has OpenGL 3.3 alone. The bounds of a device that nobody knows do not hold for its D16."""
-    asked = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
+    """It has OpenGL 3.3 alone. Bounds of unknown devices do not hold for its D16."""
+    command = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
     environment = os.environ | {"GALLIUM_DRIVER": "softpipe", "LIBGL_ALWAYS_SOFTWARE": "1"}
-    found = json.loads(
-        subprocess.run(asked, env=environment, capture_output=True, check=True).stdout
+    answer = json.loads(
+        subprocess.run(command, env=environment, capture_output=True, check=True).stdout
     )
-    if found["renderer"] != "softpipe":
-        pytest.skip(f"Mesa has no softpipe here: {found['renderer']} drew")
-    assert found["model"]["name"] == "softpipe"
-    assert all(one["within"] == one["pixels"] for one in found["within"].values())
-    assert found["depth"]["d16"]["interpolated_steps"][1] > safe_model(4).d16[1]
+    if answer["renderer"] != "softpipe":
+        pytest.skip(f"Mesa has no softpipe here: {answer['renderer']} drew")
+    assert answer["model"]["name"] == "softpipe"
+    assert all(counts["within"] == counts["pixels"] for counts in answer["within"].values())
+    assert answer["depth"]["d16"]["interpolated_steps"][1] > safe_model(4).d16[1]
 
 
 def test_the_devices_of_egl_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["device", "--list", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    answer = json.loads(capsys.readouterr().out)
     opened = context.open_context()
     names = context.describe(opened)
     opened.release()
-    assert names["renderer"] in {one["renderer"] for one in found["devices"]}
+    assert names["renderer"] in {device["renderer"] for device in answer["devices"]}
 
 
 def test_a_recording_is_explained_by_the_model_of_its_device(
@@ -76,8 +76,8 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
     whole = SHARED / "data" / "devices" / "h100-frames.npz"
     if not whole.exists():
         pytest.skip("needs ../shared/data/devices, beside the checkout")
-    with np.load(whole) as found:
-        kept = {name: found[name] for name in ("device", "crossing|0.01|d24|standard|40,30")}
+    with np.load(whole) as recording:
+        kept = {name: recording[name] for name in ("device", "crossing|0.01|d24|standard|40,30")}
     shifted = {n: a if n == "device" else np.roll(a, 1, axis=1) for n, a in kept.items()}
     for name, frames, status in (("right", kept, 0), ("shifted", shifted, 1)):
         path = tmp_path / f"{name}.npz"
@@ -107,11 +107,11 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
         (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1),
         (f"conformance judge {tmp_path / 'none'} --case L0-behind", 1),
     ):
-        asked = [*words.split(), "--device", str(path), "--quiet"]
-        assert main([*asked, "--json"]) == status
+        command = [*words.split(), "--device", str(path), "--quiet"]
+        assert main([*command, "--json"]) == status
         assert json.loads(capsys.readouterr().out)["device_model"] == "NVIDIA H100"
         if "conformance" not in words:
-            assert main(asked) == status
+            assert main(command) == status
             assert "by the model of NVIDIA H100\n" in capsys.readouterr().out
 
 
@@ -135,9 +135,9 @@ def test_a_file_that_is_no_model_is_refused_in_one_line(
     for content in ({"renderer": "x"}, {"model": H100.as_json() | wrong}):
         path.write_text(json.dumps(content))
         assert main(["budget", "car", "--near", "0.1", "--device", str(path)]) == 2
-        told = capsys.readouterr().err.strip()
-        assert "no device.json" in told
-        assert "\n" not in told
+        message = capsys.readouterr().err.strip()
+        assert "no device.json" in message
+        assert "\n" not in message
 
 
 def test_a_recording_that_fits_no_scene_is_refused(
@@ -165,10 +165,10 @@ def card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_card_that_is_not_registered_with_egl_is_named_with_what_to_do(card: Path) -> None:
-    told = context.overlooked_card()
-    assert told is not None
-    assert "NVIDIA H100 80GB HBM3" in told
-    assert "10_nvidia.json" in told
+    message = context.overlooked_card()
+    assert message is not None
+    assert "NVIDIA H100 80GB HBM3" in message
+    assert "10_nvidia.json" in message
     vendor = card / "share" / "10_nvidia.json"
     vendor.parent.mkdir()
     vendor.write_text("{}")

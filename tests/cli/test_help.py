@@ -1,4 +1,4 @@
-"""Help: every command has a use and an example, every example parses, and in their order they run."""
+"""Help: every command has a use and an example; all examples parse and run in their order."""
 
 import json
 import os
@@ -22,27 +22,27 @@ CHEAP = ("scenes", "new", "check", "camera")
 """Examples that take about a second together; all others run with the slow tests."""
 
 NOT_RUN = ("study", "bench", "conformance")
-"""Examples that measure speed, whole maps or a renderer, which tests of these commands run smaller."""
+"""Examples that measure speed, whole maps or a renderer; other tests run them at smaller sizes."""
 
 
 def commands() -> dict[str, click.Command]:
     """Return every command and, of groups, every command in them."""
     context = click.Context(cli)
-    found: dict[str, click.Command] = {}
+    listed: dict[str, click.Command] = {}
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
-        found[name] = command
-        for inner, one in getattr(command, "commands", {}).items():
-            found[f"{name} {inner}"] = one
-    return found
+        listed[name] = command
+        for inner, subcommand in getattr(command, "commands", {}).items():
+            listed[f"{name} {inner}"] = subcommand
+    return listed
 
 
 EXAMPLES = {
     name: (command.epilog or "").rpartition("\n")[2].strip() for name, command in commands().items()
 }
-"""One line for each command that a shell takes as it is.
+"""One line for each command of a shell.
 
-Run from top to bottom in a folder that has beetle.obj, each finds what it needs.
+Run from top to bottom in a folder with beetle.obj, each has the files that it needs.
 """
 
 
@@ -73,10 +73,10 @@ def test_the_list_of_commands_has_all_of_them_under_their_uses(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["--help"]) == 0
-    told = capsys.readouterr().out
-    assert all(f"\n{use}:\n" in told for use in USES)
+    printed = capsys.readouterr().out
+    assert all(f"\n{use}:\n" in printed for use in USES)
     assert set(MODULES) == {name for name in EXAMPLES if " " not in name}
-    assert all(f"\n  {name} " in told for name in MODULES)
+    assert all(f"\n  {name} " in printed for name in MODULES)
 
 
 def test_the_names_of_tracers_are_those_of_the_reference() -> None:
@@ -118,8 +118,8 @@ def test_a_shell_is_told_commands_and_scenes(
     monkeypatch.setenv("COMP_WORDS", f"xfrustum {line}")
     monkeypatch.setenv("COMP_CWORD", str(max(1, len(line.split()))))
     assert main([]) == 0
-    told = capsys.readouterr().out.splitlines()
-    assert (f"plain,{offered}" in told) is bool(offered)
+    printed = capsys.readouterr().out.splitlines()
+    assert (f"plain,{offered}" in printed) is bool(offered)
 
 
 def test_a_shell_that_nobody_knows_is_bad_input(
@@ -134,8 +134,8 @@ def test_a_shell_that_nobody_knows_is_bad_input(
 # for them.
 
 HEAVY = (
-    "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly", "zarr",
-    "jinja2", "PIL", "OpenEXR", "skimage", "matplotlib", "xarray", "distributed",
+    "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly",
+    "zarr", "jinja2", "PIL", "OpenEXR", "skimage", "matplotlib", "xarray", "distributed",
 )  # fmt: skip
 """Libraries that take from a tenth of a second to some seconds to load."""
 
@@ -171,7 +171,7 @@ STRANGE_VALUES = (
 def loaded_by(
     lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]
 ) -> dict[str, list[str]]:
-    """Run command lines in one new process; return what each but the help and the listing has loaded."""
+    """Run command lines in one new process; return modules loaded by each but help and list."""
     program = f"""
 import contextlib, io, json, sys
 from xfrustum.cli.main import main
@@ -190,18 +190,18 @@ print(json.dumps(told))
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False
     )
     assert ended.returncode == 0, ended.stderr
-    found: dict[str, list[str]] = json.loads(ended.stdout)
-    return found
+    modules: dict[str, list[str]] = json.loads(ended.stdout)
+    return modules
 
 
 def of_scene(scene: str) -> list[tuple[str, ...]]:
     """Return the examples of all commands that open a scene, with another scene."""
-    found = []
+    lines = []
     for name, command in commands().items():
         if any(parameter.name in ("scene", "scenes") for parameter in command.params):
             before = len(name.split())
-            found.append((*name.split(), scene, *words(name)[before + 1 :]))
-    return found
+            lines.append((*name.split(), scene, *words(name)[before + 1 :]))
+    return lines
 
 
 def test_help_listings_and_complaints_load_nothing_heavy_not_even_numpy(tmp_path: Path) -> None:

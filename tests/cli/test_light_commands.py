@@ -44,8 +44,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def printed(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
+    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return answer
 
 
 def run(line: str) -> None:
@@ -88,11 +88,11 @@ def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
     (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
     for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
         run(f"trace boxes.toml {option} {value} --quiet --out local.exr")
-        said = capsys.readouterr().err
+        message = capsys.readouterr().err
         assert (
-            said.startswith(f"xfrustum: note: {option}")
-            and "leaves out" in said
-            and said.count("\n") == 1
+            message.startswith(f"xfrustum: note: {option}")
+            and "leaves out" in message
+            and message.count("\n") == 1
         )
         assert read_image("local.exr").camera.light_paths is None
 

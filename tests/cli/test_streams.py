@@ -1,4 +1,4 @@
-"""A command's message is one line of ours, escaped, whatever the standard streams are connected to."""
+"""A command's message is one escaped line, whatever the standard streams are connected to."""
 
 import json
 import os
@@ -74,8 +74,8 @@ def test_control_characters_in_what_a_renderer_says_are_escaped_in_the_table(
     assert main(line) == 1
     assert r"\x07all is well \x7f" in capsys.readouterr().out
     assert main([*line, "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert "\x07all is well \x7f" in told["hogels"][0]["problem"]
+    answer = json.loads(capsys.readouterr().out)
+    assert "\x07all is well \x7f" in answer["hogels"][0]["problem"]
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
@@ -163,8 +163,8 @@ def test_no_message_is_longer_than_500_characters(
         "trace keys.toml --out x.exr",
     ):
         assert main(command.split()) == 2, command
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1 and len(said) <= 501, command
+        message = capsys.readouterr().err
+        assert message.count("\n") == 1 and len(message) <= 501, command
 
 
 @pytest.fixture
@@ -261,10 +261,10 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
             process.send_signal(stop)
             time.sleep(0.05)
         try:
-            _, said = process.communicate(timeout=60)
+            _, message = process.communicate(timeout=60)
         finally:
             process.kill()
-    assert (process.returncode, said) == ENDED[stop]
+    assert (process.returncode, message) == ENDED[stop]
     assert list((tmp_path / "temporary").iterdir()) == []
     assert not (tmp_path / "x.exr").exists()
 
@@ -300,8 +300,8 @@ def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(
     body: str, tmp_path: Path
 ) -> None:
     with start(program(body), tmp_path) as process:
-        _, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+        _, message = process.communicate(timeout=60)
+    assert (process.returncode, message) == ENDED[signal.SIGTERM]
     assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
 
 
@@ -318,19 +318,24 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
             return process
         subprocess.Popen = started
         template = {sys.executable!r} + " -c 'import time; time.sleep(60)' {{out}}"
-        command = Command(template=template, reference=None, encoding=None, folder=Path("."), timeout_s=60.0)
+        command = Command(
+            template=template, reference=None, encoding=None, folder=Path("."), timeout_s=60.0
+        )
         command.image(SimpleNamespace(column=0, row=0, x=0.0, y=0.0))
         """
     with start(program(body), tmp_path) as process:
-        out, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+        out, message = process.communicate(timeout=60)
+    assert (process.returncode, message) == ENDED[signal.SIGTERM]
     with pytest.raises(ProcessLookupError):
         os.kill(int(out), signal.SIGKILL)
 
 
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
-    """The command is done: its status stands, and no exception comes out of what Python still has to do."""
-    leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
+    """The command is done: its status stands, and the exit of Python raises no exception."""
+    leaving = (
+        "import atexit, time\n"
+        "atexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
+    )
     arguments = [
         "-c",
         leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.cli.main import run\n",
@@ -341,8 +346,8 @@ def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
             while process.stdout.readline() != "ready\n":
                 pass
             process.send_signal(stop)
-            _, said = process.communicate(timeout=60)
-        assert (process.returncode, said) == (0, "")
+            _, message = process.communicate(timeout=60)
+        assert (process.returncode, message) == (0, "")
 
 
 def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path: Path) -> None:
@@ -357,5 +362,5 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
     with start(["-c", ignoring], tmp_path) as process:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
-    assert process.returncode == 70 and "went on" in said
+        _, message = process.communicate(timeout=60)
+    assert process.returncode == 70 and "went on" in message

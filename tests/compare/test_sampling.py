@@ -1,5 +1,4 @@
-"""Samples of hogels: what is in them, whether their bounds hold, and when a hogel is beyond, in all commands
-alike."""
+"""Samples of hogels: content, bounds, and equal meaning of beyond in all commands."""
 
 from __future__ import annotations
 
@@ -181,8 +180,8 @@ def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
         RandomSample(hogels=hogels, seed=seed),
     )
     taken = [plate.middle]
-    drawn = [one.index for one in sample_hogels(plate, sample, taken)]
-    assert drawn == [one.index for one in sample_hogels(plate, sample, taken)]
+    drawn = [hogel.index for hogel in sample_hogels(plate, sample, taken)]
+    assert drawn == [hogel.index for hogel in sample_hogels(plate, sample, taken)]
     assert len(set(drawn)) == len(drawn) == min(hogels, columns * rows - 1)
     assert plate.middle.index not in drawn
     if len(drawn) >= 4 * rows:
@@ -220,7 +219,7 @@ def spread(p99: float) -> Spread:
 
 
 def numbers(p99: float | None, at_plate: int = 0) -> Any:
-    """Return what a comparison says of a hogel, without the rest."""
+    """Return a hogel's answer of a comparison, without the rest."""
     return SimpleNamespace(
         displacement_px=None if p99 is None else spread(p99), at_plate=at_plate, judged=JUDGED
     )
@@ -250,7 +249,7 @@ def test_displacement_is_undefined_where_the_plate_itself_is_shown(
 
 @given(st.floats(0, 2), st.integers(0, 30), st.integers(0, 30))
 def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> None:
-    """Where everything is shown, the share that `verify` limits is that of all judged pixels."""
+    """Where everything is shown, `verify` limits the share of all judged pixels."""
     moved, share = displacement_p99(numbers(p99, at_plate)), wrong / JUDGED
     beyond = is_beyond(moved, share, 0.5)
     hogel = HogelResult(
@@ -262,7 +261,7 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
     )
     assert hogel.beyond(0.5) == Requirement().missed_by(hogel) == beyond
     if at_plate * 100 <= JUDGED:
-        found: Any = SimpleNamespace(
+        counts: Any = SimpleNamespace(
             shown=JUDGED,
             limited=wrong,
             limited_figure="wrong surfaces",
@@ -272,5 +271,5 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
             displacement_by=MeasuredBy.POINTS,
             outlines=None,
         )
-        figures: Any = SimpleNamespace(numbers=found, claimed=JUDGED)
+        figures: Any = SimpleNamespace(numbers=counts, claimed=JUDGED)
         assert all(check.held for check in Limits().checks(figures)) != beyond

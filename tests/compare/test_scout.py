@@ -1,4 +1,4 @@
-"""The scout finds the apertures that decide the error of a plate; a sample bounds what it has not seen."""
+"""The scout finds apertures that decide the error of a plate; a sample bounds the rest."""
 
 import math
 from dataclasses import replace
@@ -66,7 +66,7 @@ def test_corners_and_the_middle_are_always_looked_through(
 def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(
     ball_behind_a_plate: Scene,
 ) -> None:
-    """A ball smaller than a hogel, at each of nine places between those of a lattice."""
+    """A ball smaller than a hogel, at each of nine places between the places of a lattice."""
     for column, row in ((column, row) for column in (30, 31, 32) for row in (21, 22, 23)):
         plate = replace(ball_behind_a_plate.plate, hogels=(60, 45))
         over = plate.aperture(column, row)
@@ -128,11 +128,11 @@ def test_no_more_apertures_are_looked_through_than_allowed(monkeypatch: pytest.M
     monkeypatch.setattr(scouting, "LATTICE_APERTURES", 30)
     monkeypatch.setattr(scouting, "MAX_APERTURES", 44)
     steps: list[int] = []
-    found = scout(view("asymmetric", (32, 24)), steps.append)
-    assert len(found.looks) == len(steps) <= 44
+    result = scout(view("asymmetric", (32, 24)), steps.append)
+    assert len(result.looks) == len(steps) <= 44
 
 
-# What `auto` takes
+# Apertures of `auto`
 # -----------------------------------------------------------------------------------------
 
 
@@ -153,7 +153,7 @@ def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(
     auto = AutoApertures.from_scan(both_sides)
     assert auto.apertures[0] == both_sides.scene.plate.middle
     assert 2 <= len(auto.chosen) <= 4 and len(set(auto.apertures)) == len(auto.chosen)
-    criteria = {one.aperture: one.criteria for one in auto.chosen}
+    criteria = {choice.aperture: choice.criteria for choice in auto.chosen}
     for worst, criterion in (
         (max(both_sides.looks, key=lambda look: look.pixels_per_near), Criterion.DISPLACEMENT),
         (min(both_sides.looks, key=lambda look: look.nearest), Criterion.NEAREST),

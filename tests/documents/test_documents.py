@@ -1,4 +1,4 @@
-"""Documents: links lead somewhere, public names are documented, examples run. `make docs` builds the site."""
+"""Documents: working links, documented names, running examples. `make docs` builds the site."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MADE_BY_THE_BUILD = ("docs/gallery/index.rst",)
 
 
 def public_names() -> list[str]:
-    """Return every public name once: those of `xfrustum`, and what its packages export besides."""
+    """Return every public name once: names of `xfrustum`, and further exports of its packages."""
     named = list(xfrustum.__all__)
     for package in PACKAGES:
         exported = importlib.import_module(f"xfrustum.{package}").__all__
@@ -44,14 +44,14 @@ def thing(name: str) -> Any:
 
 
 def links(page: Path) -> list[str]:
-    """Return the targets of links and pictures of a page, without those of other hosts."""
-    found = []
+    """Return the targets of links and pictures of a page on this site."""
+    targets = []
     for token in MarkdownIt().parse(page.read_text(encoding="utf-8")):
         for child in token.children or ():
             target = child.attrGet("href") or child.attrGet("src")
             if isinstance(target, str) and not re.match(r"[a-z]+:", target):
-                found.append(target)
-    return found
+                targets.append(target)
+    return targets
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(CHECKOUT).as_posix())
@@ -67,7 +67,7 @@ def test_links_of_a_page_lead_to_files(page: Path) -> None:
 
 
 def test_files_that_documents_name_exist() -> None:
-    """The history aside: what a decision or a release said of the code of its time stays."""
+    """The history aside: decisions and releases keep statements about the code of their time."""
     folders = "scenes|reference|raster|compare|reports|research|src|scripts|docs"
     named = re.compile(rf"(?<![\w/.-])(?:{folders})/[\w./-]*\w")
     missing = [
@@ -89,11 +89,11 @@ def test_the_list_of_the_api_has_every_public_name_once() -> None:
 
 @pytest.mark.parametrize("name", public_names())
 def test_a_public_name_is_described(name: str) -> None:
-    found = thing(name)
-    if inspect.isclass(found) or inspect.isfunction(found):
-        assert inspect.getdoc(found)
+    value = thing(name)
+    if inspect.isclass(value) or inspect.isfunction(value):
+        assert inspect.getdoc(value)
     else:  # a constant, whose description follows it in the module
-        assert isinstance(found, str | int | tuple)
+        assert isinstance(value, str | int | tuple)
 
 
 def test_every_public_name_has_an_example() -> None:
@@ -110,12 +110,12 @@ def test_the_examples_of_names_run_one_after_the_other(
     test = doctest.DocTestParser().get_doctest(
         "\n".join(blocks), {}, "examples.md", str(NAMES_PAGE), 0
     )
-    told: list[str] = []
-    found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
-        test, out=told.append
+    output: list[str] = []
+    result = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
+        test, out=output.append
     )
-    assert found.attempted > len(blocks)
-    assert found.failed == 0, "".join(told)
+    assert result.attempted > len(blocks)
+    assert result.failed == 0, "".join(output)
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_one_version_is_stated_everywhere() -> None:
 
 
 def test_the_dockerfile_takes_the_steps_of_readme() -> None:
-    """No test builds the image; its steps are those of the Makefile, and its files where these put them."""
+    """No test builds the image; steps and places of files agree with the Makefile."""
     lines = [
         line
         for line in (CHECKOUT / "Dockerfile").read_text().splitlines()

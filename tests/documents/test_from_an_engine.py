@@ -1,4 +1,4 @@
-"""The page about engines that cannot be changed: its blocks run, and what it says of matrices holds."""
+"""The page about engines that cannot be changed: its blocks run, its matrices are right."""
 
 import json
 import re
@@ -20,10 +20,10 @@ def passes(folder: Path, mapping: str) -> list[dict[str, Any]]:
     aperture = f"{APERTURE[0]},{APERTURE[1]}"
     command = ["camera", "asymmetric", "--for", "json", "--near", "1", "--mapping", mapping]
     assert main([*command, "--apertures", aperture, "--out", str(folder)]) == 0
-    found: list[dict[str, Any]] = json.loads((folder / "cameras.json").read_text())["apertures"][0][
-        "passes"
-    ]
-    return found
+    entries: list[dict[str, Any]] = json.loads((folder / "cameras.json").read_text())["apertures"][
+        0
+    ]["passes"]
+    return entries
 
 
 def depths(matrix: np.ndarray, one_pass: dict[str, Any], distances: np.ndarray) -> np.ndarray:
@@ -117,11 +117,11 @@ def test_apertures_of_verify_are_the_ranges_of_plate(
         "1,2;0-1,2": [[1, 2], [0, 2]],
     }.items():
         assert main([*command, text]) == 1
-        found = json.loads(capsys.readouterr().out)["hogels"]
-        assert [one["aperture"] for one in found] == expected
-    for text, told in {
+        hogels = json.loads(capsys.readouterr().out)["hogels"]
+        assert [hogel["aperture"] for hogel in hogels] == expected
+    for text, message in {
         "1-9,2": "aperture 9,2 lies outside",
         "2-1,2": "columns,rows such as 0-80,30",
     }.items():
         assert main([*command, text]) == 2
-        assert told in capsys.readouterr().err
+        assert message in capsys.readouterr().err

@@ -38,7 +38,7 @@ PREPARED = (
 
 
 def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes], bytes]:
-    """Return the command, the files and what was mutated of one input; the same number gives the same."""
+    """Return the command, files and mutated names of one input; equal numbers give equal inputs."""
     chance = random.Random(f"{seed.name} {number}")
     files = dict(seed.files)
     if not seed.mutated:
@@ -49,7 +49,7 @@ def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes]
 
 
 def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[str]]:
-    """Run a batch of inputs; return the counts by exit status and the lines about what was found."""
+    """Run a batch of inputs; return the counts by exit status and the lines about findings."""
     seed, numbers, keep = work
     counts: Counter[str] = Counter()
     lines = []
@@ -59,8 +59,8 @@ def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[
         counts["hang" if outcome.hung else str(outcome.status)] += 1
         for finding in findings(outcome, seed.outputs, named=bool(seed.mutated)):
             counts[finding] += 1
-            told = outcome.errors.decode("utf-8", "replace").strip().splitlines()
-            lines.append(f"{seed.name} {number}: {finding}: {(told or [''])[-1][:200]!r}")
+            words = outcome.errors.decode("utf-8", "replace").strip().splitlines()
+            lines.append(f"{seed.name} {number}: {finding}: {(words or [''])[-1][:200]!r}")
             if keep is not None:
                 name = f"{seed.name}.{finding}.{hashlib.sha256(payload).hexdigest()[:12]}"
                 (keep / name).write_bytes(payload)
@@ -68,7 +68,7 @@ def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[
 
 
 def entries() -> list[Path]:
-    """Return the corpus; a name is that of the seed, a finding, and a hash, with dots between."""
+    """Return the corpus; a name is made of seed, finding and hash, with dots between."""
     return sorted(path for path in CORPUS.iterdir() if path.name.count(".") == 2)
 
 
@@ -78,7 +78,7 @@ def replayed() -> dict[str, list[str]]:
     kinds = [kind for kind in KINDS if any(name.startswith(kind) for name in names)]
     seeds = {seed.name: seed for kind in kinds for seed in KINDS[kind]()}
     import_everything()
-    found = {}
+    results = {}
     for path in entries():
         seed, payload = seeds[path.name.split(".")[0]], path.read_bytes()
         command, files = seed.command, dict(seed.files)
@@ -87,8 +87,8 @@ def replayed() -> dict[str, list[str]]:
         else:
             command = tuple(json.loads(payload.decode("utf-8", "surrogatepass")))
         outcome = outcome_of(command, files)
-        found[path.name] = list(findings(outcome, seed.outputs, named=bool(seed.mutated)))
-    return found
+        results[path.name] = list(findings(outcome, seed.outputs, named=bool(seed.mutated)))
+    return results
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
         chosen.keep.mkdir(parents=True, exist_ok=True)
     seeds = {kind: KINDS[kind]() for kind in chosen.kind or KINDS}
     import_everything()
-    found = not all(_is_valid(seed) for of_kind in seeds.values() for seed in of_kind)
+    failed = not all(_is_valid(seed) for of_kind in seeds.values() for seed in of_kind)
     with multiprocessing.get_context("fork").Pool(chosen.jobs) as workers:
         for kind, of_kind in seeds.items():
             start, total = time.monotonic(), sum(seed.share for seed in of_kind)
@@ -128,10 +128,12 @@ def main(arguments: list[str] | None = None) -> int:
             ran = sum(
                 n for name, n in counts.items() if name == "hang" or name.lstrip("-").isdigit()
             )
-            told = ", ".join(f"{name}: {count:,}" for name, count in sorted(counts.items()))
-            print(f"{kind}: {ran:,} inputs in {time.monotonic() - start:.0f} s: {told}", flush=True)
-            found |= any(not name.isdigit() or int(name) > 2 for name in counts)
-    return int(found)
+            counted = ", ".join(f"{name}: {count:,}" for name, count in sorted(counts.items()))
+            print(
+                f"{kind}: {ran:,} inputs in {time.monotonic() - start:.0f} s: {counted}", flush=True
+            )
+            failed |= any(not name.isdigit() or int(name) > 2 for name in counts)
+    return int(failed)
 
 
 def _is_valid(seed: Seed) -> bool:

@@ -1,8 +1,7 @@
 """One input in a process of its own: forked from one that has everything imported, and watched.
 
-The child runs what users run, `xfrustum.__main__.run`, on a command line of its own: the standard
-streams are taken in hand, what libraries say is kept away, and the exit status is that of the
-program.
+The child runs the users' program, `xfrustum.__main__.run`, on a command line of its own: standard
+streams are captured, output of libraries is discarded, and the exit status is the program's.
 """
 
 import os
@@ -17,17 +16,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HANG_S = 120.0
-"""Seconds after which a command that reads one small input counts as hanging: some take six seconds of CPU
-time, and many run side by side."""
+"""Seconds after which a command that reads one small input counts as hanging: some take six seconds
+of CPU time, and many run side by side.
+"""
 
 WRITTEN_BYTES = 1 << 26  # bytes of the largest file that an input may make a command write
 FORKED, CRASHED = 99, 98
 """Exit statuses that no command has: the child could not run its command, or the command raised."""
 
 
-STATUSES = frozenset(
-    {0, 1, 2}
-)  # exit statuses that a command may end with when nobody sends it a signal
+STATUSES = frozenset({0, 1, 2})  # exit statuses of a command without a signal
 MEMORY_BYTES = 2 << 30  # memory that no small input may take
 PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
 
@@ -42,7 +40,7 @@ class Outcome:
     status: int  #: Exit status; minus the signal's number where one ended it
     errors: bytes  #: Text on standard error
     peak_bytes: int  #: Largest memory of the process, bytes
-    hung: bool  #: Whether the command was ended after `HANG_S`
+    hung: bool  #: ended after `HANG_S`
     left: frozenset[
         str
     ]  #: Names of files and folders that the command added to its folder, at the top
@@ -52,32 +50,32 @@ def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
     """Run a command of `xfrustum` in a folder with some files, in a forked process."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
         folder = Path(name) / "here"
-        told = Path(name)
+        logs = Path(name)
         for file, data in files.items():
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
             (folder / file).write_bytes(data)
         before = set(os.listdir(folder))
         process = os.fork()
         if process == 0:
-            _become(command, folder, told)
+            _become(command, folder, logs)
         status, usage, hung = _waited(process, time.monotonic() + HANG_S)
         return Outcome(
             status=status,
-            errors=(told / "stderr").read_bytes(),
+            errors=(logs / "stderr").read_bytes(),
             peak_bytes=usage.ru_maxrss * 1024,
             hung=hung,
             left=frozenset(set(os.listdir(folder)) - before),
         )
 
 
-def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
+def _become(command: tuple[str, ...], folder: Path, logs: Path) -> None:
     """Run a command in this process, which is the child, and end it."""
     status = FORKED
     try:
         os.setsid()
         os.chdir(folder)
         for descriptor, name in ((1, "stdout"), (2, "stderr")):
-            os.dup2(os.open(told / name, os.O_CREAT | os.O_WRONLY, 0o600), descriptor)
+            os.dup2(os.open(logs / name, os.O_CREAT | os.O_WRONLY, 0o600), descriptor)
         sys.stdin.close()
         resource.setrlimit(resource.RLIMIT_FSIZE, (WRITTEN_BYTES, WRITTEN_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -89,7 +87,9 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         from xfrustum.cli.main import run
 
         of_program, own = cli.get_command, {entry.name: entry for entry in ENTRIES}
-        cli.get_command = lambda ctx, cmd_name: own.get(cmd_name) or of_program(ctx, cmd_name)  # type: ignore[method-assign]
+        cli.get_command = (  # type: ignore[method-assign]
+            lambda ctx, cmd_name: own.get(cmd_name) or of_program(ctx, cmd_name)
+        )
         status = CRASHED
         status = run()
     except SystemExit as ended:
@@ -119,10 +119,10 @@ def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bo
 
 
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:
-    """Yield what is wrong with an outcome, one word each.
+    """Yield the defects of an outcome, one word each.
 
-    `outputs` are what the command may leave if it ends with 0 or 1; under these names where the
-    command line is the seed's own (`named`).
+    `outputs` are the files that the command may leave if it ends with 0 or 1, by name where
+    the command line is the seed's own (`named`).
     """
     if outcome.hung:
         yield "hang"

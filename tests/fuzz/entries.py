@@ -1,7 +1,7 @@
-"""Commands that only the fuzzer has: each reads what a command reads, without the slow verdict.
+"""Commands of the fuzzer alone: each reads the input of a command, without the slow verdict.
 
-They run inside the program like every other command, so that standard streams, messages and exit
-statuses are those of `xfrustum`. The child adds them to the command line.
+They run inside the program like every other command, with its standard streams, messages and exit
+statuses. The child adds them to the command line.
 """
 
 import json

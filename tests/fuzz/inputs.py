@@ -1,7 +1,7 @@
 """Seeds of mutation: valid files of every kind that is read, and the commands that read them.
 
 Most inputs are only read, by the commands of `entries`, because a verdict takes a hundred times as
-long; one in so many goes all the way.
+long; each `share`-th runs the whole command.
 """
 
 import io
@@ -43,7 +43,12 @@ transform = [[2.0, 0.0, 0.0, 1.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 3.0], [
 material = "paint"
 smooth = true
 [material]
-paint = {ambient = 0.2, diffuse = [0.42, 0.05, 0.05], specular = 0.35, exponent = 50.0, reflectivity = 0.16}
+[material.paint]
+ambient = 0.2
+diffuse = [0.42, 0.05, 0.05]
+specular = 0.35
+exponent = 50.0
+reflectivity = 0.16
 [[light]]
 direction = [-2.0, 3.0, 2.0]
 color = [1.0, 0.9, 0.8]
@@ -62,7 +67,7 @@ samples = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Seed:
-    """A valid input: files, the one that is mutated, and the command that reads them."""
+    """A valid input: files, the file to mutate, and the command that reads them."""
 
     name: str  #: unique among all seeds; names of findings begin with it
     files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
@@ -104,17 +109,17 @@ def packed(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
     Damage to a member leaves the archive around it whole, with checksums that are right.
     """
-    found = dict(files)
-    parents = {one for name in files for one in PurePosixPath(name).parents}
-    folders = [one for one in parents if one.suffix in (".npz", ".zip")]
-    for folder in sorted(folders, key=lambda one: -len(one.parts)):
+    result = dict(files)
+    parents = {parent for name in files for parent in PurePosixPath(name).parents}
+    folders = [parent for parent in parents if parent.suffix in (".npz", ".zip")]
+    for folder in sorted(folders, key=lambda path: -len(path.parts)):
         held = io.BytesIO()
         with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in [name for name in found if PurePosixPath(name).is_relative_to(folder)]:
+            for name in [name for name in result if PurePosixPath(name).is_relative_to(folder)]:
                 inside = str(PurePosixPath(name).relative_to(folder))
-                archive.writestr(zipfile.ZipInfo(inside), found.pop(name))
-        found[str(folder)] = held.getvalue()
-    return found
+                archive.writestr(zipfile.ZipInfo(inside), result.pop(name))
+        result[str(folder)] = held.getvalue()
+    return result
 
 
 def _also(seeds: list[Seed], word: str, line: str, outputs: str = "", share: int = 1) -> list[Seed]:
@@ -136,7 +141,7 @@ def _of_scene(seeds: list[Seed]) -> list[Seed]:
 
 
 def _of_mesh(name: str, data: bytes, **more: bytes) -> Seed:
-    """Return the seed of one mesh file; `more` are the files that it refers to, with `_` for the dot."""
+    """Return the seed of one mesh file; `more` are referenced files, with `_` for the dot."""
     scene = SCENE + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n'
     files = {
         "scene.toml": scene.encode(),
@@ -244,16 +249,16 @@ def images() -> list[Seed]:
 
 def environments() -> list[Seed]:
     """Return latitude-longitude maps, OpenEXR and Radiance HDR."""
-    found = []
+    seeds = []
     for name in ("map.exr", "map.hdr"):
         files = {"scene.toml": (SCENE + LIT).replace("map.exr", name).encode(), name: _map(name)}
-        found.append(_seed(f"environment-{name.split('.')[1]}", files, name, _TRACE, "out.exr"))
-    return _of_scene(found)
+        seeds.append(_seed(f"environment-{name.split('.')[1]}", files, name, _TRACE, "out.exr"))
+    return _of_scene(seeds)
 
 
 def pictures() -> list[Seed]:
     """Return the pictures of a foreign renderer, one of which is mutated."""
-    found = []
+    seeds = []
     for suffix in ("png", "bmp", "tif", "exr"):
         data = _hogel("trace") if suffix == "exr" else _picture((16, 12), suffix)
         name = f"1x1.{suffix}"
@@ -262,8 +267,8 @@ def pictures() -> list[Seed]:
         seed = _seed(
             f"picture-{suffix}", files, name, f"{line} --junit out.xml --json --quiet", "out.xml"
         )
-        found += [seed, *_also([seed], "read", f"read-picture scene.toml {name}", share=99)]
-    return found
+        seeds += [seed, *_also([seed], "read", f"read-picture scene.toml {name}", share=99)]
+    return seeds
 
 
 def attributes() -> list[Seed]:
@@ -277,11 +282,11 @@ def attributes() -> list[Seed]:
         "read": "read-picture scene.toml 1x1.exr",
         "compare": "compare truth.exr 1x1.exr --json",
     }
-    found = [
+    seeds = [
         _seed(f"exr-attributes-{word}", files, "1x1.exr", line, how="mutated_header")
         for word, line in lines.items()
     ]
-    return [replace(found[0], share=9), found[1]]
+    return [replace(seeds[0], share=9), seeds[1]]
 
 
 _NAMES = {
@@ -296,7 +301,7 @@ _NAMES = {
 
 def names() -> list[Seed]:
     """Return folders of pictures in several layouts, whose names are damaged."""
-    found = [
+    seeds = [
         _seed(
             f"names-{layout}",
             {NAMES_FILE: _listed(*names)},
@@ -306,7 +311,9 @@ def names() -> list[Seed]:
         )
         for layout, names in _NAMES.items()
     ]
-    return [replace(one, how="mutated_names", listed=("in/{}", _picture((4, 4)))) for one in found]
+    return [
+        replace(seed, how="mutated_names", listed=("in/{}", _picture((4, 4)))) for seed in seeds
+    ]
 
 
 def parts() -> list[Seed]:
@@ -322,13 +329,13 @@ def parts() -> list[Seed]:
 
 def devices() -> list[Seed]:
     """Return files of devices, with every key."""
-    found = []
+    seeds = []
     for name, model in {"card": H100, "software": SOFTPIPE}.items():
         text = json.dumps({"renderer": "any", "model": model.as_json(), "subpixel_bits": 8})
         files = {"scene.toml": _SHAPE_SCENE, "device.json": text.encode()}
         line = "budget scene.toml --near 0.1 --json --device device.json"
-        found.append(_seed(f"device-{name}", files, "device.json", line))
-    return [*found, *_also(found, "read", "read-device device.json", share=9)]
+        seeds.append(_seed(f"device-{name}", files, "device.json", line))
+    return [*seeds, *_also(seeds, "read", "read-device device.json", share=9)]
 
 
 def archives() -> list[Seed]:
@@ -345,12 +352,13 @@ def archives() -> list[Seed]:
     members: dict[str, bytes] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members["truth.zip/suite.json"] = archive.read("suite.json")
-        for name in (one for one in archive.namelist() if one.startswith("truths/")):
+        for name in (member for member in archive.namelist() if member.startswith("truths/")):
             with zipfile.ZipFile(io.BytesIO(archive.read(name))) as arrays:
                 members |= {
-                    f"truth.zip/{name}/{one}": arrays.read(one) for one in arrays.namelist()
+                    f"truth.zip/{name}/{member}": arrays.read(member)
+                    for member in arrays.namelist()
                 }
-    found = []
+    result = []
     whole = {**packed(members), **images}
     for case in names:
         line = f"conformance judge images --truth truth.zip --case {case} --json --quiet"
@@ -365,8 +373,8 @@ def archives() -> list[Seed]:
                 for name in inside
             ),
         ]
-        found += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
-    return found
+        result += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
+    return result
 
 
 def patterns() -> list[Seed]:
@@ -375,8 +383,10 @@ def patterns() -> list[Seed]:
     files["scene.toml"] = _SHAPE_SCENE
     lines = [
         "verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet",
-        "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png --encoding triangle-id --quiet",
-        "verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id --apertures 1,1 --quiet",
+        "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png "
+        "--encoding triangle-id --quiet",
+        "verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id "
+        "--apertures 1,1 --quiet",
     ]
     return [_seed(f"pattern-{number}", files, "", line, "out") for number, line in enumerate(lines)]
 
@@ -390,11 +400,11 @@ def stores() -> list[Seed]:
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
-    found = [
+    seeds = [
         _seed(f"zarr-{number}", files, name, f"{_PLATE} --check --apertures 0-1,0", "p.zarr")
         for number, name in enumerate((*documents, *chunks))
     ]
-    return [*found, *_also(found, "convert", f"convert p.zarr out {_CONVERT}", "out", share=19)]
+    return [*seeds, *_also(seeds, "convert", f"convert p.zarr out {_CONVERT}", "out", share=19)]
 
 
 def commands() -> list[Seed]:
@@ -403,12 +413,15 @@ def commands() -> list[Seed]:
     files |= {name: _hogel("trace") for name in ("truth.exr", "1x1.exr", "0x0.exr")}
     lines = [
         "trace scene.toml --aperture 1,1 --out out.exr --quiet",
-        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 --out out.exr",
-        "raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star --out out.exr",
+        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 "
+        "--out out.exr",
+        "raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star "
+        "--out out.exr",
         "compare truth.exr truth.exr --json --out out",
         "scenes --json",
         "plate scene.toml --near 0.1 --apertures 0-1,0;*,1 --color uint8 --out out.zarr --quiet",
-        "verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out --quiet",
+        "verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out "
+        "--quiet",
         "budget scene.toml --near 0.1 --json",
     ]
     outputs = "out.exr out out.zarr"
@@ -478,7 +491,7 @@ def _hogel(line: str) -> bytes:
 
 
 def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files that a command makes, run in a process of its own: OpenGL and forks do not mix."""
+    """Return the files that a command makes, run in its own process: OpenGL forbids forks."""
     import subprocess
     import sys
 

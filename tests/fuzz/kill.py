@@ -1,7 +1,7 @@
-"""`make kill`: signals at random moments of commands: how they end, what they leave, how they go on.
+"""`make kill`: signals at random moments of commands: their end, their files, their resumption.
 
 Run as `python -m tests.fuzz.kill [--count N] [--jobs J] [--command NAME]`. Moments are spread over
-the whole life of the process. Those before the program's first line, while Python starts, are
+the whole life of the process. Moments before the program's first line, while Python starts, are
 counted apart: there no program can answer a signal yet.
 """
 
@@ -73,12 +73,12 @@ def victims(fuzz: Path) -> list[Victim]:
         "verify": ([*verify, "{i}x{j}.png"], 1, False),
         "verify-command": ([*verify, "--command", renderer], 1, False),
     }
-    found = [
+    result = [
         Victim(name=name, arguments=(*xfrustum, *line, *outputs), status=status, resumes=resumes)
         for name, (line, status, resumes) in lines.items()
     ]
     study = (str(fuzz / "small_study.py"), "study", "small", OUT)
-    return [*found, Victim(name="study", arguments=study, resumes=True)]
+    return [*result, Victim(name="study", arguments=study, resumes=True)]
 
 
 @contextmanager
@@ -98,7 +98,7 @@ class Run:
     """Outcome of a run that was not killed."""
 
     length_s: float
-    told: bytes  #: text on standard error
+    errors: bytes  #: text on standard error
     files: Mapping[str, str]  #: hash of each output by its name
 
     @classmethod
@@ -107,10 +107,10 @@ class Run:
         with workplace() as folder:
             begun = time.monotonic()
             process = victim.start(folder)
-            _, told = process.communicate()
+            _, errors = process.communicate()
             if process.returncode != victim.status:
-                raise RuntimeError(f"{victim.name}: {process.returncode}, {told.decode()[-500:]}")
-            return cls(length_s=time.monotonic() - begun, told=told, files=left_files(folder))
+                raise RuntimeError(f"{victim.name}: {process.returncode}, {errors.decode()[-500:]}")
+            return cls(length_s=time.monotonic() - begun, errors=errors, files=left_files(folder))
 
 
 def left_files(folder: Path) -> dict[str, str]:
@@ -128,7 +128,7 @@ def undisturbed(runs: list[Run]) -> Run:
         name: digest if all(run.files.get(name) == digest for run in runs) else ""
         for name, digest in runs[0].files.items()
     }
-    return Run(length_s=max(run.length_s for run in runs), told=runs[0].told, files=files)
+    return Run(length_s=max(run.length_s for run in runs), errors=runs[0].errors, files=files)
 
 
 def answers(pid: int) -> bool:
@@ -155,10 +155,10 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
         if process.poll() is None:
             process.send_signal(number)
         try:
-            _, told = process.communicate(timeout=PATIENCE_S)
+            _, errors = process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            _, told = process.communicate()
+            _, errors = process.communicate()
         status, problems = process.returncode, []
         expected, word = ENDS[number]
         if early:
@@ -166,16 +166,16 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
             if status not in {-number, expected, victim.status, 1}:
                 problems.append(f"status {status} before the first line")
         elif status == expected:
-            if word and told.removeprefix(whole.told) != word:
-                problems.append(f"said {told[-300:]!r}")
+            if word and errors.removeprefix(whole.errors) != word:
+                problems.append(f"said {errors[-300:]!r}")
         elif status != victim.status:
-            problems.append(f"status {status}, said {told[-300:]!r}")
-        problems += [f"lives on: {one}" for one in orphans(folder)]
+            problems.append(f"status {status}, said {errors[-300:]!r}")
+        problems += [f"lives on: {orphan}" for orphan in orphans(folder)]
         problems += [f"left {name}" for name in leftovers(victim, number, folder, whole)]
         process = victim.start(folder)
-        _, told = process.communicate()
+        _, errors = process.communicate()
         if process.returncode != victim.status:
-            problems.append(f"second run: status {process.returncode}, said {told[-300:]!r}")
+            problems.append(f"second run: status {process.returncode}, said {errors[-300:]!r}")
         else:
             files = left_files(folder)
             names = files.keys() ^ whole.files.keys()
@@ -190,13 +190,13 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
 def leftovers(victim: Victim, number: signal.Signals, folder: Path, whole: Run) -> list[str]:
     """Return the files that a killed command should not have left."""
     known = {OUT, TEMPORARY, "scene.toml", *PICTURES}
-    found = [name for name in os.listdir(folder) if name not in known and name[0] != "."]
+    names = [name for name in os.listdir(folder) if name not in known and name[0] != "."]
     if number is not signal.SIGKILL:  # whose files the next command removes
-        found += hidden(folder)
+        names += hidden(folder)
     files = left_files(folder)
     if not victim.resumes and files and files.keys() != whole.files.keys():
-        found.append(f"a part of {OUT}")
-    return found
+        names.append(f"a part of {OUT}")
+    return names
 
 
 def hidden(folder: Path) -> list[str]:
@@ -239,12 +239,15 @@ def main(arguments: list[str] | None = None) -> int:
             for number in ENDS:
                 seeds = range(chosen.count)
                 tries = [pool.submit(killed, victim, number, seed, whole) for seed in seeds]
-                endings = [one.result() for one in tries]
+                endings = [trial.result() for trial in tries]
                 statuses = Counter(status for status, _ in endings)
                 problems = Counter(problem for _, some in endings for problem in some)
-                told = ", ".join(f"{status}: {count}" for status, count in sorted(statuses.items()))
+                counted = ", ".join(
+                    f"{status}: {count}" for status, count in sorted(statuses.items())
+                )
                 print(
-                    f"  {number.name} {len(endings)}: {told}; problems {dict(problems)}", flush=True
+                    f"  {number.name} {len(endings)}: {counted}; problems {dict(problems)}",
+                    flush=True,
                 )
                 total += problems.total()
     print(f"{total} problems")

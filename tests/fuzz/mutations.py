@@ -7,8 +7,10 @@ import struct
 from collections.abc import Callable
 
 NUMBERS = (
-    *"0 -0.0 -1 1 2 1e308 -1e308 1e-308 5e-324 1e-40 1e40 nan inf -inf 0x10 1_000".split(),  # noqa: SIM905
-    *"2147483647 2147483648 -2147483649 4294967296 9223372036854775808 1e99999".split(),  # noqa: SIM905
+    *"0 -0.0 -1 1 2 1e308 -1e308 1e-308 5e-324 1e-40 1e40".split(),  # noqa: SIM905
+    *"nan inf -inf 0x10 1_000".split(),  # noqa: SIM905
+    *"2147483647 2147483648 -2147483649 4294967296".split(),  # noqa: SIM905
+    *"9223372036854775808 1e99999".split(),  # noqa: SIM905
     *("true", "[]", "{}", '"text"', "1" + "0" * 30, "9" * 400, "9" * 5000, "0." + "0" * 400 + "1"),
 )
 """Numbers, and texts in place of numbers, that have broken readers of numbers."""
@@ -68,7 +70,7 @@ def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tupl
 
 
 def mutated_names(data: bytes, chance: random.Random) -> bytes:
-    """Return a JSON list of names of files of which one to four are damaged, two may be the same."""
+    """Return a JSON list of file names, one to four of them damaged, two perhaps the same."""
     names = json.loads(data)
     for _ in range(chance.choice((1, 1, 2, 4))):
         at = chance.randrange(len(names))
@@ -86,7 +88,7 @@ def mutated_names(data: bytes, chance: random.Random) -> bytes:
 
 
 def mutated_header(data: bytes, chance: random.Random) -> bytes:
-    """Return an OpenEXR file whose attributes are damaged: values, sizes, types, order, repetition."""
+    """Return an OpenEXR file with damaged attributes: values, sizes, types, order, repetition."""
     attributes, at = [], 8
     while data[at : at + 1] not in (b"\0", b""):
         name, kind, rest = data[at:].split(b"\0", 2)
@@ -94,19 +96,21 @@ def mutated_header(data: bytes, chance: random.Random) -> bytes:
         attributes.append([name, kind, rest[4 : 4 + size], size])
         at += len(name) + len(kind) + 2 + 4 + size
     for _ in range(chance.choice((1, 1, 2, 3))):
-        one = attributes[chance.randrange(len(attributes))]
+        attribute = attributes[chance.randrange(len(attributes))]
         action = chance.randrange(6)
         if action < 3:
-            one[2] = chance.choice((_whole_number, _flip, _splice, mutated))(one[2], chance)[
-                : 1 << 16
-            ]
-            one[3] = len(one[2]) if chance.random() < 0.9 else chance.choice(WHOLE) & 0x7FFFFFFF
+            attribute[2] = chance.choice((_whole_number, _flip, _splice, mutated))(
+                attribute[2], chance
+            )[: 1 << 16]
+            attribute[3] = (
+                len(attribute[2]) if chance.random() < 0.9 else chance.choice(WHOLE) & 0x7FFFFFFF
+            )
         elif action == 3:
-            one[1] = attributes[chance.randrange(len(attributes))][1]
+            attribute[1] = attributes[chance.randrange(len(attributes))][1]
         elif action == 4:
-            attributes.insert(chance.randrange(len(attributes) + 1), list(one))
+            attributes.insert(chance.randrange(len(attributes) + 1), list(attribute))
         elif len(attributes) > 1:
-            attributes.remove(one)
+            attributes.remove(attribute)
     header = b"".join(
         b"%b\0%b\0%b%b" % (n, k, struct.pack("<i", size), v) for n, k, v, size in attributes
     )
@@ -117,13 +121,13 @@ def _flip(data: bytes, chance: random.Random) -> bytes:
     at = chance.randrange(len(data) + 1)
     return (
         data[:at]
-        + bytes(one ^ 1 << chance.randrange(8) for one in data[at : at + 1])
+        + bytes(byte ^ 1 << chance.randrange(8) for byte in data[at : at + 1])
         + data[at + 1 :]
     )
 
 
 def _splice(data: bytes, chance: random.Random) -> bytes:
-    """Replace a piece by nothing, by a random byte, by itself many times, or by a piece from elsewhere."""
+    """Replace a piece by nothing, a random byte, many copies of itself, or another piece."""
     start, length = chance.randrange(len(data) + 1), chance.choice((0, 1, 2, 4, 16, 256, len(data)))
     piece, other = data[start : start + length], chance.randrange(len(data) + 1)
     new = chance.choice(
@@ -152,10 +156,10 @@ def _word(data: bytes, chance: random.Random) -> bytes:
 def _in_place(
     pattern: re.Pattern[bytes], piece: bytes, data: bytes, chance: random.Random
 ) -> bytes:
-    found = list(pattern.finditer(data[: 1 << 16]))
-    if not found:
+    matches = list(pattern.finditer(data[: 1 << 16]))
+    if not matches:
         return data
-    match = chance.choice(found)
+    match = chance.choice(matches)
     return data[: match.start()] + piece + data[match.end() :]
 
 
@@ -182,4 +186,4 @@ MUTATIONS: tuple[Mutation, ...] = (
     *(_flip, _splice, _splice, _splice, _splice, _splice, _whole_number, _whole_number),
     *(_number, _number, _number, _word, _word, _line, _nest),
 )
-"""All kinds of damage; the ones that find most are listed more than once."""
+"""All kinds of damage; the most productive kinds are listed more than once."""

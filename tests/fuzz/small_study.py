@@ -1,4 +1,4 @@
-"""`xfrustum study`, with one more command: `small FOLDER`, of so few cells that it can be killed often."""
+"""`xfrustum study`, with one more command: `small FOLDER`, of few cells, to be killed often."""
 
 import sys
 from dataclasses import replace

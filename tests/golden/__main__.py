@@ -1,4 +1,4 @@
-"""`python -m tests.golden compare|make`: hold this checkout against the golden corpus, or make one."""
+"""`python -m tests.golden compare|make`: hold this checkout against the corpus, or make one."""
 
 import argparse
 import gzip
@@ -24,12 +24,13 @@ MAX_LINES = 200
 """Most differences of a part that are printed."""
 
 SINGLE = float(np.finfo(np.float32).eps)
-"""Rounding of float32: reals of images are stored so, and two ways to add may differ by some of it."""
+"""Rounding of float32, the type of stored reals; orders of addition may differ by some of it."""
 REAL = 1e-9
-"""Relative difference of reals in answers: a sum of 10^6 doubles is off by at most 10^6 2^-53 = 1e-10."""
+"""Relative difference of reals in answers: sums of 10^6 doubles err by at most 10^6 2^-53."""
 FLIP = 1e-5
-"""Relative difference of means of FLIP, whose filters its library sums in float32, some tens of terms each:
-other processors add them in other orders."""
+"""Relative difference of means of FLIP, whose filters its library sums in float32, some tens of
+terms each: other processors add them in other orders.
+"""
 
 
 @dataclass(kw_only=True)
@@ -72,7 +73,7 @@ def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Difference
 
 
 def alike(a: object, b: object, place: str = "") -> bool:
-    """Whether two leaves of an answer are the same, reals to rounding."""
+    """Return whether two leaves of an answer are the same, reals to rounding."""
     if isinstance(a, int | float) and isinstance(b, int | float):
         return math.isclose(a, b, rel_tol=FLIP if place.endswith("flip") else REAL, abs_tol=1e-12)
     return a == b
@@ -106,7 +107,7 @@ def wrong_renderers() -> dict[str, str]:
 
 
 def by_renderer(table: str) -> dict[str, str]:
-    """Return the rows of a table by the words of the renderer, without head and the column of truth."""
+    """Return the rows of a table by the words of the renderer, without head and truth."""
     rows = [line.split("|") for line in table.splitlines() if "harbor" in line]
     return {row[2].strip(): "|".join(row[4:10]).strip() for row in rows}
 
@@ -119,12 +120,13 @@ def make(folder: Path, parts: list[str]) -> None:
             np.savez_compressed(folder / f"{part}.npz", **arrays())  # type: ignore[arg-type]
     if "answers" in parts:
         with tempfile.TemporaryDirectory() as out:
-            found = answers.answers(Path(out))
+            made = answers.answers(Path(out))
         with gzip.open(folder / "answers.json.gz", "wt") as file:
-            json.dump(found, file)
+            json.dump(made, file)
     if "wrong-renderers" in parts:
         rows = [
-            f"| harbor | {name} | triangle-id | {said}" for name, said in wrong_renderers().items()
+            f"| harbor | {name} | triangle-id | {outcome}"
+            for name, outcome in wrong_renderers().items()
         ]
         (folder / "wrong-renderers.txt").write_text("\n".join(rows) + "\n")
 

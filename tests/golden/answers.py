@@ -31,9 +31,12 @@ COMMANDS = {
     "plan-car": "plan car --apertures 3 --json",
     "plan-teapot": f"plan {TEAPOT} --apertures 2 --json",
     "plan-viewer": "plan asymmetric --viewer 600mm --json",
-    "survey-asymmetric": "survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out {out} --json",
-    "survey-car": "survey car-recentered --nears 1,0.01 --sample 24 --resolution 64,64 --out {out} --json",
-    "view-asymmetric": "view asymmetric --eye 0,0,600;40,10,500 --near 0.1 --resolution 96,72 --json",
+    "survey-asymmetric": "survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out {out} "
+    "--json",
+    "survey-car": "survey car-recentered --nears 1,0.01 --sample 24 --resolution 64,64 --out {out} "
+    "--json",
+    "view-asymmetric": "view asymmetric --eye 0,0,600;40,10,500 --near 0.1 --resolution 96,72 "
+    "--json",
     "view-teapot": f"view {TEAPOT} --eye 20,0,700 --near 1 --beam tent --resolution 96,72 --json",
     "camera-json": "camera asymmetric-recentered --for json --near 0.1 --out {out}",
     "camera-slabs": "camera asymmetric-recentered --for json --near 0.1 --slabs 10,20 --out {out}",
@@ -46,16 +49,18 @@ COMMANDS = {
 """Commands by the name of their answer."""
 
 OF_THE_RUN = re.compile(
-    r"(seconds|_s$|_ms|wall|version|time|machine|device|renderer|created|path|folder|files?$|worker|memory|ratio|cpu|library|"
-    r"source|python|command|opengl|llvm|made|page|host|cost|speed|provenance|hash|uuid|price|warm|per_second|fps|clock)"
+    r"(seconds|_s$|_ms|wall|version|time|machine|device|renderer|created|path|folder|files?$|"
+    r"worker|memory|ratio|cpu|library|"
+    r"source|python|command|opengl|llvm|made|page|host|cost|speed|provenance|hash|uuid|price|warm|"
+    r"per_second|fps|clock)"
 )
-"""Names of what differs from run to run, or between machines."""
+"""Names of values that differ from run to run, or between machines."""
 
 Values = dict[str, Any]
 
 
 def flat(value: object, at: str = "") -> Values:
-    """Return the leaves of a JSON value by their place, without those of one run."""
+    """Return the leaves of a JSON value by their place, without leaves of one run alone."""
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not OF_THE_RUN.search(str(k).lower())}
         return {
@@ -73,17 +78,20 @@ def flat(value: object, at: str = "") -> Values:
 def arrays_of_plate(folder: Path) -> Values:
     """Return the digests of the arrays of a plate's group, as any reader of Zarr sees them."""
     group = zarr.open_group(folder, mode="r")
-    found: Values = {}
+    digests: Values = {}
     for name, array in group.arrays():
-        found[f".{name}.shape"] = list(array.shape)
+        digests[f".{name}.shape"] = list(array.shape)
         values = np.asarray(
             array[:3, :4] if array.ndim > 1 else array[...]
         )  # the hogels that were drawn
         if values.dtype.kind in "biuf":  # the others are names of versions and devices
             whole = np.nan_to_num(values.astype(np.float64)).ravel()
             # The second number changes where values change places.
-            found |= {f".{name}.sum": whole.sum(), f".{name}.moment": whole @ np.arange(whole.size)}
-    return found
+            digests |= {
+                f".{name}.sum": whole.sum(),
+                f".{name}.moment": whole @ np.arange(whole.size),
+            }
+    return digests
 
 
 def answer(name: str, out: Path) -> Values:
@@ -118,32 +126,31 @@ def answers(out: Path) -> dict[str, Values]:
 
 
 EXPECTED = {
-    r"report-.*\.trade_off": "error against time is the command cost alone: no setting is timed twice",
-    r"report-.*\.best\.sentence": "it begins with the hogel that it speaks of, and ranks by error alone",
-    r"plan-.*\.plate\.(hopeless|set_aside)": "named infeasible; no plan is made for a part of the others",
+    r"report-.*\.trade_off": "error against time is the command cost alone: none is timed twice",
+    r"report-.*\.best\.sentence": "it begins with its hogel, and ranks by error alone",
+    r"plan-.*\.plate\.(hopeless|set_aside)": "named infeasible; no plan for a part of the others",
     r"plan-.*\.reason": "wrong surfaces count as displacements do, and are named",
     # Version 0.2 scouted 524 apertures, of which 521 are scouted now; all heights are equal bit for
     # bit. Lengths on the film are rounded otherwise in the last place, which breaks a tie of
-    # mirrored, equally bad apertures the other way: the neighbors of the one are looked through, or
-    # those of the other.
-    r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both are right",
-    r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts, too",
-    r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
+    # mirrored, equally bad apertures the other way: other neighbors are looked through.
+    r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both right",
+    r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts",
+    r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond in any case",
     r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
-    r"explain-.*\.(scene|objects|tracer|repeat|procedure|effects\[\d+\]\.resolved)": "check lists effects now",
-    r"explain-.*\.depths\.(rows|largest|sub|band)": "bins hold parts of triangles, and not their boxes",
-    r"(report|budget)-.*(predicted_surface|over_predicted\.surface)": "the draw order decides equal depths",
-    r"(report|budget)-.*(predicted_displacement|over_predicted\.displacement)": "null where surfaces cross",
-    r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "near keeps the replay's noise as margin",
-    r"report-large-triangles\.rows\[\d+\]\.unexplained: 0,": "starved depth lets the far cut run anywhere",
-    r"budget-large\.explained\.": "such a cut is looked at last: what depth orders or loses is no edge",
+    r"explain-.*\.(scene|objects|tracer|repeat|procedure|effects\[\d+\]\.resolved)": "now in check",
+    r"explain-.*\.depths\.(rows|largest|sub|band)": "bins hold parts of triangles, not their boxes",
+    r"(report|budget)-.*(predicted_surface|over_predicted\.surface)": "draw order at equal depths",
+    r"(report|budget)-.*(predicted_displacement|over_predicted\.displacement)": "null at crossings",
+    r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "replay noise is near's margin",
+    r"report-large-triangles\.rows\[\d+\]\.unexplained: 0,": "starved depth moves the far cut",
+    r"budget-large\.explained\.": "such a cut comes last: what depth orders or loses is no edge",
     r"survey-.*\.sentence: .*; worst by displacement: ": "the measure of the worst hogel is named",
-    r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, and shading from colors alone",
+    r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, shading from colors alone",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression: answers that differ or have gone, and why the new one is right."""
 
 
 def is_expected(line: str) -> bool:
-    """Whether a difference is one of those that are explained."""
+    """Return whether a difference is explained."""
     return any(re.match(pattern, line) for pattern in EXPECTED)

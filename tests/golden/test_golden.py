@@ -1,4 +1,4 @@
-"""The golden corpus: this checkout answers as version 0.2 did, but for differences that are explained."""
+"""The golden corpus: this checkout answers as version 0.2 did, but for explained differences."""
 
 import gzip
 import json
@@ -15,7 +15,7 @@ from xfrustum import Rasterizer, open_scene
 
 
 def held_against(part: str, step: int) -> Difference:
-    """Compare every so many of a part's scenes; one that the corpus has and this checkout not is gone."""
+    """Compare every `step`-th of a part's scenes; a scene missing here counts as gone."""
     with np.load(HERE / f"{part}.npz") as old:
         known = dict.fromkeys(key.partition("|")[0] for key in old.files)
         here = [name for name in known if truths.SHARED.is_dir() or not name.startswith("shared/")]

@@ -24,7 +24,8 @@ from xfrustum.scenes.library import hard_cases as cases
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "scenes"
 RESOLUTION = (96, 72)
 BUILT_IN = (
-    "car", "car-recentered", "car-transfer", "asymmetric", "asymmetric-recentered", "sheets", "crossing",
+    "car", "car-recentered", "car-transfer", "asymmetric", "asymmetric-recentered", "sheets",
+    "crossing",
     "large-triangles", "car-studio", "mirror-sphere", "grating", "empty",
 )  # fmt: skip
 DEPTHS = (
@@ -35,13 +36,13 @@ DEPTHS = (
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
 NEARS = (1e-2, 1e-5)
-"""Near offsets as shares of the reach: one that bends pictures, and one that starves depth buffers."""
+"""Near offsets as shares of the reach: one bends pictures, one starves depth buffers."""
 
 Arrays = dict[str, NDArray[Any]]
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:
-    """Yield name and scene of built-in scenes, hard cases but the giants, and scenes of the shared data."""
+    """Yield name and scene of built-in scenes, hard cases but the giants, and shared scenes."""
     for name in (*BUILT_IN, *cases.names(giants=False)):
         yield name, open_scene(name)
     for path in sorted(SHARED.glob("*.toml")):
@@ -49,7 +50,7 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 
 
 def small(scene: Scene) -> Scene:
-    """Return the scene with few pixels; hard cases keep theirs, at which lines hit just what they aim at."""
+    """Return the scene with few pixels; hard cases keep theirs, whose lines hit exact targets."""
     if scene.name.startswith("hard/"):
         return scene
     return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
@@ -63,15 +64,15 @@ def apertures(scene: Scene) -> list[Aperture]:
 
 
 def truths(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
-    """Return truths of scenes (None: all): `scene|column,row|channel`. Reals are rounded to float32."""
-    found: Arrays = {}
+    """Return truths of scenes (None: all): `scene|column,row|channel`, reals as float32."""
+    arrays: Arrays = {}
     for name, whole in tqdm(list(chosen or scenes()), desc="truths"):
         scene = small(whole)
         reference = Reference(scene)
         for aperture in apertures(scene):
             image = reference.trace(aperture)
             key = f"{name}|{aperture.column},{aperture.row}"
-            found |= {
+            arrays |= {
                 f"{key}|triangle": image.triangle,
                 f"{key}|object": image.object.astype(np.int16),
                 f"{key}|certainty": np.asarray(image.certainty),
@@ -79,13 +80,13 @@ def truths(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
                 f"{key}|normal": np.asarray(image.normal, dtype=np.float32),
             }
             if image.color is not None:
-                found[f"{key}|color"] = image.color
-    return found
+                arrays[f"{key}|color"] = image.color
+    return arrays
 
 
 def rasters(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
-    """Return triangle numbers of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
-    found: Arrays = {}
+    """Return triangles of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
+    arrays: Arrays = {}
     for name, whole in tqdm(list(chosen or scenes()), desc="rasters"):
         if name.startswith("hard/"):
             continue
@@ -98,8 +99,9 @@ def rasters(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
                     )
                     aperture = apertures(scene)[-1]
                     image = rasterizer.render(aperture, settings)
-                    key = f"{name}|{share}|{depth.value}|{mapping.value}|{aperture.column},{aperture.row}"
-                    found[f"{key}|triangle"] = image.triangle
+                    where = f"{aperture.column},{aperture.row}"
+                    key = f"{name}|{share}|{depth.value}|{mapping.value}|{where}"
+                    arrays[f"{key}|triangle"] = image.triangle
                     if depth is DepthFormat.D32F and image.color is not None:
-                        found[f"{key}|color"] = image.color
-    return found
+                        arrays[f"{key}|color"] = image.color
+    return arrays

@@ -63,10 +63,10 @@ def test_labelled_errors_have_the_signs_of_the_maps() -> None:
     scene = small_scene()
     aperture, reference = scene.plate.middle, Reference(scene)
     with Rasterizer(scene) as rasterizer:
-        found = compare_images(
+        comparison = compare_images(
             reference.trace(aperture), rasterizer.render(aperture, SETTINGS), reference
         )
-    labelled = found.to_xarray(units="mm")
+    labelled = comparison.to_xarray(units="mm")
     # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the
     # middle.
     outward = (labelled.displacement_columns * np.sign(labelled.u)).where(abs(labelled.u) > 0.1)
@@ -77,7 +77,7 @@ def test_labelled_errors_have_the_signs_of_the_maps() -> None:
         "long_name": "true minus drawn place, down",
         "units": "px",
     }
-    assert int(labelled.surface.sum()) == found.surface_wrong
+    assert int(labelled.surface.sum()) == comparison.surface_wrong
     assert labelled.radiance_error.dims == ("v", "u", "rgb")
 
 

@@ -1,4 +1,4 @@
-"""What docs/notebooks.md shows runs, also as a notebook, and does what it says."""
+"""The cells of docs/notebooks.md run, also as a notebook, with the described results."""
 
 import ast
 import re
@@ -41,7 +41,7 @@ def test_the_cells_run_one_after_the_other(
     monkeypatch.setattr(xfrustum, "open_scene", opened, raising=False)
     names: dict[str, object] = {}
     values = [last_value(program, names) for program in PROGRAMS]
-    shown = [type(one).__name__ for one in values if isinstance(one, DISPLAYED)]
+    shown = [type(value).__name__ for value in values if isinstance(value, DISPLAYED)]
     assert shown == ["Scene", "Comparison"]
     printed = capsys.readouterr().out
     assert "mm [60, 20] " in printed

@@ -117,7 +117,7 @@ def assert_displayed(result: Any) -> str:
     assert set(structure.tags) <= {"div", "p", "b", "pre", "figure", "figcaption", "img"}
     assert shown.line in "".join(structure.words)
     assert shown.facts in "".join(structure.words)
-    # Ink and paper are those of the page, be it light or dark.
+    # Ink and paper are the page's, light or dark.
     styles = " ".join(re.findall(r'style="([^"]*)"', text))
     assert "background" not in styles and not re.search(r"(?<![-\w])color", styles)
     if shown.first_png is not None:
@@ -130,8 +130,8 @@ def parts_of(value: object) -> Iterator[object]:
     """Yield everything that a result is made of."""
     yield value
     if is_dataclass(value) and not isinstance(value, type):
-        for one in fields(value):
-            yield from parts_of(getattr(value, one.name))
+        for item in fields(value):
+            yield from parts_of(getattr(value, item.name))
     elif isinstance(value, tuple | list):
         for part in value:
             yield from parts_of(part)

@@ -93,14 +93,17 @@ def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
         thread.start()
         wait_for_blocks(tmp_path, 2)
         tree = [psutil.Process(), *psutil.Process().children(recursive=True)]
-        doors = [one for process in tree for one in process.net_connections("inet")]
+        doors = [connection for process in tree for connection in process.net_connections("inet")]
         named = [
-            one.laddr for process in tree for one in process.net_connections("unix") if one.laddr
+            connection.laddr
+            for process in tree
+            for connection in process.net_connections("unix")
+            if connection.laddr
         ]
         thread.join()
         assert workers.count == 2
         assert workers.ask(job, process_of) in {process for _, process in made(tmp_path)}
-        # What a worker refuses is told in its words.
+        # A worker's refusal is reported in its words.
         with pytest.raises(InputError, match=r"^a bad block; mend it$"):
             workers.run(ToyJob.at(tmp_path / "bad", bad=5), NUMBERS, len(NUMBERS))
     assert doors == [] and named == []
@@ -131,8 +134,8 @@ def test_a_killed_process_is_replaced_and_its_block_made_again(
 
 
 def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
-    said = "block 5: 3 worker processes died of it"
-    with pytest.raises(InputError, match=said):
+    message = "block 5: 3 worker processes died of it"
+    with pytest.raises(InputError, match=message):
         run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
 
 

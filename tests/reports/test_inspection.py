@@ -103,10 +103,10 @@ def test_panes_show_the_classes_of_all_pixels() -> None:
     picture = np.asarray(Image.open(io.BytesIO(states.content)).convert("RGBA"))
     wrong = frame.comparison.errors.surface & ~frame.comparison.errors.outside
     assert wrong.any()
-    assert {one.label: one.pixels for one in states.legend}["wrong surface"] == wrong.sum()
-    color = [int(one) for one in re.findall(r"\d+", COLORS[0])]
+    assert {entry.label: entry.pixels for entry in states.legend}["wrong surface"] == wrong.sum()
+    color = [int(value) for value in re.findall(r"\d+", COLORS[0])]
     np.testing.assert_array_equal((picture[..., :3] == color).all(axis=-1), wrong)
-    labels = {one.label for pane in hogel.panes for one in pane.legend}
+    labels = {entry.label for pane in hogel.panes for entry in pane.legend}
     assert "near offset" in labels
 
 

@@ -34,7 +34,10 @@ def test_json_and_page_are_as_promised(
     small_scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = planned(f"{small_scene} --depth d16 --mapping gl --sample 2 --out {tmp_path}", capsys)
-    names = "near near_range slabs split depth mapping within sentence reason binds limits command confirm"
+    names = (
+        "near near_range slabs split depth mapping within sentence reason binds limits command "
+        "confirm"
+    )
     rest = "predicted measured plate apertures buffers hogels device_model"
     assert list(made) == [*names.split(), *rest.split()]
     assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
@@ -67,8 +70,8 @@ def test_the_text_ends_in_a_command_that_draws_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Coarse depth needs cuts for sheets so close: depth binds, and the frusta are split."""
-    asked = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
-    assert main(["plan", small_scene, *asked.split()]) == 0
+    options = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
+    assert main(["plan", small_scene, *options.split()]) == 0
     text = capsys.readouterr().out
     command = shlex.split(text.splitlines()[-1])
     assert command[:2] == ["xfrustum", "raster"] and "--slabs" in command

@@ -16,12 +16,14 @@ from xfrustum.reports.schemas import schema_names, schema_text
 CONTRACT = {
     "compare": "pixels judged covered at_plate surface triangle displacement_px height radiance",
     "budget": "links",
-    "survey": "hogels judged beyond share_beyond_at_most confidence tolerance_px worst workers wall_s settings",
+    "survey": "hogels judged beyond share_beyond_at_most confidence tolerance_px worst workers "
+    "wall_s settings",
     "view": "eyes",
     "plan": "near near_range depth mapping slabs sentence binds split limits plate command",
     "check": "effects unread",
     "verify": "verdict diagnosis where",
-    "device": "renderer version software subpixel_bits snaps_depth depth filter_bits varyings tried",
+    "device": "renderer version software subpixel_bits snaps_depth depth filter_bits varyings "
+    "tried",
     "conformance-list": "suite cases",
 }
 """Keys that a record always has, by its name."""
@@ -30,11 +32,11 @@ CONTRACT = {
 def objects(schema: Any) -> list[dict[str, Any]]:
     """Return all schemas of objects with properties within a schema."""
     if isinstance(schema, list):
-        return [one for part in schema for one in objects(part)]
+        return [item for part in schema for item in objects(part)]
     if not isinstance(schema, dict):
         return []
     own = [schema] if "properties" in schema and "additionalProperties" in schema else []
-    return own + [one for part in schema.values() for one in objects(part)]
+    return own + [item for part in schema.values() for item in objects(part)]
 
 
 @pytest.mark.parametrize("name", schema_names())

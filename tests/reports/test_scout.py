@@ -1,4 +1,4 @@
-"""`--apertures auto`: what the commands say of it, on standard error, in JSON and on the page."""
+"""`--apertures auto`: statements of the commands on standard error, in JSON and on the page."""
 
 import json
 from pathlib import Path
@@ -27,9 +27,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def chosen(told: list[dict[str, Any]]) -> list[tuple[int, int]]:
-    assert all(set(one) >= {"aperture", "why"} and one["why"] for one in told)
-    return [tuple(one["aperture"]) for one in told]
+def chosen(apertures: list[dict[str, Any]]) -> list[tuple[int, int]]:
+    assert all(set(row) >= {"aperture", "why"} and row["why"] for row in apertures)
+    return [tuple(row["aperture"]) for row in apertures]
 
 
 @pytest.mark.parametrize("auto", [True, False])
@@ -40,10 +40,10 @@ def test_a_report_of_scouted_apertures_has_a_map_and_names_the_plan_of_the_plate
     assert main(["report", scene, *words, *(["--apertures", "auto"] if auto else [])]) == 0
     assert ('id="plot-scout"' in (tmp_path / "index.html").read_text()) == auto
     assert (json.loads((tmp_path / "report.json").read_text())["scout"] is not None) == auto
-    said = "says what holds for the whole plate"
+    message = "says what holds for the whole plate"
     if not auto:
-        said = "Measured at 1 of 48 hogels, and others may need other settings: xfrustum plan "
-    assert said in capsys.readouterr().out
+        message = "Measured at 1 of 48 hogels, and others may need other settings: xfrustum plan "
+    assert message in capsys.readouterr().out
 
 
 def test_errors_of_a_cost_are_those_of_the_worst_aperture(

@@ -10,10 +10,10 @@ from tests.support.processes import signals_by_default
 
 
 def free_port() -> int:
-    """Return a port that nobody listens on."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+    """Return an unused port."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def scheduler(port: int) -> tuple[str, ...]:
 
 
 def worker(port: int) -> tuple[str, ...]:
-    """Return the words that start a worker of one process, which ends when its scheduler is gone for long."""
+    """Return the words that start a worker process, which ends some time after its scheduler."""
     address = f"tcp://127.0.0.1:{port}"
     return (
         "worker",

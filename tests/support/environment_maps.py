@@ -25,7 +25,7 @@ def write_map(path: Path, pixels: Singles) -> None:
             continue
         rows += bytes((2, 2, width >> 8, width & 255))
         for component in row.T:
-            # A run of the first value, then the others as they are.
+            # A run of the first value, then the others unchanged.
             same = int(np.argmin(component == component[0])) or width
             same = min(same, 127)
             rows += bytes((128 + same, component[0]))

@@ -1,4 +1,4 @@
-"""The answer of rational arithmetic for chosen pixels; only triangles that cannot matter are left out."""
+"""The answer of rational arithmetic for chosen pixels, without triangles that cannot matter."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 SURELY = 1e-12
-"""Margin relative to the sum of absolute products: a thousand times the rounding of a dozen operations."""
+"""Margin relative to the sum of absolute products: a thousand times a dozen roundings."""
 
 LINES_AT_ONCE = 64
 

@@ -1,4 +1,4 @@
-"""Our own rasterizer with faults put in on purpose, as somebody else's renderer would have them."""
+"""The own rasterizer with deliberate defects, as another renderer could have them."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Screen
 
 INVISIBLE = 1e-5
-"""Near offset as a part of the reach that moves no pixel of these scenes by enough to have a name."""
+"""Near offset, share of the reach, too small to displace pixels of these scenes noticeably."""
 
 
 def small(name: str = "asymmetric-recentered", size: int = 64) -> Scene:
-    """Return a scene with square images and a square number of hogels, which every symmetry keeps."""
+    """Return a scene with square images and a square number of hogels: all symmetries hold."""
     scene = view(name, (size, size))
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 5)))
 
 
 def oblong(name: str = "asymmetric", width: int = 32) -> Scene:
-    """Return a scene whose film and plate keep four symmetries each: a quarter of what `small` has to try."""
+    """Return a scene whose film and plate have four symmetries each, a quarter of `small`'s."""
     scene = view(name, (width, width * 3 // 4))
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 4)))
 
 
-def saying(image: HogelImage, *said: str) -> HogelImage:
-    """Return an image that says nothing but its `triangle`, `object` or `color`."""
+def saying(image: HogelImage, *channels: str) -> HogelImage:
+    """Return an image with nothing but its `triangle`, `object` or `color`."""
     nothing = np.full_like(image.triangle, NOTHING)
     return HogelImage(
         camera=image.camera,
-        triangle=image.triangle if "triangle" in said else nothing,
-        object=image.object if "object" in said else nothing,
+        triangle=image.triangle if "triangle" in channels else nothing,
+        object=image.object if "object" in channels else nothing,
         position=np.full((*nothing.shape, 3), np.nan),
-        color=image.color if "color" in said else None,
+        color=image.color if "color" in channels else None,
     )
 
 
@@ -89,14 +89,16 @@ class Faulty:
         """Draw the image that this renderer takes for the hogel of an aperture."""
         columns, rows = scene.plate.hogels
         index = self.order.index(aperture.index, (columns, rows))
-        asked = scene.plate.aperture(*index)
-        image = self._drawn(replace(asked, x=asked.x * self.pitch, y=asked.y * self.pitch))
+        reordered = scene.plate.aperture(*index)
+        image = self._drawn(
+            replace(reordered, x=reordered.x * self.pitch, y=reordered.y * self.pitch)
+        )
         turned = self.orientation.applied
         arrays: dict[str, Any] = {
             name: turned(getattr(image, name)) for name in ("triangle", "object", "color")
         }
-        said = (self.shown,) if self.conjugated else (self.shown, "color")
-        return saying(replace(image, **arrays), *said)
+        channels = (self.shown,) if self.conjugated else (self.shown, "color")
+        return saying(replace(image, **arrays), *channels)
 
     def _drawn(self, aperture: Aperture) -> HogelImage:
         near = self.near or INVISIBLE * self.scene.frustum.longest_reach
@@ -156,7 +158,7 @@ class Faulty:
 
 
 def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
-    """Return C*'s picture with the surface nearest to the plate, all lines met with all triangles."""
+    """Return C*'s picture with the surface nearest to the plate, lines against all triangles."""
     camera = front.camera
     (ax, ay), (kx, ky), (tx, ty) = (
         (camera.aperture.x, camera.aperture.y),
@@ -186,7 +188,7 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
 
 
 def unconjugated(front: HogelImage) -> Singles:
-    """Return the viewer's half under L where C* needs L* = -L: the side away from the light is lit."""
+    """Return the viewer's half under L where C* needs L* = -L: the side off the light is lit."""
     camera, light = front.camera, np.asarray(DEFAULT_LIGHT.direction)
     normal = np.nan_to_num(front.normal).astype(np.float64)
     toward = front.position.astype(np.float64) - (camera.aperture.x, camera.aperture.y, 0.0)

@@ -9,14 +9,16 @@ from xfrustum.scenes import HogelImage
 from xfrustum.scenes.arrays import Mask
 
 
-def assert_same(one: Any, other: Any, *names: str) -> None:
+def assert_same(first: Any, other: Any, *names: str) -> None:
     """Assert that some attributes of two images, or all fields, have the same bits.
 
-    A second opinion is what it says when it is read.
+    A second opinion is compared by `overruled`, which reads it.
     """
-    every = ("overruled" if field.name == "second_opinion" else field.name for field in fields(one))
+    every = (
+        "overruled" if field.name == "second_opinion" else field.name for field in fields(first)
+    )
     for name in names or every:
-        a, b = getattr(one, name), getattr(other, name)
+        a, b = getattr(first, name), getattr(other, name)
         if isinstance(a, np.ndarray):
             assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
         else:
@@ -24,7 +26,7 @@ def assert_same(one: Any, other: Any, *names: str) -> None:
 
 
 def interior(image: HogelImage) -> Mask:
-    """Return the pixels that show the triangle of all eight neighbors; the outermost are none of them."""
+    """Return the pixels that show the triangle of all eight neighbors, none at the border."""
     height, width = image.triangle.shape
     shifted = [
         image.triangle[r : height - 2 + r, c : width - 2 + c] for r in range(3) for c in range(3)

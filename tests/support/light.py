@@ -1,4 +1,4 @@
-"""The light model by its definition (CONVENTIONS.md, "Light"), in numpy and double precision, for tests.
+"""The light model by its definition (CONVENTIONS.md, "Light"), in numpy and double precision.
 
 With the true eye vector and no flips, at the surface points that the cameras of the double frustum
 draw.
@@ -49,7 +49,7 @@ def decoded(codes: Bytes) -> Floats:
 
 
 def bilinear(picture: Floats, x: Floats, y: Floats, *, wrap_rows: bool) -> Floats:
-    """Interpolate between texel centers; x and y are in texels. Columns wrap around, rows if asked to."""
+    """Interpolate between texel centers; x and y are in texels. Columns, and perhaps rows, wrap."""
     rows, columns = picture.shape[:2]
     x, y = x - 0.5, y - 0.5
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -74,11 +74,10 @@ def environment_along(environment: Environment, direction: Floats) -> Floats:
 def weights_on_triangles(
     scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Floats, Floats]:
-    """Return, for the pixels that show a surface, corner weights (N, 3) and unit eye vectors (N, 3).
+    """Return corner weights (N, 3) and unit eye vectors (N, 3) of pixels that show a surface.
 
-    Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
-    Weights are those at points beside the pixels' centers, by columns and rows; the eye is that of
-    the centers.
+    Every pixel's line is its camera's line, stepped back by near: parallel to the true one.
+    Weights apply at points beside the pixels' centers, by columns and rows; eye vectors at centers.
     """
     settings = image.camera.settings
     near = 0.0
@@ -86,9 +85,9 @@ def weights_on_triangles(
         assert settings.slabs == ()
         near = settings.near
     lines = lines_by_definition(scene, image.camera.aperture)
-    beside = shift_px[0] * (lines[0, 1] - lines[0, 0]) + shift_px[1] * (lines[1, 0] - lines[0, 0])
+    offset = shift_px[0] * (lines[0, 1] - lines[0, 0]) + shift_px[1] * (lines[1, 0] - lines[0, 0])
     eye = -unit(lines[image.covered])
-    d = lines[image.covered] + beside
+    d = lines[image.covered] + offset
     corners = scene.triangles[image.triangle[image.covered]]
     side = np.where(image.height[image.covered] > 0, -1.0, 1.0)
     # C stands at z = +n on the shear through the aperture, C* at z = -n.
@@ -99,9 +98,9 @@ def weights_on_triangles(
     from_corner = center - corners[:, 0]
     across = np.cross(d, e2)
     determinant = np.einsum("ni,ni->n", e1, across)
-    one = np.einsum("ni,ni->n", from_corner, across) / determinant
+    first = np.einsum("ni,ni->n", from_corner, across) / determinant
     two = np.einsum("ni,ni->n", d, np.cross(from_corner, e1)) / determinant
-    return np.stack((1 - one - two, one, two), axis=1), eye
+    return np.stack((1 - first - two, first, two), axis=1), eye
 
 
 def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
@@ -141,7 +140,7 @@ def radiance_by_definition(
 ) -> Floats:
     """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none.
 
-    Attributes may be those of points beside the pixels' centers.
+    Attributes may be evaluated at points beside the pixels' centers.
     """
     covered = image.covered
     triangle = image.triangle[covered]
@@ -176,11 +175,10 @@ def radiance_by_definition(
 def moved_by_snapping(
     scene: Scene, image: HogelImage, model: DeviceModel, *, reflections: bool = True
 ) -> Floats:
-    """Return how far (H, W, 3) radiance may be off where attributes are interpolated from snapped vertices.
+    """Return bounds (H, W, 3) of radiance errors from attributes at snapped vertices.
 
     They are exact at a point within half a subpixel step of the pixel's center along each axis
-    (`Planes.varying`). What is nearly linear over that square changes most toward one of its
-    corners.
+    (`Planes.varying`). A nearly linear function on that square changes most toward a corner.
     """
     exact = radiance_by_definition(scene, image, reflections=reflections)
     if not model.snaps_depth:
@@ -211,7 +209,7 @@ def patterned_environment(seed: int = 5, size: tuple[int, int] = (12, 7)) -> Env
 
 
 def with_smooth_normals(part: SceneObject) -> SceneObject:
-    """Return an object with normals at its vertices, those of adjoining faces averaged by area."""
+    """Return an object with vertex normals, averages of adjoining faces by area."""
     corners = part.vertices[part.faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.zeros_like(part.vertices)
@@ -222,7 +220,7 @@ def with_smooth_normals(part: SceneObject) -> SceneObject:
 
 
 def dressed(part: SceneObject, seed: int) -> SceneObject:
-    """Return an object with every attribute: smooth but at some vertices, colored, textured twice."""
+    """Return an object with all attributes: mostly smooth, colored, textured twice."""
     generator = np.random.default_rng(seed)
     smooth = with_smooth_normals(part)
     normals = smooth.vertex_normals.copy()
@@ -246,7 +244,7 @@ def dressed(part: SceneObject, seed: int) -> SceneObject:
 
 
 def dressed_scene(name: str, resolution: tuple[int, int]) -> Scene:
-    """Return a built-in scene with every attribute on every second object, three lights, an environment."""
+    """Return a built-in scene with all attributes on half the objects, lights, an environment."""
     scene = view(name, resolution)
     objects = tuple(
         replace(part, material="shiny") if index % 3 == 2 else dressed(part, index)

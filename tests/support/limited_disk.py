@@ -31,17 +31,17 @@ class Outcome:
 
 def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[Outcome]:
     """Run a command that writes to the folder `out` below another one, once under each limit."""
-    asked = json.dumps({"arguments": list(arguments), "limits": list(limits)})
+    request = json.dumps({"arguments": list(arguments), "limits": list(limits)})
     program = [sys.executable, "-m", "tests.support.limited_disk", str(folder)]
     checkout = Path(__file__).resolve().parents[2]
-    told = subprocess.run(
-        program, input=asked, capture_output=True, text=True, check=True, cwd=checkout
+    process = subprocess.run(
+        program, input=request, capture_output=True, text=True, check=True, cwd=checkout
     )
-    return [Outcome(**outcome) for outcome in json.loads(told.stdout)]
+    return [Outcome(**outcome) for outcome in json.loads(process.stdout)]
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return the hash of every file in a folder; folders count as they are left over too."""
+    """Return the hash of every file in a folder; folders count, for they are left over too."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         if path.is_file()
@@ -70,9 +70,11 @@ def _outcome(arguments: list[str], limit: int, folder: Path) -> Outcome:
 
 
 if __name__ == "__main__":
-    # Python does not notice that a compiled module was cut off, and nobody could import that module
+    # Python does not notice that a compiled module was cut off, and could not import that module
     # again.
     sys.dont_write_bytecode = True
-    asked = json.load(sys.stdin)
-    found = [_outcome(asked["arguments"], limit, Path(sys.argv[1])) for limit in asked["limits"]]
-    json.dump([vars(outcome) for outcome in found], sys.stdout)
+    request = json.load(sys.stdin)
+    outcomes = [
+        _outcome(request["arguments"], limit, Path(sys.argv[1])) for limit in request["limits"]
+    ]
+    json.dump([vars(outcome) for outcome in outcomes], sys.stdout)

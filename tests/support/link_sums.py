@@ -13,7 +13,7 @@ from xfrustum.compare.prediction.reasons import Reason, chance
 
 @dataclass(frozen=True, kw_only=True)
 class LinkSum:
-    """Wrong surfaces of one link, summed over hogels; `reasons` are those of the sum."""
+    """Wrong surfaces of one link, summed over hogels; `reasons` apply to the sum."""
 
     name: str
     surface: int
@@ -37,7 +37,7 @@ class _Sum:
     deviations: dict[object, float] = field(default_factory=lambda: defaultdict(float))
 
     def add(self, budget: Budget, surface: int, link: LinkPrediction) -> None:
-        """Add what a budget charges to the link."""
+        """Add a budget's charge to the link."""
         camera = budget.drawn.camera
         self.surface += surface
         self.predicted += link.surface_pixels
@@ -50,7 +50,9 @@ class _Sum:
         """Return the sum with its reasons."""
         reasons = self.reasons - {Reason.FEW, Reason.ALIGNED}
         if self.surface or self.predicted:
-            reasons.add(chance(self.predicted, sum(one**2 for one in self.deviations.values())))
+            reasons.add(
+                chance(self.predicted, sum(deviation**2 for deviation in self.deviations.values()))
+            )
         return LinkSum(
             name=name,
             surface=self.surface,
@@ -62,13 +64,13 @@ class _Sum:
 def sums_by_link(budgets: Iterable[Budget]) -> tuple[LinkSum, ...]:
     """Sum measured and predicted wrong surfaces of each link over hogels and settings.
 
-    Few pixels in a hogel are no reason for which the sum does not hold: chance is that of the sum.
+    Few pixels in a hogel are no reason for a wrong sum: the sum has its own chance.
     An edge parallel to the plate lies at the same place between two rows in all hogels of a row,
-    and between two columns in all of a column: their deviations add up. Those of other hogels are
-    independent.
+    and between two columns in all of a column: their deviations add up. Deviations of other hogels
+    are independent.
     """
     sums: dict[str, _Sum] = defaultdict(_Sum)
     for budget in budgets:
         for cause, link in zip(budget.causes, budget.predicted, strict=True):
             sums[cause.name].add(budget, cause.surface, link)
-    return tuple(one.of(name) for name, one in sums.items())
+    return tuple(link_sum.of(name) for name, link_sum in sums.items())

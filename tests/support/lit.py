@@ -55,7 +55,9 @@ def quad(
         faces=np.array([(0, 1, 2), (0, 2, 3)]),
         material=material,
         uv=None if uv is None else np.asarray(uv, dtype=np.float64),
-        **{name: np.asarray(values) for name, values in attributes.items()},  # type: ignore[arg-type]
+        **{  # type: ignore[arg-type]
+            name: np.asarray(values) for name, values in attributes.items()
+        },
     )
 
 
@@ -122,13 +124,13 @@ def sky(width: int = 64, height: int = 32) -> Environment:
 
 
 def sky_radiance(directions: Floats) -> Floats:
-    """Return linear RGB of unit directions (..., 3), another linear function of x, y, z in each channel."""
+    """Return linear RGB of unit directions (..., 3): per channel, a linear function of x, y, z."""
     return np.asarray(
         1.0 + directions @ np.array([(0.5, 0.1, 0.0), (0.2, 0.5, -0.2), (-0.1, 0.2, 0.6)])
     )
 
 
 def eyes(scene: Scene, aperture: Aperture) -> Floats:
-    """Return unit vectors (H, W, 3) toward the viewer along each line, on both sides of the plate."""
+    """Return unit vectors (H, W, 3) toward the viewer along each line, on both plate sides."""
     d = lines_by_definition(scene, aperture)
     return np.asarray(-d / np.linalg.norm(d, axis=-1, keepdims=True))

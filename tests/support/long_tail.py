@@ -1,4 +1,4 @@
-"""The long tail of a test of many cases: some of them run every time, all of them with the slow tests."""
+"""The long tail of a test of many cases: some run every time, all with the slow tests."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from hypothesis import settings
 
 
 def examples(count: int) -> settings:
-    """Return how often hypothesis tries: so many times with the slow tests, and else the first of them."""
+    """Return settings with `count` tries, scaled as the profile scales hypothesis's default."""
     usual = settings.get_profile("xfrustum").max_examples
     return settings(
         max_examples=max(1, count * usual // settings.get_profile("default").max_examples)
@@ -16,7 +16,7 @@ def examples(count: int) -> settings:
 
 
 def thinned(cases: Iterable[Any], step: int, first: int = 0) -> list[Any]:
-    """Return cases as parameters: each `step`-th from `first` on runs every time, all others are slow.
+    """Return cases as parameters: each `step`-th from `first` on runs every time, others are slow.
 
     With a step that has no common divisor with the lengths of the lists that a product was made of,
     the cases that run every time go through all values of each list.

@@ -14,5 +14,5 @@ from xfrustum.scenes.model.scene import Scene
 
 
 def misplaced(scene: Scene, raster: HogelImage, device: DeviceModel) -> Mask:
-    """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
+    """Return pixels (H, W) whose centers lie outside their triangles by more than rounding."""
     return misplaced_pixels(scene.triangles, drawing_cameras(scene, raster, device), raster)

@@ -1,4 +1,4 @@
-"""What a viewer sees where cameras step back (`compare.eye.noticeable`): moved points, and a moved scene."""
+"""The view through offset cameras (`compare.eye.noticeable`): moved points, a moved scene."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 def replayed_points(
     points: Floats, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, side: int
 ) -> Floats:
-    """Return P', on the lines on which an aperture replays drawn points, at the distance at which they cross.
+    """Return P', crossings of the lines on which an aperture replays drawn points.
 
     The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind
     the plate, where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer
@@ -37,7 +37,7 @@ class MovedScene:
     """
 
     scene: Scene
-    number: Indices  # (F,) number that each of its triangles has in the scene as it is
+    number: Indices  # (F,) number that each of its triangles has in the original scene
 
 
 def moved_scene(scene: Scene, settings: DoubleFrustum) -> MovedScene:
@@ -74,7 +74,7 @@ def moved_scene(scene: Scene, settings: DoubleFrustum) -> MovedScene:
 def _moved(
     triangles: Floats, origin: Indices, frustum: Frustum, settings: DoubleFrustum
 ) -> tuple[Floats, Indices]:
-    """Return triangles that no cut crosses moved along z; those in the plate are moved both ways."""
+    """Return triangles that no cut crosses moved along z, in both directions if in the plate."""
     first = settings.slabs[0] if settings.slabs else np.inf
     behind, before = (np.asarray((sign * triangles[..., 2] >= 0).all(axis=1)) for sign in (-1, 1))
     halves = []
@@ -90,7 +90,7 @@ def _moved(
 
 
 def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
-    """Return triangles cut in three by a height, so that none crosses it, with the numbers they came from."""
+    """Return triangles cut in three by a height, which none then crosses, with source numbers."""
     above = triangles[..., 2] - height
     crossing: Mask = (above.max(axis=1, initial=0.0) > 0) & (above.min(axis=1, initial=0.0) < 0)
     if not crossing.any():

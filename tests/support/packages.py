@@ -50,16 +50,19 @@ def mesh_xml(vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
 def threedxml(
     representation: str, matrices: Sequence[str] = ("1 0 0 0 1 0 0 0 1 0 0 0",), more: str = ""
 ) -> bytes:
-    """Return a 3DXML file of a square's and a top's five vertices, and the content of its representation."""
+    """Return a 3DXML file of two objects with five vertices, and its representation."""
     instances = "".join(
-        f'<Instance3D id="{number}" name="i"><IsAggregatedBy>1</IsAggregatedBy><IsInstanceOf>2</IsInstanceOf>'
+        f'<Instance3D id="{number}" name="i"><IsAggregatedBy>1</IsAggregatedBy>'
+        f"<IsInstanceOf>2</IsInstanceOf>"
         f"<RelativeMatrix>{matrix}</RelativeMatrix></Instance3D>"
         for number, matrix in enumerate(matrices, 20)
     )
     structure = (
-        f'<ProductStructure root="1"><Reference3D id="1" name="r"/><Reference3D id="2" name="p"/>{instances}'
+        f'<ProductStructure root="1"><Reference3D id="1" name="r"/><Reference3D id="2" name="p"/>'
+        f"{instances}"
         '<ReferenceRep id="3" name="g" format="TESSELLATED" associatedFile="urn:3DXML:b.3DRep"/>'
-        '<InstanceRep id="4" name="x"><IsAggregatedBy>2</IsAggregatedBy><IsInstanceOf>3</IsInstanceOf>'
+        '<InstanceRep id="4" name="x"><IsAggregatedBy>2</IsAggregatedBy>'
+        "<IsInstanceOf>3</IsInstanceOf>"
         "</InstanceRep></ProductStructure>"
     )
     buffer = "<VertexBuffer><Positions>0 0 0,1 0 0,1 1 0,0 1 0,0 0 1</Positions></VertexBuffer>"

@@ -54,7 +54,7 @@ def measured_row(settings: DoubleFrustum, comparison: ComparisonNumbers) -> Meas
 def comparison_numbers(
     judged: int, covered: int, surface: float, p99: float | None, wrong_colors: float | None = None
 ) -> ComparisonNumbers:
-    """Return a comparison with a share of wrong surfaces, a displacement, and a share of wrong colors."""
+    """Return a comparison with shares of wrong surfaces and colors, and a displacement."""
     spread = (
         None
         if p99 is None

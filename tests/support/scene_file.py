@@ -1,4 +1,4 @@
-"""Scene files of tests: a plate, its frustum and its objects as text, each number in sight of the test."""
+"""Scene files of tests: a plate, its frustum and its objects as text, numbers in the test."""
 
 import json
 
@@ -15,7 +15,8 @@ def film(
     """Return the tables of a plate and of its centered frustum; objects follow."""
     return (
         f"[plate]\nsize = {list(plate)}\nhogels = {list(hogels)}\n"
-        f"[frustum]\nresolution = {list(resolution)}\nfov_deg = {list(fov_deg)}\nreach = {list(reach)}\n"
+        f"[frustum]\nresolution = {list(resolution)}\nfov_deg = {list(fov_deg)}\n"
+        f"reach = {list(reach)}\n"
     )
 
 

@@ -11,7 +11,7 @@ from xfrustum.scenes.arrays import Floats
 
 EIGHTHS = st.integers(-96, 96).map(lambda n: n / 8)
 ANYTHING = st.floats(-12, 12).map(lambda x: x if abs(x) > 2.0**-100 else 0.0)
-"""Coordinates of any kind for which no product underflows, so that the bounds of rounding errors hold."""
+"""Coordinates for which no product underflows, so that bounds of rounding errors hold."""
 REACH = 12.0
 
 

@@ -1,4 +1,4 @@
-"""Work in blocks that needs no renderer: each block is a few rows, and a log says who made it."""
+"""Work in blocks that needs no renderer: each block is a few rows, and a log lists its makers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ToyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ToyJob(Job):
-    """Blocks of a row each; `deadly` is the one that kills its process, `bad` the one that raises."""
+    """Blocks of a row each; block `deadly` kills its process, block `bad` raises."""
 
     parts: ParquetParts
     seconds: float = 0.0

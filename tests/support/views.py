@@ -25,12 +25,13 @@ SHARED_SCENES = ("beetle", "bunny-transfer", "teapot-recentered", "truck")
 
 
 def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
-    """Open a built-in scene, or one of `SHARED_SCENES`, at some resolution; skip what is not here."""
+    """Open a built-in scene, or one of `SHARED_SCENES`, at some resolution; skip missing ones."""
     if name in SHARED_SCENES:
         path = SHARED / "scenes" / f"{name}.toml"
         if not path.exists():
             pytest.skip(
-                f"needs ../shared/scenes/{name}.toml, in the folder of test data beside the checkout"
+                f"needs ../shared/scenes/{name}.toml, in the folder of test data beside the "
+                f"checkout"
             )
         name = str(path)
     scene = open_scene(name)

@@ -1,4 +1,4 @@
-"""The chain from truth to raster: every wrong pixel has one cause, and the links add up, of light too."""
+"""The chain from truth to raster: every wrong pixel has one cause; links add up, of light too."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FILM = (192, 144)
 SMALL_FILM = (
     96,
     72,
-)  #: pixels: the film of every setting on every scene, and the one of the quick test
+)  #: pixels: film of every setting on every scene, film of the quick test
 
 
 def options(reach: float) -> list[dict[str, object]]:
@@ -66,7 +66,7 @@ def budgets(
     scene = view(name, film)
     reference, aperture = Reference(scene), scene.default_apertures()[-1]
     with Rasterizer(scene) as rasterizer:
-        chains = [make_chain(reference, rasterizer, aperture, one) for one in settings]
+        chains = [make_chain(reference, rasterizer, aperture, setting) for setting in settings]
     return [(chain.settings, chain, make_budget(reference, chain)) for chain in chains]
 
 
@@ -74,10 +74,15 @@ def every_kind(name: str) -> list[DoubleFrustum]:
     """Return every kind of option at every near, each with another depth buffer."""
     reach = min(view(name, (8, 8)).frustum.reach)
     buffers = [*product(DepthFormat, DepthMapping)]
-    asked = list(product(NEARS, options(reach)))
+    choices = list(product(NEARS, options(reach)))
     return [
-        DoubleFrustum(near=near * reach, depth=depth, mapping=mapping, **option)  # type: ignore[arg-type]
-        for (near, option), (depth, mapping) in zip(asked, 2 * buffers, strict=False)
+        DoubleFrustum(
+            near=near * reach,
+            depth=depth,
+            mapping=mapping,
+            **option,  # type: ignore[arg-type]
+        )
+        for (near, option), (depth, mapping) in zip(choices, 2 * buffers, strict=False)
     ]
 
 
@@ -85,16 +90,16 @@ SCENES = (*builtin.names(), *SHARED_SCENES)
 
 
 def some_kinds(name: str) -> list[DoubleFrustum]:
-    """Return five of every kind of setting, others for each scene: together all, on two scenes or more."""
+    """Return five of every kind of setting, others for each scene: all of them on two or more."""
     kinds, first = every_kind(name), SCENES.index(name)
     return [kinds[(first + 5 * number) % len(kinds)] for number in range(5)]
 
 
-def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) -> None:
+def assert_all_is_explained(cases: list[tuple[DoubleFrustum, Chain, Budget]]) -> None:
     assert [
-        (settings, b.numbers) for settings, _, b in found if b.explanation.unexplained.any()
+        (settings, b.numbers) for settings, _, b in cases if b.explanation.unexplained.any()
     ] == []
-    for _, _, budget in found:
+    for _, _, budget in cases:
         charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
         assert sum(charged) == budget.wrong
         assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
@@ -102,21 +107,21 @@ def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) ->
 
 @pytest.mark.parametrize("name", thinned(SCENES, 7))
 def test_nothing_is_left_unexplained(name: str) -> None:
-    """Five settings on each scene; on all scenes together every option with every near and depth buffer."""
+    """Five settings on each scene; on all scenes every option with every near and depth buffer."""
     assert_all_is_explained(budgets(name, some_kinds(name), SMALL_FILM))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_nothing_is_left_unexplained_whatever_is_set(name: str) -> None:
-    """24 settings on each scene: every option, every depth buffer, n from 1e-1 to 1e-8 of the reach."""
-    found = budgets(name, every_kind(name))
-    assert len(found) == 24
-    assert_all_is_explained(found)
+    """24 settings on each scene: all options, all depth buffers, n from 0.1 to 1e-8 of reach."""
+    cases = budgets(name, every_kind(name))
+    assert len(cases) == 24
+    assert_all_is_explained(cases)
 
 
 def assert_adds_up(part: VectorBudget) -> None:
-    """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
+    """Each difference is rounded once, to 2^-53 of itself; so are total and partial sums."""
     defined = np.isfinite(part.total)
     size = np.abs(part.steps).sum(axis=0) + np.abs(part.total)
     off = np.abs(part.steps.sum(axis=0) - part.total)
@@ -136,10 +141,10 @@ def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-4, 1e-6, 1e-8])
-def test_a_pixel_is_charged_to_the_last_link_that_changed_it_and_a_surface_from_where_on_it_is_wrong(
+def test_pixels_are_charged_to_their_last_change_and_surfaces_to_the_first_wrong_link(
     near_per_reach: float,
 ) -> None:
-    """Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
+    """Nears at which D16 swaps few surfaces, loses many, and loses all of them."""
     settings = DoubleFrustum(near=near_per_reach * 150, depth=DepthFormat.D16)
     [(_, chain, budget)] = budgets("car", [settings], SMALL_FILM)
     numbers = np.stack([image.triangle for image in chain.images])
@@ -162,7 +167,7 @@ def test_a_pixel_is_charged_to_the_last_link_that_changed_it_and_a_surface_from_
     "name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1)
 )
 def test_each_traced_link_is_as_predicted(name: str) -> None:
-    """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
+    """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, in this order."""
     reach = view(name, (8, 8)).frustum.longest_reach
     settings = reversed_d32f(1e-3 * reach)
     settings = replace(settings, slabs=(0.3 * reach,), pivot=Pivot.CAMERA, fit=Fit.ANGLE)
@@ -184,7 +189,7 @@ def test_each_traced_link_is_as_predicted(name: str) -> None:
 def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Every cause is named beside its color, with the numbers of --json, and the page needs nothing else."""
+    """Every cause is named beside its color, with numbers of --json; no other file is needed."""
     report = xfrustum.budget(
         view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0))
     )
@@ -267,7 +272,7 @@ def test_matte_surfaces_do_not_know_the_eye() -> None:
 
 
 def test_outside_the_first_slab_no_eye_vector_bends() -> None:
-    """Those cameras stand in the aperture: only 32-bit surface points differ from the truth."""
+    """Cameras in the aperture: only 32-bit surface points differ from the truth."""
     settings = replace(reversed_d32f(2.0), slabs=(10.0,))
     budget, chain = budget_of(painted("asymmetric", SHINY), settings)
     outside = budget.same & (np.abs(chain.images[-1].height) > 10.1)
@@ -276,18 +281,18 @@ def test_outside_the_first_slab_no_eye_vector_bends() -> None:
 
 
 def test_the_bend_is_counted_once() -> None:
-    """Truly shaded images and the bend together are the model's own color: the pixel's line, other points."""
+    """True shading plus the bend equals the model's color: the pixel's line, other points."""
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color
     local = [budget.links.index(link) for link in (*LINKS, EYE_VECTOR)]
-    found = budget.change.steps[local].sum(axis=0)
+    bend = budget.change.steps[local].sum(axis=0)
     same = budget.same & (np.abs(chain.images[-1].height) > 1.0)
-    np.testing.assert_allclose(found[same], (model - truth)[same], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(bend[same], (model - truth)[same], rtol=0, atol=1e-5)
 
 
 def test_averages_are_taken_apart_like_single_samples() -> None:
-    """Each link is the mean over the samples; what the device adds in averaging is rounding alone."""
+    """Each link is the mean over the samples; averaging on the device adds rounding alone."""
     scene = replace(
         painted("asymmetric", SHINY, (40, 30)), sampling=Sampling(supersample=2, aperture=3)
     )

@@ -1,4 +1,4 @@
-"""Raster against its own cameras, traced exactly: almost the same, and every difference has a reason."""
+"""Raster against exact traces of its cameras: almost equal, and every difference has a reason."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.device_model import H100, safe_model
 
 STAYS_UNEXPLAINED = 0.9
-"""Smallest share of the wrong pixels that stays unexplained when the raster is made wrong on purpose."""
+"""Smallest share of the wrong pixels that stays unexplained in a raster with a defect."""
 
 RESOLUTION = (512, 384)
 
@@ -69,7 +69,7 @@ def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(
 
 
 class Case:
-    """A scene, what its cameras should draw, and what they drew."""
+    """A scene, the exact image of its cameras, and the drawn image."""
 
     def __init__(self, name: str, near: float) -> None:
         self.scene = view(name, RESOLUTION)
@@ -86,7 +86,7 @@ class Case:
     def assert_unexplained(self, drawn: HogelImage) -> None:
         wrong = differences(self.model, drawn).sum()
         assert wrong > 500
-        # No device's model may excuse it, nor that of a device that nobody knows.
+        # Neither a device's model nor the model of unknown devices may excuse it.
         for device in (self.device, H100, safe_model(8)):
             unexplained = explain(self.scene, self.model, drawn, device).counts()["unexplained"]
             assert unexplained >= STAYS_UNEXPLAINED * wrong, device.name
@@ -101,7 +101,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 class TestNegativeControls:
-    """A bound that explains everything explains nothing: pictures made wrong must stay unexplained."""
+    """A bound that explains everything explains nothing: defects must stay unexplained."""
 
     @pytest.mark.parametrize("axis", [0, 1])
     def test_an_image_shifted_by_one_pixel(self, case: Case, axis: int) -> None:
@@ -111,13 +111,13 @@ class TestNegativeControls:
     def test_with_four_subpixel_bits_all_but_what_lies_beside_edges_by_chance(
         self, case: Case, axis: int
     ) -> None:
-        """The share of 0.9 cannot be had with 4 bits by any bound: edges may lie 2^-4.5 px aside.
+        """No bound can have the share of 0.9 with 4 bits: edges may lie 2^-4.5 px aside.
 
         A picture shifted by a pixel is wrong where an edge lies less than that from the center,
         along the shift. With a normal n the edge is nearer than d = 2^-4.5 px, 0.044, to d / |n| of
         these centers: 7 %, pi / 2 d, over all directions. Centers beside other edges come to that,
-        the more the smaller triangles are. How many wrong pixels it is says a picture that shows
-        what no scene has at every pixel.
+        the more the smaller triangles are. The number of wrong pixels follows from a picture in
+        which every pixel shows a triangle that no scene has.
         """
         shifted = pictured(case.drawn, lambda a: np.roll(a, 1, axis))
         wrong, device = differences(case.model, shifted), safe_model(4)
@@ -134,8 +134,8 @@ class TestNegativeControls:
         pairs = swappable(case.scene, case.drawn, neighbors=neighbors)
         swapped = np.arange(len(case.scene.faces) + 1)
         swapped[-1] = NOTHING
-        for one, other in pairs:
-            swapped[[one, other]] = other, one
+        for first, other in pairs:
+            swapped[[first, other]] = other, first
         case.assert_unexplained(
             replace(case.drawn, triangle=swapped[case.drawn.triangle].astype(np.int32))
         )
@@ -144,8 +144,8 @@ class TestNegativeControls:
     def test_one_matrix_entry_wrong_by_a_hundredth_of_the_film(
         self, case: Case, row: int, column: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        def wrong(frustum: Frustum, *asked: Any) -> Floats:
-            matrix = np.array(clip_from_scene(frustum, *asked))
+        def wrong(frustum: Frustum, *arguments: Any) -> Floats:
+            matrix = np.array(clip_from_scene(frustum, *arguments))
             # Wrong shears and offsets move the film by a hundredth at half the reach.
             size = 1.0 if column != 3 else frustum.longest_reach / 2
             matrix[row, column] += 0.01 * size * matrix[row, row]
@@ -169,7 +169,7 @@ def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
 
 
 def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple[int, int]]:
-    """Return disjoint pairs of the triangles that fill most pixels, far apart or with a common edge."""
+    """Return disjoint pairs of the triangles that fill most pixels, far apart or with one edge."""
     numbers, counts = np.unique(drawn.triangle[drawn.covered], return_counts=True)
     large = numbers[np.argsort(-counts, kind="stable")][:400].tolist()
     if not neighbors:
@@ -180,11 +180,15 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
     corners = {
         number: {tuple(corner) for corner in scene.triangles[number].tolist()} for number in large
     }
-    for one in large:
+    for first in large:
         for other in large:
-            if one < other and not used & {one, other} and len(corners[one] & corners[other]) == 2:
-                pairs.append((one, other))
-                used |= {one, other}
+            if (
+                first < other
+                and not used & {first, other}
+                and len(corners[first] & corners[other]) == 2
+            ):
+                pairs.append((first, other))
+                used |= {first, other}
     return pairs[:40]
 
 
@@ -226,7 +230,7 @@ def charged(scene: Scene, settings: DoubleFrustum) -> Budget:
 
 
 def test_backs_of_open_meshes_are_charged_to_culling() -> None:
-    """Nothing else is wrong with so small an offset: culling loses precisely the pixels with a back."""
+    """Culling loses precisely the pixels with a back; the offset is too small for more."""
     scene = view("large-triangles", FILM)
     numbers = charged(scene, culled(scene, 1e-5)).numbers
     assert [link.name for link in numbers.links] == CULLED_LINKS
@@ -244,7 +248,7 @@ def test_backs_of_open_meshes_are_charged_to_culling() -> None:
 def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
     buffer: tuple[DepthFormat, DepthMapping],
 ) -> None:
-    """Loose triangles turned every way, many of them nearly edge-on, on both sides and across the plate."""
+    """Loose triangles in all directions, many nearly edge-on, around the plate."""
     rng = np.random.default_rng(1997)
     places, sides = rng.uniform(-10, 10, (400, 1, 3)), rng.normal(0, 3.0, (400, 3, 3))
     frustum = Frustum(resolution=(64, 48), reach=(12.0, 12.0), fov=(radians(70), radians(60)))
@@ -254,9 +258,9 @@ def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
         settings = DoubleFrustum(
             near=1e-2, depth=depth, mapping=mapping, slabs=slabs, cull=Cull.BACK
         )
-        found = charged(scene, settings)
-        assert found.explanation.unexplained.sum() == 0
-        assert (found.charge == CULLED_LINKS.index("culling")).sum() > 100
+        outcome = charged(scene, settings)
+        assert outcome.explanation.unexplained.sum() == 0
+        assert (outcome.charge == CULLED_LINKS.index("culling")).sum() > 100
 
 
 def test_a_comparison_says_how_many_wrong_surfaces_were_culled() -> None:
@@ -266,6 +270,6 @@ def test_a_comparison_says_how_many_wrong_surfaces_were_culled() -> None:
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(scene.plate.middle, settings)
         whole = rasterizer.render(scene.plate.middle, replace(settings, cull=Cull.NONE))
-    found, without = (compare_images(truth, image, reference) for image in (drawn, whole))
-    assert found.surface.wrong - 2 <= found.surface.culled <= found.surface.wrong
+    comparison, without = (compare_images(truth, image, reference) for image in (drawn, whole))
+    assert comparison.surface.wrong - 2 <= comparison.surface.culled <= comparison.surface.wrong
     assert without.surface is not None and without.surface.culled is None

@@ -1,4 +1,4 @@
-"""What devices drew, recorded there or drawn here, lies within the bounds of their models and of no other."""
+"""Frames of devices, recorded or drawn here, lie within the bounds of their own models alone."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ RECORDED = SHARED / "data" / "devices"
 MODELS = {"llvmpipe": LLVMPIPE, "h100": H100}
 
 
-def share(found: Within) -> float:
-    return found.within / found.pixels
+def share(counts: Within) -> float:
+    return counts.within / counts.pixels
 
 
 def measured_on(device: str) -> Measured:
@@ -51,10 +51,10 @@ def test_all_stored_depths_lie_within_the_bounds_of_their_device(
     recorded: tuple[Measured, DeviceModel], depth: DepthFormat
 ) -> None:
     measured, known = recorded
-    found = measured.within(known, depth)
-    assert found.pixels > 90_000
-    assert found.within == found.pixels
-    assert found.share_of_safe <= 1.0
+    counts = measured.within(known, depth)
+    assert counts.pixels > 90_000
+    assert counts.within == counts.pixels
+    assert counts.share_of_safe <= 1.0
 
 
 def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_not_snap_them() -> (
@@ -65,8 +65,8 @@ def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_n
         assert 1 - share(measured.within(LLVMPIPE, depth)) > 0.15
     # Half a step and no more is not how it stores D16.
     nearest = replace(H100, d16=(-0.5, 0.5))
-    found = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
-    assert found[0].share_of_safe > found[1].share_of_safe
+    counts = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
+    assert counts[0].share_of_safe > counts[1].share_of_safe
 
 
 def test_varyings_and_weights_of_a_filter_lie_within_the_bounds_of_their_device(
@@ -89,7 +89,7 @@ def test_varyings_and_weights_of_the_card_are_out_of_the_bounds_of_an_exact_devi
 def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
     recorded: tuple[Measured, DeviceModel],
 ) -> None:
-    """The recorded triangles have ties on the left and right alone; near and far plane cut exactly."""
+    """The recorded triangles have ties on the left and right alone; near and far cut exactly."""
     measured, known = recorded
     assert measured.viewport[NEAREST_EVEN] == 0
     assert measured.ties == {"left and bottom": 0, "left and top": 0}
@@ -104,7 +104,7 @@ def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
 def test_the_device_at_hand_draws_as_its_model_says() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
-    # Sides half a subpixel beside centers tell half to even from half up, which random triangles do
+    # Sides half a subpixel beside centers separate half to even from half up; random triangles do
     # not.
     assert [name for name, count in measured.viewport.items() if not count] == [NEAREST_EVEN]
     assert list(measured.ties.values()) == [0]
@@ -116,12 +116,12 @@ def test_the_device_at_hand_draws_as_its_model_says() -> None:
 
 
 def plane_of(corners: np.ndarray) -> Planes:
-    """Make one uncut triangle of corners (x, y, w, Z), its errors those of float32."""
-    one = np.asarray(corners, dtype=np.float64)[None]
-    moved = 2.0**-24 * np.abs(one)
+    """Make one uncut triangle of corners (x, y, w, Z) with the errors of float32."""
+    stacked = np.asarray(corners, dtype=np.float64)[None]
+    moved = 2.0**-24 * np.abs(stacked)
     return Planes(
-        vertices=one[..., :3],
-        value=one[..., 3],
+        vertices=stacked[..., :3],
+        value=stacked[..., 3],
         moved=moved[..., :3],
         moved_value=moved[..., 3],
         uncut=np.ones(1, dtype=np.bool_),
@@ -150,9 +150,9 @@ def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tole
         if snaps:
             places = places + rng.choice((-1, 1), (3, 2)) * model.half_step * 2 / 64
         corners = np.column_stack((places, np.ones(3)))
-        found = points @ np.linalg.solve(corners, moved[:, 3] / moved[:, 2])
+        depths = points @ np.linalg.solve(corners, moved[:, 3] / moved[:, 2])
         which = np.zeros(20, dtype=np.int64)
-        off = np.abs(found - planes.exact(which, points))
+        off = np.abs(depths - planes.exact(which, points))
         # Points near the rim may lie outside of the triangle that moved: there planes go on.
         assert (off <= 1.02 * planes.tolerance(which, points, model)).all()
 

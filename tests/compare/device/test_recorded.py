@@ -1,4 +1,4 @@
-"""Frames recorded on a graphics card: nothing that it drew otherwise than exact cameras is unexplained."""
+"""Frames recorded on a graphics card: every difference from exact cameras is explained."""
 
 from __future__ import annotations
 
@@ -41,25 +41,25 @@ def some(recording: Recording, *names: str) -> Recording:
 
 
 def test_nothing_that_the_card_drew_where_depth_is_starved_is_unexplained(h100: Recording) -> None:
-    found = replay(some(h100, "large-triangles|1e-06", "crossing|1e-08"))
-    assert found.model == H100
-    assert found.frames == 18
-    assert found.wrong > 50_000
-    assert found.counts["unexplained"] == 0
-    assert found.counts["order"] > 10_000
+    outcome = replay(some(h100, "large-triangles|1e-06", "crossing|1e-08"))
+    assert outcome.model == H100
+    assert outcome.frames == 18
+    assert outcome.wrong > 50_000
+    assert outcome.counts["unexplained"] == 0
+    assert outcome.counts["order"] > 10_000
 
 
 @pytest.mark.slow
 def test_nothing_in_any_of_the_294_frames_is_unexplained(h100: Recording) -> None:
-    found = replay(h100)
-    assert (found.frames, found.counts["unexplained"]) == (294, 0)
-    assert found.wrong > 850_000
+    outcome = replay(h100)
+    assert (outcome.frames, outcome.counts["unexplained"]) == (294, 0)
+    assert outcome.wrong > 850_000
 
 
 def test_a_model_without_snapped_depth_leaves_a_pixel_of_the_card_unexplained(
     h100: Recording,
 ) -> None:
-    """Few pixels tell devices apart: most triangles that a depth test swaps are many steps of it apart."""
+    """Few pixels differ between devices: a depth test mostly swaps triangles many steps apart."""
     frames = some(h100, "car|0.0001|d32f|reversed")
     assert replay(frames).counts["unexplained"] == 0
     assert replay(frames, LLVMPIPE).counts["unexplained"] > 0
@@ -73,9 +73,9 @@ def test_a_card_that_drew_one_pixel_beside_would_stay_unexplained(
 ) -> None:
     device, frames = some(h100, f"{name}|40,30", f"{name}|30,40")
     shifted = [replace(frame, triangle=np.roll(frame.triangle, 1, axis)) for frame in frames]
-    found = replay((device, shifted), model)
-    assert found.wrong > 500
-    assert found.counts["unexplained"] >= STAYS_UNEXPLAINED * found.wrong
+    outcome = replay((device, shifted), model)
+    assert outcome.wrong > 500
+    assert outcome.counts["unexplained"] >= STAYS_UNEXPLAINED * outcome.wrong
 
 
 @pytest.mark.parametrize("depth", list(DepthFormat))
@@ -89,11 +89,11 @@ def test_a_far_plane_that_clip_depth_hardly_knows_may_cut_before_half_the_reach(
     model = Reference(scene).trace_model(aperture, settings)
     with Rasterizer(scene) as raster:
         drawn = raster.render(aperture, settings, normals=False, color=False)
-        found = explain(scene, model, drawn, raster.model)
+        explanation = explain(scene, model, drawn, raster.model)
     gone = (model.triangle == 2) & ~drawn.covered & (model.height < scene.frustum.reach[0] / 2)
     assert gone.sum() > 1000
-    assert not found.unexplained.any()
-    assert found.masks["edge"][gone].mean() > 0.99
+    assert not explanation.unexplained.any()
+    assert explanation.masks["edge"][gone].mean() > 0.99
 
 
 def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path) -> None:
@@ -112,8 +112,8 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path) -> None:
 
 
 def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]]:
-    """Return names of frames, and how many pixels of each depth alone made wrong: recorded, predicted."""
-    scene, found = view(scene_name, (192, 144)), []
+    """Return names of frames, and numbers of pixels wrong by depth alone: recorded, predicted."""
+    scene, counted = view(scene_name, (192, 144)), []
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
     judged = judged_pixels(truth)
@@ -126,10 +126,10 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
             continue
         exact = reference.trace_model(aperture, settings, shaded=False)
         images = exact, recorded_image(scene, exact, frame, H100)
-        without, wrong = (surface_errors(truth, one, reference).wrong for one in images)
+        without, wrong = (surface_errors(truth, image, reference).wrong for image in images)
         (share,) = depth_wrong_shares(stacks, scene.frustum, [settings], H100)
-        found.append((frame.name, int((wrong & ~without & judged).sum()), share * stacks.judged))
-    return found
+        counted.append((frame.name, int((wrong & ~without & judged).sum()), share * stacks.judged))
+    return counted
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
 def test_the_card_shows_the_predicted_share_wrongly(
     h100: Recording, name: str, frames: str
 ) -> None:
-    """Within a factor of two, but for few pixels, large-triangles and parallel sheets (`Reasons`)."""
+    """Within a factor of two, but for few pixels, large-triangles and parallel sheets."""
     some_frames = shares(some(h100, frames), name)
     counted = [
         (name, wrong, predicted)
@@ -153,24 +153,24 @@ def test_the_card_shows_the_predicted_share_wrongly(
         if predicted >= MIN_PIXELS
     ]
     assert len(counted) >= 3
-    assert [one for one in counted if not one[1] / 2 <= one[2] <= one[1] * 2] == []
+    assert [row for row in counted if not row[1] / 2 <= row[2] <= row[1] * 2] == []
     assert all(
         wrong <= 2 * MIN_PIXELS for _, wrong, predicted in some_frames if predicted < MIN_PIXELS
     )
 
 
 COSINE_ROUNDINGS = 70
-"""Roundings of 2^-24 in the cosine of a highlight: 20 in the direction to the camera (3 in the place on the
-film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds 18 to, one in
-each of
-light and normal, and 10 in the last product."""
+"""Roundings of 2^-24 in the cosine of a highlight: 20 in the direction to the camera (3 in the
+place on the film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds
+18 to, one in each of light and normal, and 10 in the last product.
+"""
 
 LIGHT_ROUNDINGS = 16
-"""Roundings of 2^-24 in the light of a pixel beside those of highlights, relative to their sum."""
+"""Roundings of 2^-24 in the light of a pixel without its highlights, relative to their sum."""
 
 
 def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
-    """Its 14 pictures have neither textures nor mirrors: filter and varyings have no part in them."""
+    """Its 14 pictures have neither textures nor mirrors: filter and varyings have no effect."""
     path = RECORDED / "h100-colors.npz"
     if not path.exists():
         pytest.skip("needs ../shared/data/devices/h100-colors.npz, beside the checkout")
@@ -196,7 +196,7 @@ def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
             assert same.sum() > 0.999 * image.covered.sum()
             exact = radiance_by_definition(scene, image)[same]
             lit = sum(max(light.color) for light in scene.appearance.lights)
-            slope = max(max(one.specular) * one.exponent for one in scene.materials)
+            slope = max(max(material.specular) * material.exponent for material in scene.materials)
             bound = 2.0**-24 * (COSINE_ROUNDINGS * slope * lit + LIGHT_ROUNDINGS * exact.max())
             # A filter's weight is off by 2^-9, which is much more.
             assert bound < H100.filter_rounding / 20

@@ -47,31 +47,29 @@ def endless(scene: Scene) -> Iterator[Aperture]:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "grating"])
 def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
-    """To the last bit, whatever ran at the same time. `grating` says how it looks: colors are
-    compared.
-    """
+    """Equal to the last bit, whatever ran at the same time; `grating` has colors to compare."""
     scene = replace(view(name, FILM), sampling=Sampling())
     shaded = name == "grating"
     apertures = apertures_of(scene)[:4]
     with Evaluator(scene) as judge:
-        found = list(judge.stream(iter(apertures), SETTINGS, images=True))
+        hogels = list(judge.stream(iter(apertures), SETTINGS, images=True))
         bare = list(judge.stream(apertures, SETTINGS))
-    assert [hogel.aperture for hogel in found] == apertures
+    assert [hogel.aperture for hogel in hogels] == apertures
     assert all(hogel.truth is None for hogel in bare)
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
-        for hogel, numbers in zip(found, bare, strict=True):
+        for hogel, numbers in zip(hogels, bare, strict=True):
             truth = reference.trace(hogel.aperture)
             assert hogel.truth is not None
             assert_same(hogel.truth, truth)
-            assert [one.settings for one in hogel.drawings] == list(SETTINGS)
-            for one, other in zip(hogel.drawings, numbers.drawings, strict=True):
-                image = rasterizer.render(hogel.aperture, one.settings, normals=False)
-                assert one.image is not None and isinstance(one.comparison, Comparison)
-                assert_same(one.image, image)
+            assert [drawing.settings for drawing in hogel.drawings] == list(SETTINGS)
+            for drawing, other in zip(hogel.drawings, numbers.drawings, strict=True):
+                image = rasterizer.render(hogel.aperture, drawing.settings, normals=False)
+                assert drawing.image is not None and isinstance(drawing.comparison, Comparison)
+                assert_same(drawing.image, image)
                 alone = compare_images(truth, image, reference, radiance=shaded)
-                assert one.comparison.numbers == alone.numbers == other.comparison
-                assert_same(one.comparison.maps, alone.maps)
+                assert drawing.comparison.numbers == alone.numbers == other.comparison
+                assert_same(drawing.comparison.maps, alone.maps)
                 assert (alone.radiance is not None) == shaded
 
 
@@ -79,18 +77,18 @@ def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
     scene = view("asymmetric-recentered", FILM)
     apertures = apertures_of(scene)[:2]
     with Evaluator(scene) as judge:
-        found = list(judge.stream(apertures, SETTINGS, causes=True))
+        hogels = list(judge.stream(apertures, SETTINGS, causes=True))
     reference = Reference(scene)
     wrong = 0
     with Rasterizer(scene) as rasterizer:
-        for hogel in found:
-            for one in hogel.drawings:
+        for hogel in hogels:
+            for drawing in hogel.drawings:
                 budget = make_budget(
-                    reference, make_chain(reference, rasterizer, hogel.aperture, one.settings)
+                    reference, make_chain(reference, rasterizer, hogel.aperture, drawing.settings)
                 )
-                assert one.causes == budget.causes
-                assert one.unexplained == int(budget.explanation.unexplained.sum())
-                wrong += sum(cause.surface for cause in one.causes or ())
+                assert drawing.causes == budget.causes
+                assert drawing.unexplained == int(budget.explanation.unexplained.sum())
+                wrong += sum(cause.surface for cause in drawing.causes or ())
     assert wrong
 
 

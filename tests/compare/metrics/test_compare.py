@@ -1,4 +1,4 @@
-"""The comparison of images: what is wrong and what is not, displacement, and what lies outside the film."""
+"""Comparison of images: wrong and right pixels, displacement, and points outside the film."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ CONTRACT = {
     "triangle": "wrong fraction",
     "displacement_px": "rms p50 p95 p99 max",
     "height": "rms max",
-    "radiance": "pixels rms mean p99 max above_step channels away_from_edges flip ssim pixels_per_degree "
+    "radiance": "pixels rms mean p99 max above_step channels away_from_edges flip ssim "
+    "pixels_per_degree "
     "noise",
     "certainty": "proven exact tie unexamined",
 }
@@ -100,29 +101,33 @@ def test_the_summary_is_the_contract_in_json(asymmetric: Case) -> None:
 
 
 def test_the_truth_is_right_by_itself(asymmetric: Case) -> None:
-    found = compare_images(asymmetric.truth, asymmetric.truth, asymmetric.reference)
-    assert found.surface_wrong == found.triangle_wrong == 0
-    assert found.displacement_px is not None and found.displacement_px.max < 1e-9
-    assert found.height is not None and found.height.max == 0
-    assert found.certainty == {"proven": 96 * 64, "exact": 0, "tie": 0, "unexamined": 0}
+    comparison = compare_images(asymmetric.truth, asymmetric.truth, asymmetric.reference)
+    assert comparison.surface_wrong == comparison.triangle_wrong == 0
+    assert comparison.displacement_px is not None and comparison.displacement_px.max < 1e-9
+    assert comparison.height is not None and comparison.height.max == 0
+    assert comparison.certainty == {"proven": 96 * 64, "exact": 0, "tie": 0, "unexamined": 0}
 
 
 def test_heights_are_raster_minus_truth_where_both_show_one_triangle(asymmetric: Case) -> None:
     truth, drawn = asymmetric.truth, asymmetric.drawn
-    found = compare_images(truth, drawn, asymmetric.reference)
+    comparison = compare_images(truth, drawn, asymmetric.reference)
     same = truth.covered & (truth.triangle == drawn.triangle)
     error = (drawn.height - truth.height)[same]
-    np.testing.assert_array_equal(found.maps.height[same], error)
-    assert same.any() and np.isnan(found.maps.height[~same]).all()
-    assert found.height.rms == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
-    assert found.height.max == np.abs(error).max()
+    np.testing.assert_array_equal(comparison.maps.height[same], error)
+    assert same.any() and np.isnan(comparison.maps.height[~same]).all()
+    assert comparison.height.rms == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
+    assert comparison.height.max == np.abs(error).max()
 
 
 def test_without_a_reference_surface_is_unknown_and_the_rest_is_not(asymmetric: Case) -> None:
-    found = compare_images(asymmetric.truth, asymmetric.drawn, None)
+    comparison = compare_images(asymmetric.truth, asymmetric.drawn, None)
     known = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
-    assert found.surface_wrong is None and found.maps.surface is None and found.maps.outside is None
-    assert found.summary() == known.summary() | {"surface": None}
+    assert (
+        comparison.surface_wrong is None
+        and comparison.maps.surface is None
+        and comparison.maps.outside is None
+    )
+    assert comparison.summary() == known.summary() | {"surface": None}
 
 
 def test_a_hit_against_a_miss_is_wrong_both_ways(asymmetric: Case) -> None:
@@ -164,14 +169,14 @@ def test_another_object_is_wrong_another_triangle_of_it_is_not(asymmetric: Case)
         triangle=truth.triangle[row, column + 1],
         position=truth.position[row, column + 1],
     )
-    found = compare_images(truth, displaced, asymmetric.reference)
-    assert found.surface_wrong == 0, "a picture merely displaced is not a wrong surface"
-    np.testing.assert_array_equal(found.maps.triangle, neighbor)
-    np.testing.assert_allclose(found.maps.displacement[row, column], [1, 0], atol=1e-9)
+    comparison = compare_images(truth, displaced, asymmetric.reference)
+    assert comparison.surface_wrong == 0, "a picture merely displaced is not a wrong surface"
+    np.testing.assert_array_equal(comparison.maps.triangle, neighbor)
+    np.testing.assert_allclose(comparison.maps.displacement[row, column], [1, 0], atol=1e-9)
 
 
 def test_a_hidden_point_is_wrong_on_either_side_of_the_plate() -> None:
-    """The far side of a closed surface is wrong: the same object and pixel, but the near side is in front."""
+    """A far side drawn for the near one is wrong, though object and pixel agree."""
     scene = view("asymmetric", (96, 64))
     reference = Reference(scene)
     truth = reference.trace(scene.plate.middle)
@@ -179,22 +184,22 @@ def test_a_hidden_point_is_wrong_on_either_side_of_the_plate() -> None:
     for number, sign in ((2, 1), (3, -1)):
         where = truth.object == number
         assert (np.sign(truth.height[where]) == sign).all() and where.sum() > 20
-        one = some_pixel(where)
-        row, column = np.argwhere(one)[0]
+        mask = some_pixel(where)
+        row, column = np.argwhere(mask)[0]
         # Where the pixel's line leaves the object again: the largest s on its triangles.
-        found = []
+        candidates = []
         for triangle in np.flatnonzero(scene.object_of_triangle == number):
             a, b, c = scene.triangles[triangle]
             matrix = np.column_stack([b - a, c - a, -d[row, column]])
             if abs(np.linalg.det(matrix)) > 1e-12:
                 first, second, s = np.linalg.solve(matrix, -a)
                 if first >= 0 and second >= 0 and first + second <= 1:
-                    found.append((s, triangle))
-        s, triangle = max(found)
+                    candidates.append((s, triangle))
+        s, triangle = max(candidates)
         assert s > -truth.height[row, column] + 1
-        far_side = changed(truth, one, triangle=triangle, position=s * d[row, column])
+        far_side = changed(truth, mask, triangle=triangle, position=s * d[row, column])
         surface = compare_images(truth, far_side, reference).maps.surface
-        np.testing.assert_array_equal(surface, one)
+        np.testing.assert_array_equal(surface, mask)
 
 
 def test_ties_are_not_judged(asymmetric: Case) -> None:
@@ -202,11 +207,11 @@ def test_ties_are_not_judged(asymmetric: Case) -> None:
     where = some_pixel(asymmetric.truth.covered)
     tied = changed(asymmetric.truth, where, certainty=Certainty.TIE)
     wrong = changed(tied, where, triangle=NOTHING, object=NOTHING, position=np.nan)
-    found = compare_images(tied, wrong, asymmetric.reference)
-    assert found.judged == found.pixels - 1
-    np.testing.assert_array_equal(found.maps.judged, ~where)
-    assert found.surface_wrong == found.triangle_wrong == 0
-    assert found.certainty["tie"] == 1
+    comparison = compare_images(tied, wrong, asymmetric.reference)
+    assert comparison.judged == comparison.pixels - 1
+    np.testing.assert_array_equal(comparison.maps.judged, ~where)
+    assert comparison.surface_wrong == comparison.triangle_wrong == 0
+    assert comparison.certainty["tie"] == 1
     for kind in (Certainty.PROVEN, Certainty.EXACT, Certainty.UNEXAMINED):
         judged = changed(asymmetric.truth, where, certainty=kind)
         assert compare_images(judged, wrong, asymmetric.reference).surface_wrong == 1
@@ -216,12 +221,12 @@ def test_points_in_the_plate_are_counted_and_not_displaced(asymmetric: Case) -> 
     truth = asymmetric.truth
     where = some_pixel(truth.covered)
     flat = changed(truth, where, position=[3.0, 2.0, 0.0])
-    found = compare_images(truth, flat, asymmetric.reference)
-    assert found.at_plate == 1
-    assert np.isnan(found.maps.displacement[where]).all()
+    comparison = compare_images(truth, flat, asymmetric.reference)
+    assert comparison.at_plate == 1
+    assert np.isnan(comparison.maps.displacement[where]).all()
     # The truth shows something else there: only a surface in the aperture itself is seen in the
     # plate.
-    assert found.surface_wrong == 1
+    assert comparison.surface_wrong == 1
 
 
 def test_a_surface_through_the_aperture_is_right_when_both_show_it() -> None:
@@ -230,11 +235,11 @@ def test_a_surface_through_the_aperture_is_right_when_both_show_it() -> None:
     reference = Reference(soup(tilted, frustum))
     truth = reference.trace(at(0.0, 0.0))
     assert (truth.height == 0).all()
-    found = compare_images(truth, truth, reference)
-    assert found.at_plate == found.covered == 64
-    assert found.surface_wrong == 0
-    assert found.displacement_px is None
-    assert found.summary()["displacement_px"] is None
+    comparison = compare_images(truth, truth, reference)
+    assert comparison.at_plate == comparison.covered == 64
+    assert comparison.surface_wrong == 0
+    assert comparison.displacement_px is None
+    assert comparison.summary()["displacement_px"] is None
 
 
 def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> None:
@@ -252,14 +257,14 @@ def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> Non
     smaller = Reference(view("asymmetric", (64, 64))).trace(scene.plate.middle)
     other = replace(drawn, camera=replace(drawn.camera, scene_hash="0" * 64))
     moved = asymmetric.reference.trace(scene.plate.aperture(3, 4))
-    for one, image, said in (
+    for expected, image, message in (
         (truth, smaller, r"96 x 64.*64 x 64"),
         (truth, moved, r"aperture.*3,4"),
         (truth, other, "different scenes"),
         (drawn, truth, "traced image first"),
     ):
-        with pytest.raises(InputError, match=said):
-            compare_images(one, image, asymmetric.reference)
+        with pytest.raises(InputError, match=message):
+            compare_images(expected, image, asymmetric.reference)
 
 
 def test_a_quantity_that_an_image_does_not_have_is_unknown_and_neither_right_nor_wrong(
@@ -270,20 +275,20 @@ def test_a_quantity_that_an_image_does_not_have_is_unknown_and_neither_right_nor
     nameless = replace(drawn, object=np.full_like(drawn.object, NOTHING))
     assert compare_images(truth, nameless, reference).summary() == whole, "triangles name objects"
     numberless = replace(drawn, triangle=np.full_like(drawn.triangle, NOTHING))
-    found = compare_images(truth, numberless, reference).summary()
-    assert found["triangle"] is None and found["height"] is None
+    summary = compare_images(truth, numberless, reference).summary()
+    assert summary["triangle"] is None and summary["height"] is None
     assert (
-        found["surface"] == whole["surface"]
-        and found["displacement_px"] == whole["displacement_px"]
+        summary["surface"] == whole["surface"]
+        and summary["displacement_px"] == whole["displacement_px"]
     )
     placeless = replace(drawn, position=np.full_like(drawn.position, np.nan))
-    found = compare_images(truth, placeless, reference).summary()
-    assert found["displacement_px"] is None and found["triangle"] is not None
+    summary = compare_images(truth, placeless, reference).summary()
+    assert summary["displacement_px"] is None and summary["triangle"] is not None
 
 
 NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: near offsets as fractions of the reach
 MOST_PX = 1e-3
-"""Largest 99th percentile of the difference between measured and predicted displacement on meshes, px."""
+"""Largest 99th percentile of measured minus predicted displacement on meshes, px."""
 
 MESHES = [
     ("car", (40, 30)),
@@ -389,11 +394,13 @@ def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(
     side: int, near: float
 ) -> None:
     """Drawn at u_r is what belongs at u_r (|z| + n)/|z|: outside from |u_r| = |z|/(|z| + n) on."""
-    found = compared_wall(side, DoubleFrustum(near=near))
-    assert found.surface.outside == found.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
+    comparison = compared_wall(side, DoubleFrustum(near=near))
+    assert (
+        comparison.surface.outside == comparison.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
+    )
     # Everywhere the right wall, and nothing in front of it.
-    assert found.triangle is not None
-    np.testing.assert_array_equal(found.maps.outside, found.maps.surface)
+    assert comparison.triangle is not None
+    np.testing.assert_array_equal(comparison.maps.outside, comparison.maps.surface)
 
 
 @pytest.mark.parametrize("side", [-1, 1])

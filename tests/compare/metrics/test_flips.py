@@ -79,8 +79,8 @@ def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
     on_top = above.covered
 
     def choose(name: str) -> NDArray[Any]:
-        one, other = getattr(above, name), getattr(below, name)
-        return np.asarray(np.where(on_top if one.ndim == 2 else on_top[..., None], one, other))
+        upper, other = getattr(above, name), getattr(below, name)
+        return np.asarray(np.where(on_top if upper.ndim == 2 else on_top[..., None], upper, other))
 
     names = ("triangle", "object", "position", "normal", "color")
     arrays: dict[str, Any] = {name: choose(name) for name in names}
@@ -109,7 +109,7 @@ def test_the_right_picture_is_right_and_one_camera_alone_is_wrong(answers: Answe
 
 @pytest.mark.parametrize("axes", PLACES)
 def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, axes: str) -> None:
-    """Of the whole image, drawn and traced; and of one camera's, which C* has and C has not."""
+    """The whole image, drawn and traced; and one camera's, which C* has and C has not."""
     c, c_star = answers.c, answers.c_star
     wrong = [pictured(answers.drawn, PLACES[axes]), pictured(answers.truth, PLACES[axes])]
     if axes in FLIPS:
@@ -132,8 +132,8 @@ def test_a_c_star_where_the_nearest_wins_is_wrong(
         cameras.cameras_in_order(answers.scene, SETTINGS)[0],
     )
 
-    def as_c(*asked: Any) -> cameras.Pass:
-        return replace(own(*asked), clear=c.clear, depth_function=c.depth_function)
+    def as_c(*arguments: Any) -> cameras.Pass:
+        return replace(own(*arguments), clear=c.clear, depth_function=c.depth_function)
 
     monkeypatch.setattr(cameras, "pass_of", as_c)
     with Rasterizer(answers.scene) as raster:

@@ -41,22 +41,22 @@ def colored(image: HogelImage, color: NDArray[np.floating]) -> HogelImage:
 
 
 def test_an_image_is_not_off_from_itself(truth: HogelImage) -> None:
-    found = compare_radiance(truth, truth, perceptual=True)
-    assert found
-    assert found.numbers.rms == found.numbers.max == found.numbers.above_step == 0
-    assert found.numbers.flip == 0 and found.numbers.ssim == 1
+    difference = compare_radiance(truth, truth, perceptual=True)
+    assert difference
+    assert difference.numbers.rms == difference.numbers.max == difference.numbers.above_step == 0
+    assert difference.numbers.flip == 0 and difference.numbers.ssim == 1
 
 
 def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
     shift = np.array([0.5, -0.25, 0.0])
-    found = compare_radiance(truth, colored(truth, truth.color + shift))
-    assert found
-    assert found.numbers.channels.mean == pytest.approx(shift, abs=1e-6)
-    assert found.numbers.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
-    assert found.numbers.mean == pytest.approx(shift.mean(), abs=1e-6)
-    assert found.numbers.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
-    assert found.numbers.max == pytest.approx(0.5, abs=1e-6) == found.numbers.p99
-    assert found.numbers.above_step == 1
+    difference = compare_radiance(truth, colored(truth, truth.color + shift))
+    assert difference
+    assert difference.numbers.channels.mean == pytest.approx(shift, abs=1e-6)
+    assert difference.numbers.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
+    assert difference.numbers.mean == pytest.approx(shift.mean(), abs=1e-6)
+    assert difference.numbers.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
+    assert difference.numbers.max == pytest.approx(0.5, abs=1e-6) == difference.numbers.p99
+    assert difference.numbers.above_step == 1
 
 
 def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:
@@ -65,11 +65,11 @@ def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -
     color[5, 5, 1] = np.nan
     certainty = truth.certainty.copy()
     certainty[0, 0] = Certainty.TIE
-    found = compare_radiance(replace(truth, certainty=certainty), colored(truth, color))
-    assert found and found.numbers.max == 0
+    difference = compare_radiance(replace(truth, certainty=certainty), colored(truth, color))
+    assert difference and difference.numbers.max == 0
     ties = int((certainty == Certainty.TIE).sum())
-    assert found.numbers.pixels == truth.triangle.size - 1 - ties
-    assert np.isnan(found.error[0, 0]).all() and np.isnan(found.error[5, 5]).all()
+    assert difference.numbers.pixels == truth.triangle.size - 1 - ties
+    assert np.isnan(difference.error[0, 0]).all() and np.isnan(difference.error[5, 5]).all()
 
 
 def test_away_from_edges_both_show_the_same_triangle(truth: HogelImage) -> None:
@@ -103,7 +103,7 @@ EVERYWHERE = np.ones(SHAPE[:2], dtype=np.bool_)
 
 
 def estimate(truth: Floats, sigma: float, seed: int) -> RadianceEstimate:
-    """Sample a picture with normal noise, and know it only from the samples."""
+    """Sample a picture with normal noise; return estimates from the samples alone."""
     drawn = np.random.default_rng(seed).normal(truth, sigma, (SAMPLES, *SHAPE))
     return RadianceEstimate(
         mean=drawn.mean(axis=0),
@@ -136,12 +136,12 @@ def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(
     """The deviation of a shifted pixel follows the noncentral t."""
     sigma, runs = 0.1, 300
     shift = shift_in_errors * sigma / np.sqrt(SAMPLES)
-    found = sum(bool(judge(shift, sigma, seed).differs[4, 7]) for seed in range(runs))
+    count = sum(bool(judge(shift, sigma, seed).differs[4, 7]) for seed in range(runs))
     threshold = stats.t.isf(single_level(ALPHA, int(np.prod(SHAPE))) / 2, SAMPLES - 1)
     power = stats.nct.sf(threshold, SAMPLES - 1, shift_in_errors)
     low, high = stats.binom.interval(1 - 1e-6, runs, power)
     # The two other channels of the pixel may raise an alarm too, rarely.
-    assert low <= found <= high + 2
+    assert low <= count <= high + 2
 
 
 def test_a_picture_off_everywhere_by_little_shows_in_the_bias() -> None:

@@ -1,4 +1,4 @@
-"""The planner: its plans hold when they are measured, nothing simpler does, and what people see of a plan."""
+"""The planner: its plans hold when measured, nothing simpler does, and its outputs."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossi
     ],
 )
 def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | None) -> None:
-    """At the scene's own resolution, for any depth buffer; of a recentered frustum at a corner too."""
+    """At the scene's own resolution, for any depth buffer; recentered, at a corner too."""
     scene = view(name, size)
     made = plan_apertures(scene, scene.default_apertures()[:2], Requirement())
     assert made.within, made
@@ -116,8 +116,8 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
     truth = Reference(scene).trace(scene.plate.middle)
     assert displacement_bound(truth, scene.frustum, wide) < requirement.tolerance_px
-    _, found, _ = measured(traced(scene), wide, requirement, smallest=False)
-    assert found.displacement_p99_px > requirement.tolerance_px
+    _, measurement, _ = measured(traced(scene), wide, requirement, smallest=False)
+    assert measurement.displacement_p99_px > requirement.tolerance_px
     made = plan_apertures(scene, [scene.plate.middle], replace(requirement, choices=(D16,)))
     assert made.within, made
     assert made.near is not None and made.near < near
@@ -125,7 +125,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
 
 @pytest.mark.slow
 def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_would_do() -> None:
-    """The cameras draw only the part of such a surface that is closer than n: no n is small enough."""
+    """The cameras draw only the part of such a surface that is closer than n: no n suffices."""
     scene, requirement = view("crossing", SMALL), Requirement()
     made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert (made.near, made.slabs, made.settings, made.within) == (None, (), None, False)
@@ -134,10 +134,10 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_w
     for near in 150 * np.array([1e-2, 1e-5, 1e-8]):
         for slabs in ((), (3.0, 30.0)):
             settings = DoubleFrustum(near=float(near), slabs=slabs, mapping=DepthMapping.REVERSED)
-            _, found, _ = measured(views, settings, requirement, smallest=False)
-            assert found.displacement_p99_px > 100
-    beside = plan_apertures(scene, [scene.plate.aperture(31, 17)], requirement)
-    assert beside.within, beside
+            _, measurement, _ = measured(views, settings, requirement, smallest=False)
+            assert measurement.displacement_p99_px > 100
+    neighbor = plan_apertures(scene, [scene.plate.aperture(31, 17)], requirement)
+    assert neighbor.within, neighbor
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     scene = view(name, (192, 144))
     aperture, reach = scene.default_apertures()[-1], scene.frustum.longest_reach
     truth = Reference(scene).trace(aperture)
-    found = []
+    ratios = []
     with Rasterizer(scene) as rasterizer:
         for near, slabs in product((1e-3, 3e-4, 1e-4, 3e-5), ((), (0.2 * reach,), (0.5 * reach,))):
             settings = reversed_d32f(near * reach)
@@ -157,10 +157,10 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
             vectors = displacement(rasterizer.render(aperture, settings), truth.camera)
             moved = np.hypot(vectors[..., 0], vectors[..., 1])
             if 1e-3 < bound <= 1:
-                found.append(bound / np.percentile(moved[np.isfinite(moved)], PERCENTILE))
-    assert len(found) > 3
-    assert min(found) >= 1
-    assert np.median(found) < 1.1
+                ratios.append(bound / np.percentile(moved[np.isfinite(moved)], PERCENTILE))
+    assert len(ratios) > 3
+    assert min(ratios) >= 1
+    assert np.median(ratios) < 1.1
 
 
 # Nothing simpler does.
@@ -179,7 +179,7 @@ NEEDING_CUTS = [
 def test_with_one_slab_less_it_does_not_hold(
     name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
-    """Neither the best that the planner itself can do with one cut less, nor the plan without one of its.
+    """Neither the planner's best with one cut less holds, nor the plan without one of its cuts.
 
     Where one cut is planned, no near at all would do without.
     """
@@ -204,8 +204,8 @@ def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None
     settings = planned(views, requirement)
     assert not settings.slabs and holds(views, settings, requirement)
     doubled = replace(settings, near=2 * settings.near)
-    _, found, _ = measured(views, doubled, requirement, smallest=False)
-    assert found.displacement_p99_px > 1.5 * requirement.tolerance_px
+    _, measurement, _ = measured(views, doubled, requirement, smallest=False)
+    assert measurement.displacement_p99_px > 1.5 * requirement.tolerance_px
 
 
 # The search finds the best there is.
@@ -258,10 +258,10 @@ def test_no_larger_near_is_predicted_to_hold(
     end = settings.slabs[0] if settings.slabs else end
     larger = [round_number(index + 1), *map(float, np.geomspace(settings.near * 1.02, end, 8))]
     possible = [replace(settings, near=near) for near in larger if settings.near < near <= end]
-    assert not any(searched.judged(one).holds for one in possible)
+    assert not any(searched.judged(setting).holds for setting in possible)
 
 
-# It does not depend on what it should not depend on.
+# Invariance
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
 
 
 def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
-    """Tilted squares beside each other, reflected through the aperture: C shows what C* did, and back."""
+    """Tilted squares beside each other, reflected through the aperture: C and C* change places."""
     scene, plans = view("empty", SMALL), []
     square = np.array([(-1.0, -1, 0.3), (1, -1, 0.1), (1, 1, -0.1), (-1, 1, 0.1)])
     for side in (1, -1):
@@ -325,8 +325,8 @@ def test_a_plan_grows_with_the_scene(buffer: DepthBuffer) -> None:
         frustum=replace(frustum, reach=(8 * frustum.reach[0], 8 * frustum.reach[1]), screen=screen),
         objects=tuple(replace(part, vertices=8 * part.vertices) for part in scene.objects),
     )
-    plans = [planned(traced(one), Requirement(), buffer) for one in (scene, larger)]
-    small, large = (np.array([one.near, *one.slabs]) for one in plans)
+    plans = [planned(traced(world), Requirement(), buffer) for world in (scene, larger)]
+    small, large = (np.array([plan.near, *plan.slabs]) for plan in plans)
     assert large == pytest.approx(8 * small, rel=0.02)
 
 
@@ -379,7 +379,7 @@ def test_more_apertures_never_ask_for_less() -> None:
 def test_sheets_are_misordered_as_predicted(
     name: str, index: tuple[int, int] | None, settings: DoubleFrustum
 ) -> None:
-    """Twice the predicted separation is ordered, a quarter is not; closer sheets are never better off."""
+    """Twice the predicted separation is ordered, a quarter is not; closer sheets fare no better."""
     views = views_of(name, index)
     predicted = views.separation(settings)
     shares = [

@@ -1,4 +1,4 @@
-"""A plan for the plate: it holds where its scout has not looked, and its bounds are those of its samples."""
+"""A plan for the plate holds where its scan has not looked; samples give its bounds."""
 
 import json
 import math
@@ -41,7 +41,7 @@ from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.library import builtin
 
 FINE = ("--depth=d32f", "--mapping=reversed")
-"""Depth buffer that orders everything here: what is asked for is near."""
+"""Depth buffer that orders everything here: the tests are about near."""
 
 REVERSED = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 HOGELS = (9, 7)
@@ -53,7 +53,7 @@ OVER = (
 
 @pytest.fixture(scope="module")
 def near_ball() -> Scene:
-    """A wall 40 behind the plate, and before it a ball 0.02 behind one aperture, which no other one sees."""
+    """A wall 40 behind the plate; a ball 0.02 behind one aperture, which no other aperture sees."""
     plate = Plate(size=(90.0, 70.0), hogels=HOGELS)
     over = plate.aperture(*OVER)
     parts = (
@@ -72,7 +72,7 @@ def planner(scene: Scene, scouted: PlateScan) -> PlatePlanner:
 
 
 def displaced(scene: Scene, made: Plan, aperture: Aperture) -> float:
-    """Return the 99th percentile of displacement that a plan has at an aperture, drawn and judged."""
+    """Return the 99th percentile of a plan's displacement at an aperture, drawn and judged."""
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, made.settings)
@@ -104,7 +104,7 @@ def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted:
 
 @pytest.mark.slow
 def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: PlateScan) -> None:
-    """Without the look from over the ball, and with a sample that misses it, the plan is wrong there."""
+    """Without the look from over the ball, and with a sample that misses it, the plan is wrong."""
     for seed in range(40):
         made = planner(near_ball, blind).plan(RandomSample(hogels=1, seed=seed))
         if made.plate.beyond == 0:
@@ -116,7 +116,7 @@ def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Pla
 def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
     near_ball: Scene, blind: PlateScan
 ) -> None:
-    """A sample of all hogels finds what the scout has not seen: the next plan holds there, too."""
+    """A sample of all hogels finds the surface that the scan missed: the next plan holds there."""
     made = planner(near_ball, blind).plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
     assert made.within and made.plate is not None
     assert made.plate.measured == made.plate.hogels == HOGELS[0] * HOGELS[1]
@@ -150,14 +150,14 @@ def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(
 
 def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Scene) -> None:
     """A large near displaces and orders; a tiny one with few bits does neither."""
-    asked = (
+    candidates = (
         DoubleFrustum(near=5.0, depth=DepthFormat.D32F),
         DoubleFrustum(near=1e-7, depth=DepthFormat.D16),
     )
     with Evaluator(near_ball) as judge:
         bent, starved = (
             result
-            for settings in asked
+            for settings in candidates
             for result in hogel_results(judge, [near_ball.plate.aperture(*OVER)], settings)
         )
     assert bent.surface_fraction > 0.01 > bent.depth_wrong
@@ -187,7 +187,7 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
 
 
 def crossed(tmp_path: Path, **keys: object) -> str:
-    """Write a scene whose plate is a row of apertures on the x axis, and a square through some of them."""
+    """Write a scene with a row of apertures on the x axis, and a square through some of them."""
     size = film(
         (40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0)
     )
@@ -226,7 +226,7 @@ def test_apertures_in_a_surface_are_infeasible_and_the_plan_holds_for_the_others
 def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_defined(
     box: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Undefined never passes: no plan holds in a flat square, and where others see nothing none is made."""
+    """Undefined never passes: a flat square has no plan, nor have apertures that see nothing."""
     path = Path(crossed(tmp_path))
     if not box:
         path.write_text(path.read_text().rpartition("[[object]]")[0])
@@ -291,12 +291,12 @@ def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_n
             assert look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene) <= 0.5
             assert look.displacement_p99_px(DoubleFrustum(near=1.01 * near), scouted.scene) > 0.5
     assert known > len(limits) / 2
-    # Displacement is nearly linear in a small near: twice the tolerance allows about twice the near.
+    # Displacement is nearly linear in a small near: twice the tolerance is about twice the near.
     twice = hogel_limits(scouted, 1.0)[limits > 0] / limits[limits > 0]
     assert np.all(twice > 1.9) and np.all(twice < 2.6)
 
 
-# What a plan promises a survey confirms
+# A survey confirms plans
 # ------------------------------------------------------------------
 
 SURVEYED = [
@@ -309,8 +309,8 @@ SURVEYED = [
 @pytest.mark.parametrize(
     ("name", "tolerance_px"),
     [
-        pytest.param(*one, marks=() if one[0] == "flat square in the plate" else pytest.mark.slow)
-        for one in SURVEYED
+        pytest.param(*case, marks=() if case[0] == "flat square in the plate" else pytest.mark.slow)
+        for case in SURVEYED
     ],
 )
 def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) -> None:

@@ -33,18 +33,18 @@ def requirement(scene: Scene, viewer: Viewer, *, through: bool = True) -> Viewer
 
 def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) -> None:
     scene = open_scene(scene_file)
-    wanted = requirement(scene, Viewer(distance=600.0))
+    required = requirement(scene, Viewer(distance=600.0))
     # Hogels of 5 mm would hide any crack.
-    wanted = replace(wanted, display=replace(wanted.display, pitch=0.5))
-    stereo, crack = wanted.limits
+    required = replace(required, display=replace(required.display, pitch=0.5))
+    stereo, crack = required.limits
     assert (stereo.name, crack.name) == (STEREO, CRACK)
-    assert binding(wanted.limits) == stereo
+    assert binding(required.limits) == stereo
     near = stereo.largest_near
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
-    assert wanted.excess(DoubleFrustum(near=near)) <= 1
+    assert required.excess(DoubleFrustum(near=near)) <= 1
     # Plans have three digits.
     larger = DoubleFrustum(near=near * 1.01)
-    assert wanted.excess(larger) > 1
+    assert required.excess(larger) > 1
 
 
 def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None:
@@ -61,27 +61,27 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
 
 
 def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
-    wanted = requirement(open_scene(scene_file), Viewer(distance=600.0))
+    required = requirement(open_scene(scene_file), Viewer(distance=600.0))
     whole, cut = DoubleFrustum(near=2.0), DoubleFrustum(near=2.0, slabs=(6.0,))
-    small, large = wanted.noticed(cut), wanted.noticed(whole)
+    small, large = required.noticed(cut), required.noticed(whole)
     assert 0 < small[STEREO][0] < large[STEREO][0]
     assert small[CRACK][0] == pytest.approx(large[CRACK][0] * 6 / 8)
 
 
 def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) -> None:
     scene = open_scene(scene_file)
-    wanted = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
-    assert wanted.excess(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach)) > 1
-    stereo, crack = wanted.limits
+    required = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
+    assert required.excess(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach)) > 1
+    stereo, crack = required.limits
     assert stereo.largest_near == 0.0
     assert crack.largest_near != 0.0
-    assert binding(wanted.limits) == stereo
+    assert binding(required.limits) == stereo
 
 
 def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str) -> None:
-    wanted = requirement(open_scene(scene_file), Viewer(distance=600.0))
+    required = requirement(open_scene(scene_file), Viewer(distance=600.0))
     cut = DoubleFrustum(near=0.2, slabs=(0.4,))
-    (without, _), (with_cuts, _) = wanted.limits, wanted.limits_with(cut)
+    (without, _), (with_cuts, _) = required.limits, required.limits_with(cut)
     assert with_cuts.largest_near is None or with_cuts.largest_near > without.largest_near
 
 
@@ -89,7 +89,7 @@ def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str
 def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed(
     scene_file: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    asked = [
+    command = [
         "plan",
         scene_file,
         "--viewer=60cm",
@@ -97,7 +97,7 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed(
         "--depth=d32f",
         "--mapping=reversed",
     ]
-    assert main([*asked, "--json", "--quiet"]) == 0
+    assert main([*command, "--json", "--quiet"]) == 0
     made = json.loads(capfd.readouterr().out)
     seen = made["viewer"]
     assert made["within"] and not made["slabs"]
@@ -109,7 +109,7 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed(
     # Where the torus meets the plate, hogels' pixels are far from right.
     assert made["measured"]["displacement_p99_px"] > 0.5
     # With a tolerance pixels count too, and bind.
-    assert main([*asked, "--tolerance-px=0.5", "--json", "--quiet"]) == 0
+    assert main([*command, "--tolerance-px=0.5", "--json", "--quiet"]) == 0
     both = json.loads(capfd.readouterr().out)
     assert both["binds"] == "pixels" and both["near"] <= both["limits"]["pixels"] < made["near"]
 
@@ -171,21 +171,21 @@ def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
 def test_beyond_means_the_same_in_a_plan_for_eyes(projected: Scene) -> None:
     """A hogel that eyes do not mind is beyond the usual tolerance all the same."""
     eyes = requirement(projected, Viewer(distance=600.0))
-    wanted, pixels = (
+    required, pixels = (
         Requirement(pixels_count=False, viewer=eyes),
         Requirement(tolerance_px=2.0),
     )
     moved = Errors(displacement_p99_px=1.1, surface_fraction=0.002, depth_wrong=0.0)
-    assert moved.beyond(wanted.tolerance_px) and not wanted.missed_by(moved)
+    assert moved.beyond(required.tolerance_px) and not required.missed_by(moved)
     assert not moved.beyond(pixels.tolerance_px)
     assert pixels.worst_measure(moved) == "displacement_p99_px"
     assert pixels.worst_measure(replace(moved, surface_fraction=0.02)) == "surface_fraction"
     assert pixels.worst_measure(replace(moved, depth_wrong=0.02)) == "depth_wrong"
-    assert wanted.worst_measure(moved) == "surface_fraction"
+    assert required.worst_measure(moved) == "surface_fraction"
 
 
 def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> None:
-    """Eyes 59 mm apart see hogels; beyond half a pitch more none, and neither does one eye of two."""
+    """Eyes 59 mm apart see hogels; beyond half a pitch more none do, nor does one eye of two."""
     assert seen_view_zone(projected, Viewer(distance=600.0, eyes_apart_mm=59.0)).every is not None
     for scene in (projected, aside(projected, (5.0, 0.0))):
         with pytest.raises(

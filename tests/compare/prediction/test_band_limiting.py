@@ -1,4 +1,4 @@
-"""Band limiting in closed form: the blur of a hogel's area, and the points that stand for the area."""
+"""Band limiting in closed form: the blur of a hogel's area, and points that sample the area."""
 
 import json
 import math
@@ -32,11 +32,11 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.model.visibility import depth_bins
 
-SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]  # names are taken
+SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]
 
 
 def discrepancy(points: Floats, angle: float) -> float:
-    """The largest difference of the shares of points and of the unit box on one side of parallel lines."""
+    """Return the largest difference of the shares of points and unit box beside parallel lines."""
     c, s = math.cos(angle), math.sin(angle)
     along = np.sort((points - 0.5) @ [c, s])
     # The share of the box below a line is the integral of a trapezoid: of two boxes, |c| and |s|
@@ -52,8 +52,10 @@ def discrepancy(points: Floats, angle: float) -> float:
 def test_the_discrepancy_is_that_of_the_sub_apertures(count: int) -> None:
     """No direction exceeds it, and one comes near it."""
     points = additive_recurrence(count)
-    found = max(discrepancy(points, angle) for angle in np.linspace(0, np.pi, 1440, endpoint=False))
-    assert 0.9 * DISCREPANCY[count] < found <= DISCREPANCY[count]
+    largest = max(
+        discrepancy(points, angle) for angle in np.linspace(0, np.pi, 1440, endpoint=False)
+    )
+    assert 0.9 * DISCREPANCY[count] < largest <= DISCREPANCY[count]
 
 
 def test_the_counts_are_powers_of_two_up_to_the_largest_and_each_is_better_than_those_before() -> (
@@ -101,12 +103,12 @@ def test_the_count_is_the_least_whose_bound_is_a_level() -> None:
         for contrast in (0.05, 0.3, 1.0):
             count = sub_apertures_for((blur, blur), contrast)
             assert count is not None and error_bound(count, (blur, blur), contrast) <= LEVEL
-            fewer = [one for one in DISCREPANCY if one < count]
-            assert all(error_bound(one, (blur, blur), contrast) > LEVEL for one in fewer)
+            fewer = [number for number in DISCREPANCY if number < count]
+            assert all(error_bound(number, (blur, blur), contrast) > LEVEL for number in fewer)
 
 
 def white_ball(contrast: float) -> Scene:
-    """A ball of one brightness before black: its outline has every direction, and crosses many pixels."""
+    """A ball of one brightness before black: its outline has all directions and many pixels."""
     scene = lit(
         ball((0.5, 0.3, -10.0), 3.0, "white"),
         frustum=Frustum(resolution=(48, 48), reach=(20.0, 20.0), fov=(0.8, 0.8)),
@@ -122,7 +124,7 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
     scene = white_ball(0.1)
     assert contrast_of(scene) == pytest.approx(0.1)
     count = needed_sub_apertures(scene)
-    # Asked for a hundredth of the radiance, which is 2.5 levels.
+    # A hundredth of the radiance is 2.5 levels.
     coarse = needed_sub_apertures(scene, error=0.01)
     assert (count, coarse) == (256, 64)
     means, total = {}, np.zeros((48, 48, 3))
@@ -131,7 +133,7 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
         points = sub_apertures(scene.plate, scene.plate.middle, 8 * count)
         for number, hogel in enumerate(plate.hogels(points), 1):
             total += hogel.color
-            # The first points of the sequence are the sequence of so many points.
+            # The sequence's first points are the sequence of that length.
             if number in (coarse, count // 2, count, 8 * count):
                 means[number] = total / number
     error = {n: np.abs(mean - means[8 * count]).max() for n, mean in means.items()}
@@ -142,16 +144,16 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
 def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
     scene = white_ball(0.5)
     bins = depth_bins(scene, [scene.plate.middle])
-    assert all(one.behind for one in bins)
-    assert sum(one.share for one in bins) == pytest.approx(1.0)
+    assert all(interval.behind for interval in bins)
+    assert sum(interval.share for interval in bins) == pytest.approx(1.0)
     # The ball spans heights from -13 to -7; all of it is inside the frustum.
-    assert min(one.nearest for one in bins) == pytest.approx(7.0)
-    assert max(one.farthest for one in bins) == pytest.approx(13.0)
-    for one in bins:
-        assert one.heights[0] <= one.nearest <= one.farthest <= one.heights[1]
-        largest, least = blurs(scene, one)
-        assert max(largest) == pytest.approx(max(blur_px(scene, -one.nearest)))
-        assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
+    assert min(interval.nearest for interval in bins) == pytest.approx(7.0)
+    assert max(interval.farthest for interval in bins) == pytest.approx(13.0)
+    for interval in bins:
+        assert interval.heights[0] <= interval.nearest <= interval.farthest <= interval.heights[1]
+        largest, least = blurs(scene, interval)
+        assert max(largest) == pytest.approx(max(blur_px(scene, -interval.nearest)))
+        assert least == pytest.approx(max(blur_px(scene, -interval.farthest)))
 
 
 def test_auto_is_the_number_that_check_says(

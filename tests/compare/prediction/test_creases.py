@@ -1,4 +1,4 @@
-"""Wrong surfaces beyond creases that snap, against lengths known in closed form and drawn images."""
+"""Wrong surfaces beyond snapped creases, against closed-form lengths and drawn images."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ SUBPIXEL_BITS = 8
 
 
 def pleated(heights: list[float], turned: float = 17.0, depth: float = 40.0) -> Scene:
-    """Return a sheet behind the plate with creases at some heights above its middle, across the film."""
+    """Return a sheet behind the plate with creases across the film at heights above its middle."""
     angle = math.radians(turned)
     along, across = np.array(
         [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]

@@ -1,4 +1,4 @@
-"""Depth buffers: what they order, what they show wrongly, and the U of error against near.
+"""Depth buffers: order, wrongly shown surfaces, and the U of error against near.
 
 N. Reed, "Depth Precision Visualized" (2015): his table comes out of the project's own projection.
 """
@@ -58,17 +58,17 @@ CELLS, CELL_PIXELS = 16, 4
 
 SETTINGS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 PLACES = [(1.0, 3.0), (1.0, 400.0), (0.01, 3.0), (0.01, 50.0)]
-"""Near, and height |z| of the sheets: far from the near plane and close to it, down to 1e-5 of the reach."""
+"""Near, and height |z| of the sheets: far from the near plane to 1e-5 of the reach before it."""
 FACTOR = 2.0
 
 
 def heights_about(height: float) -> Floats:
-    """Return heights of cells that lie a few percent apart, so that all their depths do not round alike."""
+    """Return heights of cells a few percent apart, whose depths do not all round alike."""
     return height * (1 + np.random.default_rng(4).uniform(-0.05, 0.05, CELLS**2))
 
 
 def predicted(near: float, height: float, depth: DepthFormat, mapping: DepthMapping) -> float:
-    """Return the separation along z at which the allowed fraction of pixels is predicted to be wrong.
+    """Return the separation along z predicted to misorder the allowed fraction of pixels.
 
     Errors are close to normal, so that a cell's own chance follows from the separation that would
     leave it `MAX_MISORDERED_FRACTION`.
@@ -83,7 +83,7 @@ def predicted(near: float, height: float, depth: DepthFormat, mapping: DepthMapp
 
 
 def misordered(settings: DoubleFrustum, height: float, separation: float) -> list[float]:
-    """Draw two sheets with C and with C*, and return the shares of pixels that show the wrong one."""
+    """Draw two sheets with C and with C*; return the shares of pixels with the wrong sheet."""
     shares: list[float] = []
     middle = SHEETS.plate.middle
     for camera in model_cameras(SHEETS.frustum, middle, settings):
@@ -99,12 +99,12 @@ def misordered(settings: DoubleFrustum, height: float, separation: float) -> lis
 
 @pytest.mark.parametrize(
     ("depth", "mapping", "near", "height"),
-    thinned(((*one, *two) for one in SETTINGS for two in PLACES), 7),
+    thinned(((*setting, *two) for setting in SETTINGS for two in PLACES), 7),
 )
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Twice the predicted separation orders all but a percent, half of it less: for C and for C*."""
+    """Twice the predicted separation orders all but a percent, half of it less: for C and C*."""
     settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
     distance = predicted(near, height, depth, mapping)
     assert max(misordered(settings, height, FACTOR * distance)) <= MAX_MISORDERED_FRACTION
@@ -134,7 +134,7 @@ def share(height: float, gap: float, settings: DoubleFrustum, *, unlucky: bool =
 
 
 def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
-    """Return the chance that one surface is shown wrongly, whether or not linear depth fails too."""
+    """Return the chance of one wrongly shown surface, whether or not linear depth fails too."""
     camera = Camera.C if height < 0 else Camera.C_STAR
     own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
     return float(chances(own, np.array([abs(height)]), (np.array([gap]), None), [settings])[0, 0])
@@ -153,10 +153,10 @@ def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
 
 
 def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> None:
-    w, asked = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
-    nearest = float(smallest_separation(w, *asked)[0])
+    w, buffer = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
+    nearest = float(smallest_separation(w, *buffer)[0])
     assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds 2^8 times finer
-    assert float(smallest_separation(w, *asked, safe_model())[0]) == pytest.approx(
+    assert float(smallest_separation(w, *buffer, safe_model())[0]) == pytest.approx(
         2 * nearest, rel=0.01
     )
 
@@ -166,10 +166,10 @@ def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> No
 def test_at_the_smallest_separation_about_a_percent_is_wrong(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """The closed form of the separation counts equal depths as wrong. There squares of step and error are
-    added, here the two are averaged over each other, which makes the most of a difference, four
-    percent,
-    where they are alike."""
+    """The closed form of the separation counts equal depths as wrong. There squares of step and
+    error are added, here the two are averaged over each other: at most four percent apart, where
+    they are alike.
+    """
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
     w = np.array([abs(height) + 10.0])
@@ -217,7 +217,7 @@ def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: flo
 
 
 def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
-    """C clears to far, where hyperbolic depth is dense; C* to near, where nothing that is seen lies."""
+    """C clears to far, where hyperbolic depth is dense; C* to near, where nothing visible lies."""
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     for mapping in (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED):
         settings = replace(starved, mapping=mapping)
@@ -263,11 +263,11 @@ def test_slabs_are_those_that_the_reference_traces(settings: DoubleFrustum) -> N
         )
         for camera in cameras
     )
-    found = sorted(
+    contents = sorted(
         (slab.camera is Camera.C, slab.near, slab.far, slab.step)
         for slab in slabs(FRUSTUM, settings)
     )
-    assert found == expected
+    assert contents == expected
     for slab in slabs(FRUSTUM, settings):
         assert (slab.near, slab.far) == (slab.low + slab.step, slab.high + slab.step)
 
@@ -284,7 +284,7 @@ MEASURED = [
 def misordered_pixels(
     name: str, near: float, depth: DepthFormat, mapping: DepthMapping, width: int
 ) -> tuple[int, float, float]:
-    """Return how many pixels depth makes wrong: measured, predicted with the draw order, and by a coin."""
+    """Return numbers of pixels wrong by depth: measured, predicted with draw order, by a coin."""
     scene = view(name, (width, width))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -293,14 +293,14 @@ def misordered_pixels(
     linear = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     with Rasterizer(scene) as rasterizer:
         drawn = [
-            rasterizer.render(aperture, one, normals=False, color=False)
-            for one in (settings, linear)
+            rasterizer.render(aperture, option, normals=False, color=False)
+            for option in (settings, linear)
         ]
-        wrong, without = (surface_errors(truth, one, reference).wrong for one in drawn)
+        wrong, without = (surface_errors(truth, image, reference).wrong for image in drawn)
     judged = judged_pixels(truth)
     stacks = DepthLayers.from_truth(truth, gaps, earlier), DepthLayers.from_truth(truth, gaps)
     predicted, coin = (
-        depth_wrong_shares(one, scene.frustum, [settings])[0] * judged.sum() for one in stacks
+        depth_wrong_shares(layers, scene.frustum, [settings])[0] * judged.sum() for layers in stacks
     )
     return int((wrong & ~without & judged).sum()), float(predicted), float(coin)
 
@@ -312,8 +312,8 @@ def test_the_share_on_a_car_is_as_predicted(
     """Numbers agree within a factor of two, with the draw order and with a coin in its place."""
     measured, *predicted = misordered_pixels("car", near, depth, mapping, 256)
     assert measured > 5e-4 * 256**2
-    for one in predicted:
-        assert measured / 2 <= one <= measured * 2
+    for prediction in predicted:
+        assert measured / 2 <= prediction <= measured * 2
 
 
 @pytest.mark.parametrize(
@@ -327,7 +327,7 @@ def test_the_share_on_a_car_is_as_predicted(
 def test_the_draw_order_decides_equal_depths(
     name: str, near: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Where steps are far coarser than the rounding of float32, hardly a pixel is left to chance."""
+    """Where steps are far coarser than float32 rounding, hardly a pixel is left to chance."""
     measured, predicted, coin = misordered_pixels(name, near, depth, mapping, 96)
     assert measured > 50
     assert predicted == pytest.approx(measured, rel=0.05)
@@ -346,10 +346,12 @@ DEPTHS = {
 }
 
 SNAPPED_SURFACE = 1e-4
-"""Vertices snap to 2^-8 px: of pixels along silhouettes, sqrt(2)/2 2^-8 to either side are in doubt, a share
-of 0.0055 l / W for silhouettes of l image widths. Half of them flip; the car's are about 7 widths long."""
+"""Vertices snap to 2^-8 px: along silhouettes, sqrt(2)/2 2^-8 px to either side are in doubt,
+a share of 0.0055 l / W for silhouettes of l image widths. Half of them flip; the car's are about
+7 widths long.
+"""
 SNAPPED_TRIANGLE = 1e-3
-"""Share of pixels in which snapping changes the triangle, as above: all visible edges are 40 widths long."""
+"""Share of pixels in which snapping changes the triangle: visible edges are 40 widths long."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,7 +365,7 @@ def curves() -> dict[str, Curve]:
     scene = view("car", (256, 256))
     reference = Reference(scene)
     truth = reference.trace(scene.plate.middle)
-    found = {name: Curve(surface={}, triangle={}) for name in DEPTHS}
+    table = {name: Curve(surface={}, triangle={}) for name in DEPTHS}
     with Rasterizer(scene) as raster:
         for name, (depth, mapping) in DEPTHS.items():
             for near in NEARS:
@@ -372,12 +374,12 @@ def curves() -> dict[str, Curve]:
                 )
                 drawn = raster.render(scene.plate.middle, settings, normals=False, color=False)
                 judged = compare_images(truth, drawn, reference).summary()
-                # What belongs outside the film is wrong from half a pixel of displacement on.
+                # Surfaces beyond the film are wrong from half a pixel of displacement on.
                 surface = judged["surface"]
                 inside = surface["wrong"] - surface["outside"]
-                found[name].surface[near] = inside / judged["judged"]
-                found[name].triangle[near] = judged["triangle"]["fraction"]
-    return found
+                table[name].surface[near] = inside / judged["judged"]
+                table[name].triangle[near] = judged["triangle"]["fraction"]
+    return table
 
 
 def slope(curve: dict[float, float], largest: float, smallest: float) -> float:
@@ -411,8 +413,9 @@ def test_fixed_point_depth_rises_again(
 
 
 def test_formats_differ_in_where_the_curve_rises(curves: dict[str, Curve]) -> None:
-    """Fewer bits rise sooner; fixed point gains little by reversing, for it has equal steps: only rounding
-    before the last step is better. Float gains nothing unless it is reversed, and then stays flat."""
+    """Fewer bits rise sooner; fixed point gains little by reversing, for its steps are equal: only
+    rounding before the last step is better. Float gains only if reversed, and then stays flat.
+    """
     assert curves["d16"].surface[1e-6] > 20 * curves["d24"].surface[1e-6]
     assert curves["d24 reversed"].surface[1e-8] > 0.05
     flat = curves["d32f reversed"]
@@ -424,7 +427,7 @@ def test_formats_differ_in_where_the_curve_rises(curves: dict[str, Curve]) -> No
 
 NEAR, FAR = 0.1, 1e4
 INFINITE = 1e30
-"""A far plane so distant that the matrix, rounded to float32, is the one of an infinite far plane."""
+"""Far plane whose matrix, rounded to float32, equals the matrix of an infinite far plane."""
 SAMPLES, SEED = 10_001, 4177
 HALF_HEIGHT = math.tan(0.65)
 HALF_WIDTH = HALF_HEIGHT * 16 / 9
@@ -451,7 +454,7 @@ def world_from_view() -> Floats:
 
 
 def world_points() -> Singles:
-    """Return points at depths in equal steps, scattered over the view, rounded in world coordinates."""
+    """Return points at depths in equal steps, scattered over the view, in rounded coordinates."""
     depth = np.linspace(NEAR, FAR, SAMPLES)
     x, y = np.random.default_rng(SEED).uniform(-1, 1, (2, SAMPLES))
     view = np.stack(

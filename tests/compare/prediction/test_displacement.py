@@ -1,4 +1,4 @@
-"""The closed form of displacement, option by option, is what the certified model of the cameras draws.
+"""The closed form of displacement, option by option, equals the certified model of the cameras.
 
 Shear: the ordinary off-axis projection against the paper's (docs/method.md, "The two cameras";
 paper, section 5). With pivot `camera` each camera shears about its own center, and every surface
@@ -48,15 +48,16 @@ OPTIONS: tuple[dict[str, Any], ...] = (
 NEARS = (15.0, 1e-1, 1e-6)
 
 ROUNDING_PX = 1e-12
-"""The model projects each point through a camera of its own: differences of pixel numbers of up to some
-thousands, which doubles know to 2^-53 of that, times a dozen operations."""
+"""The model projects each point through a camera of its own: differences of pixel numbers of up to
+some thousands, held by doubles to 2^-53 of that, times a dozen operations.
+"""
 
 
 def drawn_by_the_model(
     truth: HogelImage, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> Floats:
     """Project every true point through the lines of the reference's own offset cameras."""
-    found = np.full((*truth.triangle.shape, 2), np.nan)
+    displaced = np.full((*truth.triangle.shape, 2), np.nan)
     width, rows = truth.camera.resolution
     for camera in model_cameras(frustum, aperture, settings):
         lines, (low, high) = camera.bundle, camera.heights
@@ -65,8 +66,8 @@ def drawn_by_the_model(
         s = away[:, 2:]
         u, v = ((-away[:, :2] / s - lines.shear) / lines.half_extent).T
         drawn = np.stack(((u + 1) * width / 2 - 0.5, (1 - v) * rows / 2 - 0.5), axis=-1)
-        found[seen] = pixel_centers(truth.camera)[seen] - drawn
-    return found
+        displaced[seen] = pixel_centers(truth.camera)[seen] - drawn
+    return displaced
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +87,8 @@ def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str) -> 
         model = drawn_by_the_model(truth, scene.frustum, aperture, settings)
         np.testing.assert_array_equal(np.isfinite(predicted), np.isfinite(model))
         np.testing.assert_allclose(predicted, model, rtol=1e-12, atol=ROUNDING_PX)
-        found = displacement_lengths(TruePoints.from_image(truth), scene.frustum, settings)
-        np.testing.assert_allclose(found, lengths(model), rtol=1e-12, atol=ROUNDING_PX)
+        lengths_px = displacement_lengths(TruePoints.from_image(truth), scene.frustum, settings)
+        np.testing.assert_allclose(lengths_px, lengths(model), rtol=1e-12, atol=ROUNDING_PX)
 
 
 def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_beyond_the_first_slab_everything(
@@ -110,7 +111,7 @@ def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_beyond_the_first_
 
 
 def test_a_small_near_loses_no_digits(asymmetric: tuple[Frustum, HogelImage]) -> None:
-    """u n / (|z| + n), not a difference of nearly equal numbers: 1e-12 of the reach is as good as a tenth."""
+    """u n / (|z| + n) has no cancellation: 1e-12 of the reach is as accurate as a tenth."""
     frustum, truth = asymmetric
     small, smaller = (
         displacements(TruePoints.from_image(truth), frustum, DoubleFrustum(near=near))
@@ -127,7 +128,7 @@ def test_a_small_near_loses_no_digits(asymmetric: tuple[Frustum, HogelImage]) ->
 def test_any_sheared_frustum_shifts_any_point_by_the_closed_form(
     frustum: Frustum, aperture: Aperture, corners: Floats
 ) -> None:
-    """The closed form holds for screens before and behind the plate, and apertures on it and beside it."""
+    """The closed form holds for screens before and behind the plate, apertures on and beside it."""
     assume(frustum.recentered)
     near, truth = 0.7, Reference(soup(corners, frustum)).trace(aperture)
     paper, camera = (

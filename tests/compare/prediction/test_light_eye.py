@@ -1,4 +1,4 @@
-"""The bent eye vector: the error of an offset camera in highlights and mirrors at fixed surface points."""
+"""Bent eye vector: error of an offset camera in highlights and mirrors at fixed points."""
 
 from dataclasses import replace
 
@@ -114,7 +114,7 @@ def test_at_fixed_points_the_prediction_is_right_to_first_order(
 
 @pytest.mark.parametrize("material", [HIGHLIGHT, MIRROR])
 def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> None:
-    """At drawn points, the device's color minus the true one equals the closed form, on both sides."""
+    """At drawn points, the device's color minus the true color equals the closed form."""
     scene = shiny("asymmetric", material)
     aperture, shader, near = scene.plate.middle, Shader(scene), 4e-3 * 150
     truth = Reference(scene).trace(aperture)

@@ -1,4 +1,4 @@
-"""Sums over whole plates: predicted wrong surfaces are measured, link by link, or the reason is given."""
+"""Sums over whole plates: predicted wrong surfaces are measured, or have a reason, by link."""
 
 import pytest
 
@@ -7,30 +7,30 @@ from tests.support.link_sums import LinkSum
 from xfrustum.compare.prediction.reasons import Reason
 
 
-def assert_holds(found: tuple[LinkSum, ...]) -> None:
-    for link in found:
+def assert_holds(links: tuple[LinkSum, ...]) -> None:
+    for link in links:
         holds = link.predicted / MAX_RATIO <= link.surface <= link.predicted * MAX_RATIO
         assert holds or link.reasons, link
 
 
-def by_name(found: tuple[LinkSum, ...]) -> dict[str, LinkSum]:
-    return {link.name: link for link in found}
+def by_name(links: tuple[LinkSum, ...]) -> dict[str, LinkSum]:
+    return {link.name: link for link in links}
 
 
 def test_rasterization_has_its_sum_although_each_hogel_has_too_few_pixels() -> None:
     """Creases of the bunny make most of its wrong pixels, of which a hogel has one or two."""
-    found = plate_sums(plate("bunny-transfer", (3, 3), 96), nears=(1e-3, 1e-4))
-    assert_holds(found)
-    rasterization = by_name(found)["rasterization"]
+    sums = plate_sums(plate("bunny-transfer", (3, 3), 96), nears=(1e-3, 1e-4))
+    assert_holds(sums)
+    rasterization = by_name(sums)["rasterization"]
     assert rasterization.surface > 15 and not rasterization.reasons
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MESHES)
 def test_the_sums_of_five_meshes_hold(name: str) -> None:
-    found = plate_sums(plate(name, (9, 7), 160))
-    assert_holds(found)
-    assert by_name(found)["near offset"].reasons == set()
+    sums = plate_sums(plate(name, (9, 7), 160))
+    assert_holds(sums)
+    assert by_name(sums)["near offset"].reasons == set()
 
 
 @pytest.mark.parametrize(("name", "reason"), [("needles", Reason.THIN), ("decals", Reason.ALIGNED)])
@@ -43,6 +43,6 @@ def test_sums_that_do_not_hold_have_their_reason(name: str, reason: Reason) -> N
 
 
 def test_traced_links_do_not_depend_on_how_large_triangles_are() -> None:
-    found = by_name(plate_sums(plate("large-triangles", (2, 2), 64), nears=(1e-2,)))
-    assert Reason.LARGE in found["rasterization"].reasons
-    assert Reason.LARGE not in found["near offset"].reasons and found["near offset"].surface > 100
+    sums = by_name(plate_sums(plate("large-triangles", (2, 2), 64), nears=(1e-2,)))
+    assert Reason.LARGE in sums["rasterization"].reasons
+    assert Reason.LARGE not in sums["near offset"].reasons and sums["near offset"].surface > 100

@@ -1,4 +1,4 @@
-"""The surface error that displacement causes along silhouettes: predicted, in closed form, measured."""
+"""Surface errors from displaced silhouettes: predicted, in closed form, measured."""
 
 import itertools
 import math
@@ -43,23 +43,24 @@ HEIGHT = 50.0
 AXIS = at(0.0, 0.0)
 
 STAIRS = 0.02
-"""Largest relative error of a contour's length. Where it leans by less than 1 in 4 its steps have normals up
-to 1/5 of a radian off; cosines of that are 2 % wrong at most."""
+"""Largest relative error of a contour's length. Where it leans by less than 1 in 4 its steps have
+normals up to 1/5 of a radian off; cosines of that are 2 % wrong at most.
+"""
 
 FACTOR = 2.0
-"""Largest ratio of the predicted to the measured error, and the reverse. A contour along the pixels' rows or
-columns changes whole rows of pixels at once: the measured error is then a whole number of rows, and
-the
-predicted one the mean over all places that the contour can have on the grid."""
+"""Largest ratio of the predicted to the measured error, and the reverse. A contour along pixel
+rows or columns changes whole rows of pixels at once: the measured error is a whole number of rows,
+the predicted error the mean over all places that the contour can have on the grid.
+"""
 ENOUGH_PIXELS = (
     40  #: smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %
 )
 DISPLACED_PX = (0.1, 5.0)
-"""99th percentile of displacement, px, at which the first-order prediction holds and enough pixels change."""
+"""99th percentile of displacement, px, for which first order holds and enough pixels change."""
 
 
 def wrong_inside(truth: HogelImage, raster: HogelImage, reference: Reference) -> int:
-    """Return the number of wrong surfaces but for those from outside the film, which are no contour's."""
+    """Return the number of wrong surfaces without points from outside the film (no contour)."""
     maps = compare_images(truth, raster, reference).maps
     return int((maps.surface & ~maps.outside).sum())
 
@@ -83,7 +84,7 @@ def scene_of(*parts: SceneObject, pixels: int = 256) -> Scene:
 
 
 def on_film(points: Floats, height: float) -> Floats:
-    """Return the scene points at a height that the true frustum images at film coordinates (N, 2)."""
+    """Return the scene points at a height that the true frustum images at film places (N, 2)."""
     xy = -height * SLOPE * np.asarray(points)
     return np.concatenate((xy, np.full((len(xy), 1), height)), axis=1)
 
@@ -101,8 +102,8 @@ def wrong_pixels(silhouettes: Silhouettes, settings: DoubleFrustum, scene: Scene
     return sum(silhouettes.charged_pixels(traced_settings(settings, scene.frustum)))
 
 
-def length(found: Contours) -> float:
-    return float(found.length.sum())
+def length(outlines: Contours) -> float:
+    return float(outlines.length.sum())
 
 
 def only_one_of_two_circles(r: float, other: float, distance: float) -> float:
@@ -123,9 +124,9 @@ def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> No
     strip = 0.1 * across + np.array(
         [-0.6 * along, 0.6 * along, 0.6 * along - 0.3 * across, -0.6 * along - 0.3 * across]
     )
-    found = contours(traced(scene_of(part(on_film(strip, -HEIGHT)))))
-    assert length(found) == pytest.approx((2 * 1.2 + 2 * 0.3) * 128, rel=STAIRS)
-    np.testing.assert_allclose(np.hypot(*found.normal.T), 1, rtol=1e-12)
+    outlines = contours(traced(scene_of(part(on_film(strip, -HEIGHT)))))
+    assert length(outlines) == pytest.approx((2 * 1.2 + 2 * 0.3) * 128, rel=STAIRS)
+    np.testing.assert_allclose(np.hypot(*outlines.normal.T), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
@@ -148,7 +149,7 @@ def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
 
 
 def two_sheets(
-    front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31
+    front: float, back: float, turned: float, *, single: bool = False, edge: float = 0.31
 ) -> Scene:
     """Return a sheet over about half of the film, up to an edge, before one over all of it."""
     angle = math.radians(turned)
@@ -156,7 +157,7 @@ def two_sheets(
     half = np.array([(-3, edge), (3, edge), (3, edge + 4), (-3, edge + 4)]) @ axes
     whole = 3 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     a, b = part(on_film(half, front)), part(on_film(whole, back))
-    if not one:
+    if not single:
         return scene_of(a, b)
     vertices = np.concatenate((a.vertices, b.vertices))
     faces = np.concatenate((a.faces, b.faces + len(a.vertices)))
@@ -176,17 +177,20 @@ PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
 
 
 @pytest.mark.parametrize(
-    ("front", "back", "turned", "edge", "one"),
+    ("front", "back", "turned", "edge", "single"),
     thinned(((*both, *rest) for both, *rest in PLACED), 11),
 )
 def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
-    front: float, back: float, turned: float, edge: float, one: bool
+    front: float, back: float, turned: float, edge: float, single: bool
 ) -> None:
-    """An edge before and behind the plate that moves outward and inward hides and uncovers as predicted."""
-    scene, settings = two_sheets(front, back, turned, one=one, edge=edge), DoubleFrustum(near=1.0)
+    """A moving edge before and behind the plate hides and uncovers as predicted."""
+    scene, settings = (
+        two_sheets(front, back, turned, single=single, edge=edge),
+        DoubleFrustum(near=1.0),
+    )
     reference = Reference(scene)
     truth = reference.trace(AXIS)
-    assert set(contours(truth).kind) == {Kind.OCCLUSION if one else Kind.OBJECTS}
+    assert set(contours(truth).kind) == {Kind.OCCLUSION if single else Kind.OBJECTS}
     measured = wrong_inside(truth, reference.trace_model(AXIS, settings), reference)
     predicted = wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
     # A strip of pixels is counted to a pixel at each end, and its area to the square root of its
@@ -195,7 +199,7 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
 
 
 def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
-    """A tilted sheet cut at 40: with fit angle the inner part shrinks away; fitted there, nothing moves."""
+    """A tilted sheet cut at 40: fit angle shrinks the inner part; a fit there moves nothing."""
     points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
     # The edge is oblique to the pixels in no simple ratio: else whole rows of pixels change at
     # once.
@@ -240,7 +244,7 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
     assert (truth.height == 0).mean() > 0.5
     settings = DoubleFrustum(near=near)
     drawn = reference.trace_model(scene.plate.middle, settings)
-    # What is drawn instead comes from everywhere, also from outside the film.
+    # The drawn surface comes from everywhere, also from outside the film.
     measured = compare_images(truth, drawn, reference).surface_wrong
     assert wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) == pytest.approx(
         measured, rel=STAIRS
@@ -248,8 +252,9 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
 
 
 ALONG_THE_GRID = {"grating"}
-"""Scenes in which all outlines run along the pixels' rows and columns: there the mean over all places of a
-contour on the grid, which is predicted, says nothing of the one place that is measured."""
+"""Scenes in which all outlines run along the pixels' rows and columns: the prediction, a mean over
+all places of a contour on the grid, does not determine the one measured place.
+"""
 
 
 @pytest.mark.parametrize(
@@ -281,7 +286,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
 
 @pytest.mark.parametrize("near", [15.0, 1.5])
 def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
-    """The prediction holds for sheets before sheets, displaced by many times their distance on the film."""
+    """The prediction holds for sheets displaced by many times their distance on the film."""
     scene = view("sheets", (128, 128))
     reference, settings = Reference(scene), DoubleFrustum(near=near)
     truth = reference.trace(scene.plate.middle)
@@ -306,23 +311,23 @@ def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
     chain = traced_settings(DoubleFrustum(near=1.0, **options), scene.frustum)
     images = [reference.trace_model(aperture, settings) for settings in chain]
     errors = [surface_errors(truth, image, reference) for image in images]
-    wrong = np.stack([one.wrong & ~one.outside & judged_pixels(truth) for one in errors])
+    wrong = np.stack([error.wrong & ~error.outside & judged_pixels(truth) for error in errors])
     # A pixel that a later link puts right is charged to no link.
     to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
     measured = np.diff(to_the_end, prepend=0)
     assert to_the_end[0] < wrong[0].sum(), "some of it is put right"
     charged = Silhouettes(truth, scene.frustum).charged_pixels(chain)
-    for one, other in zip([*charged, sum(charged)], [*measured, wrong[-1].sum()], strict=True):
-        if max(one, other) < ENOUGH_PIXELS:
-            assert abs(one - other) <= ENOUGH_PIXELS / 2
+    for expected, other in zip([*charged, sum(charged)], [*measured, wrong[-1].sum()], strict=True):
+        if max(expected, other) < ENOUGH_PIXELS:
+            assert abs(expected - other) <= ENOUGH_PIXELS / 2
         else:
-            assert other / FACTOR <= one <= other * FACTOR
+            assert other / FACTOR <= expected <= other * FACTOR
 
 
 def test_a_finer_mesh_has_the_same_contours() -> None:
     scene = view("asymmetric", (128, 96))
     aperture = scene.plate.middle
-    coarse, fine = (Reference(one).trace(aperture) for one in (scene, refine(scene, 2)))
+    coarse, fine = (Reference(mesh).trace(aperture) for mesh in (scene, refine(scene, 2)))
     settings = DoubleFrustum(near=1.0)
     a, b = (
         wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) for truth in (coarse, fine)

@@ -37,7 +37,7 @@ def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons:
         for near in NEARS
         for depth, mapping in DEFAULT_DEPTHS
     ]
-    found: set[str | None] = set()
+    named: set[str | None] = set()
     with Evaluator(scene) as judge:
         for hogel in judge.stream(scene.default_apertures(), settings, radiance=False, causes=True):
             for drawing in hogel.drawings:
@@ -48,7 +48,7 @@ def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons:
                     measured.displacement_px,
                     predicted.reasons,
                 )
-                found |= {why.displacement, why.surface}
+                named |= {why.displacement, why.surface}
                 assert (why.displacement == Reason.CROSSES) <= (moved is None)
                 pairs = [(measured.surface.fraction, predicted.surface_fraction, why.surface)]
                 if moved and spread:
@@ -56,14 +56,14 @@ def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons:
                         (spread.rms, moved.rms, why.displacement),
                         (spread.p99, moved.p99, why.displacement),
                     ]
-                for one, other, reason in pairs:
-                    near = other / MAX_RATIO <= one <= other * MAX_RATIO
-                    assert near or reason, (drawing.settings, one, other)
-    assert reasons <= found and (None in found) == (Reason.LARGE not in found)
+                for value, other, reason in pairs:
+                    near = other / MAX_RATIO <= value <= other * MAX_RATIO
+                    assert near or reason, (drawing.settings, value, other)
+    assert reasons <= named and (None in named) == (Reason.LARGE not in named)
 
 
 def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
-    """The triangle cuts the plate along x = 6 from y = -1 to 1: 6 from the aperture, 5 from another one."""
+    """The triangle cuts the plate along x = 6, |y| <= 1: 6 from one aperture, 5 from another."""
     corners = np.array([[[6.0, -2.0, -1.0], [6.0, 2.0, -1.0], [6.0, 0.0, 1.0]]])
     scene = soup(corners, view("empty", (16, 16)).frustum)
     middle, ends = plate_segments(scene, at(0, 0))
@@ -74,8 +74,8 @@ def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
         predictor = Predictor(reference.trace(aperture), reference, LLVMPIPE)
         half = reference.camera(aperture).half_extent[0]
         for near, crosses in ((0.99 * distance / half, False), (1.01 * distance / half, True)):
-            found, links = predictor.predict_each([DoubleFrustum(near=near)])[0]
-            assert (found.reasons.displacement == Reason.CROSSES) == crosses
+            prediction, links = predictor.predict_each([DoubleFrustum(near=near)])[0]
+            assert (prediction.reasons.displacement == Reason.CROSSES) == crosses
             assert not crosses or links[0].displacement_rms_px is None
     flat = soup(corners * [1, 1, 0], scene.frustum)
     assert not len(plate_segments(flat, at(0, 0))[0])

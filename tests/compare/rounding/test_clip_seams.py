@@ -1,4 +1,4 @@
-"""The seams at which clipping may split a triangle equal those of polygons cut by hand."""
+"""Seams at which clipping may split a triangle equal seams of polygons cut by hand."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from xfrustum.scenes.arrays import Floats
 SIZE = 128
 STRAIGHT = (0.0, 0.0)
 ROUNDING_PX = 2e-9
-"""Largest difference between places, px: far above a dozen roundings of places of some hundred pixels."""
+"""Largest difference between places, px: far above a dozen roundings of some hundred pixels."""
 
 
 def bundle(side: int, near: float = 0.1) -> RayBundle:
-    """Return the lines of a camera in the plate with a film of 90 degrees, pushed aside by its shear."""
+    """Return the lines of a camera in the plate with a film of 90 degrees, shifted by its shear."""
     ends = (near, 10.0) if side > 0 else (-10.0, -near)
     return RayBundle(
         center=(0.2, -0.1, 0.0),
@@ -28,19 +28,19 @@ def bundle(side: int, near: float = 0.1) -> RayBundle:
 
 
 def seen_at(places: Floats, s: Floats, lines: RayBundle) -> Floats:
-    """Return the points (N, 3) at distances s that a camera without shift sees at film places (N, 2)."""
+    """Return the points (N, 3) at distances s that an unshifted camera sees at places (N, 2)."""
     u, v = places[:, 0] * 2 / SIZE - 1, 1 - places[:, 1] * 2 / SIZE
     d = np.stack((u + lines.shear[0], v + lines.shear[1], -np.ones(len(s))), axis=1)
     return np.asarray(lines.center) + s[:, None] * d
 
 
-def assert_same_segments(found: Floats, expected: list[tuple[Floats, Floats]]) -> None:
+def assert_same_segments(segments: Floats, expected: list[tuple[Floats, Floats]]) -> None:
     """Return line segments in a canonical order, whatever their order and direction."""
 
     def ordered(some: Any) -> list[Any]:
         return sorted(sorted(end.tolist() for end in each) for each in np.asarray(some).round(9))
 
-    np.testing.assert_allclose(ordered(found), ordered(expected), rtol=0, atol=ROUNDING_PX)
+    np.testing.assert_allclose(ordered(segments), ordered(expected), rtol=0, atol=ROUNDING_PX)
 
 
 CUT = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 148.0)])
@@ -67,9 +67,9 @@ def test_the_near_plane_cuts_in_depth(side: int) -> None:
     near = [
         corners[i] + (corners[2] - corners[i]) * (abs(s[i]) - 1) / (abs(s[i]) - 0.5) for i in (0, 1)
     ]
-    found = seams(corners, lines, STRAIGHT)
-    assert len(found) == 2
-    ends = {tuple(np.round(end, 6)) for end in found.reshape(-1, 2)}
+    segments = seams(corners, lines, STRAIGHT)
+    assert len(segments) == 2
+    ends = {tuple(np.round(end, 6)) for end in segments.reshape(-1, 2)}
     for point in near:
         slope = (point - lines.center)[:2] / -(point[2] - lines.center[2]) - lines.shear
         assert tuple(np.round(((slope[0] + 1) * SIZE / 2, (1 - slope[1]) * SIZE / 2), 6)) in ends
@@ -80,8 +80,8 @@ def test_no_triangle_that_is_not_clipped_has_a_seam(side: int) -> None:
     lines, random = bundle(side, near=1.0), np.random.default_rng(1)
     places = random.uniform(-SIZE / 8, 9 * SIZE / 8, (300, 3, 2))
     depths = side * random.uniform(0.9, 10.5, (300, 3))
-    triangles = np.array([seen_at(*one, lines) for one in zip(places, depths, strict=True)])
-    split = np.array([len(seams(one, lines, (0.25, -0.5))) > 0 for one in triangles])
+    triangles = np.array([seen_at(*pair, lines) for pair in zip(places, depths, strict=True)])
+    split = np.array([len(seams(triangle, lines, (0.25, -0.5))) > 0 for triangle in triangles])
     marked = clipped(triangles, lines, (0.25, -0.5))
     assert not (split & ~marked).any()
     # Some are cut, and some are whole.

@@ -1,4 +1,4 @@
-"""The self-check: integers that agree with fractions, and that notice whatever is wrong with the truth."""
+"""The self-check: integers agree with fractions, and detect every defect of the truth."""
 
 import json
 from collections.abc import Callable
@@ -53,16 +53,16 @@ def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[Exa
 
 def assert_decided_as_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
     """Cramer's rule on every triangle and every line, without boxes, gives the same answer."""
-    found, bundle = all_rows(corners, frustum, aperture)
+    decided, bundle = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
-    for row, column, number in found.ties.tolist():
+    for row, column, number in decided.ties.tolist():
         ties.setdefault((row, column), []).append(number)
-    for (row, column), triangle in np.ndenumerate(found.triangle):
+    for (row, column), triangle in np.ndenumerate(decided.triangle):
         d = bundle.directions()[row, column]
         s, winners = exact_first(corners, np.array(bundle.center), d, bundle.s_range)
         assert triangle == (winners[0] if winners else NOTHING)
         assert ties.get((row, column), []) == (winners if len(winners) > 1 else [])
-        np.testing.assert_equal(found.s[row, column], np.nan if s is None else float(s))
+        np.testing.assert_equal(decided.s[row, column], np.nan if s is None else float(s))
 
 
 @several
@@ -95,17 +95,17 @@ def test_arbitrary_lines_are_decided_as_fractions_do(
     component = st.integers(-4, 4).map(float)
     drawn = data.draw(st.lists(st.tuples(component, component, component), max_size=4))
     directions = np.array([d for d in (*toward.tolist(), *drawn) if any(d)]).reshape(-1, 3)
-    found = first_surfaces_along(corners, center, directions, (-2.0, 1.0))
+    decided = first_surfaces_along(corners, center, directions, (-2.0, 1.0))
     for line, d in enumerate(directions):
         s, winners = exact_first(corners, np.array(center), d, (-2.0, 1.0))
-        assert found.triangle[line] == (winners[0] if winners else NOTHING)
-        assert found.ties.get(line, ()) == (tuple(winners) if len(winners) > 1 else ())
-        np.testing.assert_equal(found.s[line], np.nan if s is None else float(s))
+        assert decided.triangle[line] == (winners[0] if winners else NOTHING)
+        assert decided.ties.get(line, ()) == (tuple(winners) if len(winners) > 1 else ())
+        np.testing.assert_equal(decided.s[line], np.nan if s is None else float(s))
 
 
 @pytest.mark.slow
 def test_a_part_of_the_self_check_agrees() -> None:
-    """The views cover all kinds of scenes, and ties, exact decisions and proofs among the pixels."""
+    """The views cover all kinds of scenes, and ties, exact decisions and proofs among pixels."""
     check = selfcheck(quick=True)
     assert check.agrees, selfcheck_table(check)
     assert check.total("wrong") == 0
@@ -179,8 +179,10 @@ def test_whatever_is_wrong_is_found(kind: str) -> None:
     assert not wrong.any() and listed == ()
     wrong, listed = disagreements(spoil(image), exact, bundle, scene.triangles)
     assert wrong.any()
-    assert {one.about for one in listed} >= {about}
-    assert all(wrong[one.row, one.column] and one.expected != one.got for one in listed)
+    assert {finding.about for finding in listed} >= {about}
+    assert all(
+        wrong[finding.row, finding.column] and finding.expected != finding.got for finding in listed
+    )
 
 
 def test_a_reference_that_believes_its_tracer_fails_the_self_check(
@@ -206,11 +208,11 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(
 
 
 def test_processes_make_no_difference() -> None:
-    one, two = (selfcheck(["asymmetric"], quick=True, processes=n) for n in (1, 2))
-    assert [replace(v, seconds=0.0) for v in one.views] == [
+    serial, two = (selfcheck(["asymmetric"], quick=True, processes=n) for n in (1, 2))
+    assert [replace(v, seconds=0.0) for v in serial.views] == [
         replace(v, seconds=0.0) for v in two.views
     ]
-    assert one.sphere is None
+    assert serial.sphere is None
 
 
 def test_a_giant_is_refused_and_says_why() -> None:
@@ -219,7 +221,7 @@ def test_a_giant_is_refused_and_says_why() -> None:
 
 
 def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines through all vertices and middles of edges; a vertex is shared by exactly its own triangles."""
+    """Lines through vertices and middles of edges; only a vertex's own triangles share it."""
     monkeypatch.setattr(module, "QUICK_SUBDIVISIONS", 3)
     check = check_sphere(quick=True)
     assert (check.triangles, check.vertices, check.edges) == (1280, 642, 1920)
@@ -227,7 +229,7 @@ def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three vertices and three edges lose one of their triangles, and no line through them a hit."""
+    """Three vertices and three edges lose a triangle, and no line through them a hit."""
 
     def all_but_one(corners: Floats, *lines: Any) -> Any:
         return first_surfaces_along(corners[:-1], *lines)

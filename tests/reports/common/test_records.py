@@ -1,4 +1,4 @@
-"""Tables of records: columns and types follow from the dataclass of the rows, whatever the rows hold."""
+"""Tables of records: columns and types follow from the dataclass, whatever the rows hold."""
 
 import math
 from dataclasses import replace
@@ -39,7 +39,7 @@ def test_a_report_has_the_same_columns_and_types_whatever_was_measured(tmp_path:
         pq.write_table(table_of(TableRow, [made]), tmp_path / f"{number}.parquet")
         read.append(pq.read_table(tmp_path / f"{number}.parquet"))
     assert read[0].schema == read[1].schema == table_of(TableRow, [BARE, FULL]).schema
-    assert not any(pa.types.is_null(one.type) for one in read[0].schema)
+    assert not any(pa.types.is_null(column.type) for column in read[0].schema)
     types = {
         "near": pa.float64(),
         "depth": pa.string(),
@@ -51,7 +51,7 @@ def test_a_report_has_the_same_columns_and_types_whatever_was_measured(tmp_path:
     bare, full = (table.to_pylist()[0] for table in read)
     for group in ("displacement_px", "predicted_displacement_px", "radiance"):
         assert bare[f"{group}_rms"] is None is not full[f"{group}_rms"]
-    # What is no number is null too.
+    # A value that is no number is null too.
     assert full["predicted_displacement_px_p50"] is None is full["predicted_displacement_px_p95"]
     assert full["radiance_channels_rms"] == [0.1, 0.1, 0.1]
     assert full["version_scikit_image"] == "1" and full["device_opengl_vendor"] == "somebody"

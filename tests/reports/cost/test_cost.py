@@ -1,4 +1,4 @@
-"""The cost of accuracy: the front, the answers, and that no other way has less error for less time."""
+"""The cost of accuracy: front, answers; no other way has less error for less time."""
 
 import json
 import math
@@ -52,10 +52,10 @@ numbers = st.integers(1, 4).map(float)
 
 @given(st.lists(st.builds(option, numbers, numbers, numbers), min_size=1, max_size=12))
 def test_the_front_is_what_nothing_beats(options: list[Option]) -> None:
-    front = [one for one, best in zip(options, pareto(options), strict=True) if best]
+    front = [way for way, best in zip(options, pareto(options), strict=True) if best]
     assert front
-    assert not any(one.beats(other) for one in options for other in front)
-    assert all(one in front or any(other.beats(one) for other in front) for one in options)
+    assert not any(way.beats(other) for way in options for other in front)
+    assert all(way in front or any(other.beats(way) for other in front) for way in options)
 
 
 def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
@@ -108,13 +108,14 @@ def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(
     times: list[list[int]],
 ) -> None:
     options = [
-        timed(str(number), [float(one) for one in each], 0.1) for number, each in enumerate(times)
+        timed(str(number), [float(seconds) for seconds in each], 0.1)
+        for number, each in enumerate(times)
     ]
     ranking = rank(options, 0.5)
-    least = min(options, key=lambda one: one.time_s.median)
-    for one in options:
-        apart = least.time_s.interval[1] < one.time_s.interval[0]
-        assert (one in ranking.fastest) != apart
+    least = min(options, key=lambda way: way.time_s.median)
+    for way in options:
+        apart = least.time_s.interval[1] < way.time_s.interval[0]
+        assert (way in ranking.fastest) != apart
     assert ranking.fastest[0].time_s.median == least.time_s.median
 
 
@@ -147,9 +148,13 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
         truth = reference.trace(aperture)
         with Rasterizer(scene) as rasterizer:
             drawn = rasterizer.render(aperture, settings)
-        asked = replace(truth, certainty=np.full_like(truth.certainty, Certainty.UNEXAMINED))
-        found, again = (compare_images(one, drawn, reference) for one in (truth, asked))
-        np.testing.assert_array_equal(found.maps.surface, again.maps.surface & found.maps.judged)
+        unexamined = replace(truth, certainty=np.full_like(truth.certainty, Certainty.UNEXAMINED))
+        comparison, again = (
+            compare_images(image, drawn, reference) for image in (truth, unexamined)
+        )
+        np.testing.assert_array_equal(
+            comparison.maps.surface, again.maps.surface & comparison.maps.judged
+        )
 
 
 def test_cost_prints_one_object_and_writes_a_page(
@@ -178,7 +183,7 @@ def test_cost_prints_one_object_and_writes_a_page(
     }
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     assert len(stays) == len(cost_module.NEARS_WITHOUT_OFFSET_PER_REACH)
-    # Cameras in the aperture displace nothing: what is measured is the rounding of positions.
+    # Cameras in the aperture displace nothing: the rounding of positions is measured.
     assert all(row["error"]["displacement_p99_px"] < DISPLACEMENT_TIE_PX for row in stays)
     for row in printed["rows"]:
         assert set(row["error"]) == {"displacement_p99_px", "surface_fraction"}

@@ -1,4 +1,4 @@
-"""A report recommends a window of nears between which no measurement decides, and says so in a sentence."""
+"""A report recommends a window of nears that no measurement separates, in a sentence."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def measured(near: float, surface: float, p99: float | None, **changes: object) 
 
 
 def some(count: int, first: int = 0) -> Mask:
-    """Return a film on which so many pixels are set, from a first one on."""
+    """Return a film with a number of set pixels, from a first one on."""
     mask = np.zeros(FILM, dtype=np.bool_)
     mask.ravel()[first : first + count] = True
     return mask
@@ -48,7 +48,7 @@ def judged(
     depth: DepthFormat = DepthFormat.D24,
     color: Mask | None = None,
 ) -> Measurement:
-    """Return a made-up row that knows which pixels are wrong."""
+    """Return a synthetic row with its wrong pixels."""
     wrong: dict[str, Mask] = {"surface": surface} | ({} if color is None else {"radiance": color})
     wrong_colors = None if color is None else float(color.mean())
     numbers = comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors)
@@ -75,8 +75,8 @@ def test_displacement_that_nobody_sees_does_not_decide_and_more_does() -> None:
         judged(1e-3, some(0), p99=0.09),
         judged(1e-2, some(0), p99=0.7),
     ]
-    assert {one.near for one in equally_good(rows)} == {1e-4, 1e-3}
-    assert {one.near for one in equally_good([rows[2], judged(3e-2, some(0), p99=2.0)])} == {1e-2}
+    assert {row.near for row in equally_good(rows)} == {1e-4, 1e-3}
+    assert {row.near for row in equally_good([rows[2], judged(3e-2, some(0), p99=2.0)])} == {1e-2}
 
 
 def test_the_worst_aperture_counts() -> None:
@@ -97,9 +97,9 @@ def test_two_pixels_make_no_headline() -> None:
     rows = [judged(0.002, some(5)), judged(0.001, some(3, first=100))]
     window = best_setting(rows).window
     assert (window.low, window.high, window.nears) == (0.001, 0.002, 2)
-    said = recommendation(rows, "mm", 150.0)
+    text = recommendation(rows, "mm", 150.0)
     assert (
-        "near 0.001 to 0.002 mm" in said and "the 2 nears measured there are equally good" in said
+        "near 0.001 to 0.002 mm" in text and "the 2 nears measured there are equally good" in text
     )
 
 
@@ -133,8 +133,8 @@ def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance(
         judged(near, some(count, 2000 * place))
         for place, (near, count) in enumerate(counts.items())
     ]
-    found = best_setting(rows).window
-    assert (found.low, found.high, found.nears) == window
+    best = best_setting(rows).window
+    assert (best.low, best.high, best.nears) == window
 
 
 def test_of_depth_buffers_the_one_with_the_widest_window_is_recommended_and_else_the_first() -> (
@@ -143,7 +143,7 @@ def test_of_depth_buffers_the_one_with_the_widest_window_is_recommended_and_else
     rows = [judged(near, some(500 if near < 1e-2 else 0)) for near in (1e-3, 1e-2)]
     rows += [judged(near, some(0), depth=DepthFormat.D32F) for near in (1e-3, 1e-2)]
     assert best_setting(rows).settings.depth == DepthFormat.D32F
-    windows = [(one.settings.depth, one.window.nears) for one in best_per_depth(rows)]
+    windows = [(best.settings.depth, best.window.nears) for best in best_per_depth(rows)]
     assert windows == [(DepthFormat.D24, 1), (DepthFormat.D32F, 2)]
     assert best_setting([rows[1], rows[3]]).settings.depth == DepthFormat.D24
 
@@ -172,7 +172,7 @@ def test_the_paired_test_is_the_exact_one_of_a_coin(
     assert is_worse(here, there, comparisons) == (certain and here > there)
 
 
-# What is said of it
+# Sentences of the recommendation
 # --------------------------------------------------------------------------------------
 
 
@@ -180,7 +180,7 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "text"),
     [
         (
             [(1.0, 0.78, 12345.0), (2.0, 0.98, 12345.0)],
@@ -200,10 +200,10 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
     ],
 )
 def test_a_setting_is_praised_as_far_as_it_keeps_the_tolerances(
-    rows: list[tuple[float, float, float]], said: str
+    rows: list[tuple[float, float, float]], text: str
 ) -> None:
     assert recommendation([measured(*row) for row in rows], "mm", 150.0).startswith(
-        f"At hogel 1,1: {said}"
+        f"At hogel 1,1: {text}"
     )
 
 
@@ -228,7 +228,8 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
         caused(1e-4, depth=40),
     ]
     assert cause_sentences(rows, "mm") == [
-        "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a "
+        "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm "
+        "hardly a "
         "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
     ]
     stays = caused(1.0, Offset.NONE, near_offset=500)

@@ -1,4 +1,4 @@
-"""Camera geometries as settings of a report: lists that multiply the sweep, and both pivots compared."""
+"""Camera geometries as settings of a report: lists that multiply the sweep, and both pivots."""
 
 import base64
 import io
@@ -28,7 +28,7 @@ from xfrustum.scenes import (
 )
 
 SHEAR_TOLERANCE = 0.01
-"""Relative error up to which the shear is what its closed form says, as the issue asks."""
+"""Largest relative error of the shear against its closed form."""
 
 NEARS = (15.0, 0.15, 1.5e-4)
 USUAL = DoubleFrustum(near=1.0)
@@ -37,7 +37,7 @@ D32F = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
-    """A report of a recentered scene at a corner of its plate; all that is not asked for is as usual."""
+    """A report of a recentered scene at a corner of its plate; other options are the usual ones."""
     scene = open_scene("car-recentered")
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 64)))
     corner = scene.plate.aperture(0, 0)
@@ -56,15 +56,15 @@ def rows(files: ReportFiles, pivot: str) -> list[dict[str, Any]]:
 def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> None:
     centered = open_scene("car").frustum
     assert geometry_grid(centered, ReportOptions()) == (USUAL,)
-    asked = geometry_grid(centered, ReportOptions(pivots=[Pivot.CAMERA]))
-    assert asked == (replace(USUAL, pivot=Pivot.CAMERA),)
+    geometries = geometry_grid(centered, ReportOptions(pivots=[Pivot.CAMERA]))
+    assert geometries == (replace(USUAL, pivot=Pivot.CAMERA),)
 
 
 def test_cameras_in_the_aperture_are_measured_with_one_pivot_unless_both_are_asked_for() -> None:
     """Their own centers are the aperture, so that both pivots draw the same."""
     frustum = open_scene("car-recentered").frustum
-    found = geometry_grid(frustum, ReportOptions(offsets=list(Offset)))
-    assert [(one.pivot, one.offset) for one in found] == [
+    geometries = geometry_grid(frustum, ReportOptions(offsets=list(Offset)))
+    assert [(geometry.pivot, geometry.offset) for geometry in geometries] == [
         (Pivot.APERTURE, Offset.PLATE),
         (Pivot.APERTURE, Offset.NONE),
         (Pivot.CAMERA, Offset.PLATE),
@@ -91,10 +91,10 @@ def test_the_pivots_are_compared(files: ReportFiles) -> None:
 
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     def note(_scene: object, _out: object, options: ReportOptions) -> None:
-        asked.append(options)
+        requested.append(options)
         raise InputError("enough")
 
-    asked: list[ReportOptions] = []
+    requested: list[ReportOptions] = []
     monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
     lists = (
         "--pivot aperture,camera --fit angle,screen,15 --offset plate,none --slabs 15,40;20;none"
@@ -102,7 +102,7 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (
         main(f"report car-recentered --no-causes {lists}".split()) == main(["report", "car"]) == 2
     )
-    first, usual = asked
+    first, usual = requested
     assert (first.pivots, first.fits) == (
         (Pivot.APERTURE, Pivot.CAMERA),
         (Fit.ANGLE, Fit.SCREEN, 15.0),

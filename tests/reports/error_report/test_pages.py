@@ -26,7 +26,7 @@ SCENE = (
 
 SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+BROWSER = next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +48,9 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def policy_of(page: str) -> str:
     head = page[: page.index("<title>")]
-    found = re.search(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', head)
-    assert found, "the policy comes before anything that could be somebody else's"
-    return found[1]
+    match = re.search(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', head)
+    assert match, "the policy comes before anything that could be somebody else's"
+    return match[1]
 
 
 def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_page: Path) -> None:
@@ -99,7 +99,9 @@ def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(
     quiet = (
         "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
     )
-    options = f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
+    options = (
+        f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}"
+    ).split()
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--dump-dom"]
     words = [str(BROWSER), *options, report_page.as_uri()]
     shown = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300)

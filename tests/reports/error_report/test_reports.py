@@ -47,9 +47,9 @@ def refuse(constant: str) -> NoReturn:
 def page_data(page: Path) -> dict[str, Any]:
     """Return the data of the page's script."""
     pattern = r'<script type="application/json" id="data">(.*?)</script>'
-    found = re.search(pattern, page.read_text(), re.DOTALL)
-    assert found
-    data: dict[str, Any] = json.loads(found[1], parse_constant=refuse)
+    match = re.search(pattern, page.read_text(), re.DOTALL)
+    assert match
+    data: dict[str, Any] = json.loads(match[1], parse_constant=refuse)
     return data
 
 
@@ -211,10 +211,10 @@ def test_without_causes_numbers_and_pictures_are_the_same_and_nothing_more_is_dr
     assert EXACT_DEPTH not in drawn and len(drawn) == 2
     assert set(plain.content) == set(charged.content)
     for key in ("settings", "aperture", "comparison"):
-        rows, others = ([row[key] for row in one.content["rows"]] for one in (charged, plain))
+        rows, others = ([row[key] for row in report.content["rows"]] for report in (charged, plain))
         assert rows == others
     pictures, others = (
-        [row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain)
+        [row["pictures"] for row in page_data(report.html)["rows"]] for report in (charged, plain)
     )
     assert others == [{k: v for k, v in row.items() if k != "causes"} for row in pictures]
     assert charged.content["left_out"] == [] != plain.content["left_out"]
@@ -222,9 +222,9 @@ def test_without_causes_numbers_and_pictures_are_the_same_and_nothing_more_is_dr
         assert row["causes"] == [] and set(row["measured_over_predicted"].values()) == {None}
         assert row["unexplained"] is row["predicted_surface"] is None
         assert row["times_s"]["causes"] == row["times_s"]["predict"] == 0
-    whole, table = (pq.read_table(one.parquet) for one in (charged, plain))
+    whole, table = (pq.read_table(report.parquet) for report in (charged, plain))
     assert table.schema == whole.schema
-    with_causes, page = (one.html.read_text() for one in (charged, plain))
+    with_causes, page = (report.html.read_text() for report in (charged, plain))
     for part in ('id="plot-causes"', 'id="predictions"', "Dashed lines are closed forms"):
         assert part in with_causes and part not in page
 

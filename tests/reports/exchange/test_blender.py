@@ -141,8 +141,8 @@ import sys, bpy, math
 from mathutils import Matrix
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 by = Matrix.Translation((3, -2, 7)) @ Matrix.Rotation(0.6, 4, (1, 2, 3)) @ Matrix.Scale(2.5, 4)
-for one in bpy.data.objects:
-    one.matrix_world = by @ one.matrix_world
+for item in bpy.data.objects:
+    item.matrix_world = by @ item.matrix_world
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 

@@ -1,4 +1,4 @@
-"""Stored plates: shards of images that Zarr and xarray read, measures, cameras, and refused damage."""
+"""Stored plates: shards that Zarr and xarray read, measures, cameras, and refused damage."""
 
 import json
 import re
@@ -214,7 +214,7 @@ def test_measures_that_are_gone_or_damaged_are_made_again(
 def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
     written: int | None, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After one hogel of a block, or where the disk is full after so many files."""
+    """After one hogel of a block, or where the disk is full after a number of files."""
     out, count, put = tmp_path / "x.zarr", 0, local_store._put
 
     def ending(path: Path, *arguments: Any, **others: Any) -> int:
@@ -282,7 +282,7 @@ def test_a_table_that_cannot_be_written_is_refused_before_anything_is_made(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["x.parquet"]
 
 
-# Damage: no command reads a plate whose labels or descriptions differ from those of its scene.
+# Damage: no command reads a plate whose labels or descriptions differ from its scene.
 
 Spoil = Callable[[Path], object]
 
@@ -332,7 +332,7 @@ SPOILED: dict[str, tuple[Spoil, str]] = {
 def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
     kind: str, plate: Path, tmp_path: Path
 ) -> None:
-    spoil, told = SPOILED[kind]
+    spoil, message = SPOILED[kind]
     spoil(plate)
     readers: list[Callable[[], object]] = [
         lambda: write_plate(small(), SETTINGS, plate, content=ALL),
@@ -340,7 +340,7 @@ def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
         lambda: convert(plate, tmp_path / "out", write_as="hogels"),
     ]
     for read in readers:
-        with pytest.raises(InputError, match=told) as caught:
+        with pytest.raises(InputError, match=message) as caught:
             read()
         assert "p.zarr" in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
@@ -379,9 +379,9 @@ def test_a_plate_reports_its_size_and_stops_where_the_disk_is_smaller(
     needed = 25 * 64 * 64 * (3 * 2 + 4)  # hogels, pixels, float16 colors and 32-bit numbers
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
     assert main(line) == 2
-    told = capsys.readouterr().err
-    assert "25 hogels to draw take at most 1000 KiB" in told and told.count("\n") == 1
-    assert "free some space" in told and "--ignore-disk-space" in told
+    message = capsys.readouterr().err
+    assert "25 hogels to draw take at most 1000 KiB" in message and message.count("\n") == 1
+    assert "free some space" in message and "--ignore-disk-space" in message
     assert not list(tmp_path.iterdir())
     assert main([*line, "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
     assert "10 hogels to draw" in capsys.readouterr().err
@@ -407,7 +407,7 @@ DRAWN_COLUMNS = (0, 10, 20, 40)
 def test_the_programs_of_the_page_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The row is that of a small scene, and has some of its hogels."""
+    """The row shows a small scene, and has some of its hogels."""
     monkeypatch.chdir(tmp_path)
     scene = view("asymmetric", (16, 12))
     spans = [((column, column), (30, 30)) for column in DRAWN_COLUMNS]

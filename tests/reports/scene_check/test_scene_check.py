@@ -1,4 +1,4 @@
-"""`xfrustum check` and `xfrustum new`: facts and pictures of a scene, and a scene that fits a mesh."""
+"""`xfrustum check` and `xfrustum new`: facts and pictures of a scene, a scene around a mesh."""
 
 import json
 import math
@@ -100,8 +100,8 @@ def assert_fits(scene: Scene) -> None:
     (low, high), (toward, back) = box(scene.objects[0]), scene.frustum.reach
     assert -back <= low[2] and high[2] <= toward
     checked = xfrustum.check(scene)
-    (found,) = checked.objects
-    assert found.extent.share_in_reach == pytest.approx(1.0) and found.extent.sight.middle
+    (placed,) = checked.objects
+    assert placed.extent.share_in_reach == pytest.approx(1.0) and placed.extent.sight.middle
     assert checked.warnings == ()
     assert scene.plate.size[0] >= high[0] - low[0] and scene.plate.size[1] >= high[1] - low[1]
 
@@ -123,7 +123,7 @@ def test_a_new_scene_fits_a_mesh_of_any_size_anywhere(
     size: float | None,
 ) -> None:
     folder, unit = tmp_path_factory.mktemp("new"), 10.0**power
-    extents, center = (tuple(unit * one for one in some) for some in (sides, at))
+    extents, center = (tuple(unit * length for length in some) for some in (sides, at))
     solid = mesh(folder, "box.ply", extents, center)  # type: ignore[arg-type]
     written = xfrustum.new_scene(solid, folder / "box.toml", place=place, size=size)
     scene = open_scene(str(written.path))
@@ -151,8 +151,8 @@ def test_new_writes_a_file_that_opens_from_anywhere_and_says_what_fits(
         "mm",
     ]
     assert main(arguments) == 0
-    said = capsys.readouterr().out
-    assert "100 x 50 x 25 mm, from 12.5 mm behind the plate to 12.5 mm before it" in said
+    printed = capsys.readouterr().out
+    assert "100 x 50 x 25 mm, from 12.5 mm behind the plate to 12.5 mm before it" in printed
     text = Path("scenes/new.toml").read_text()
     assert tomllib.loads(text)["units"] == "mm" and text.count("#") > 8
     monkeypatch.chdir(tmp_path / "scenes")
@@ -176,7 +176,7 @@ def test_new_replaces_nothing_unless_told_to(
 
 
 @pytest.mark.parametrize(
-    ("keywords", "said"),
+    ("keywords", "message"),
     [
         ({"place": "beside"}, "through, behind, before"),
         ({"size": -1.0}, "positive"),
@@ -185,11 +185,11 @@ def test_new_replaces_nothing_unless_told_to(
         ({}, "one point"),
     ],
 )
-def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: Path) -> None:
+def test_new_refuses_nonsense(keywords: dict[str, object], message: str, tmp_path: Path) -> None:
     solid = mesh(tmp_path, "part.obj")
-    if said == "one point":
+    if message == "one point":
         solid.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         xfrustum.new_scene(solid, tmp_path / "a.toml", **keywords)  # type: ignore[arg-type]
     assert not (tmp_path / "a.toml").exists()
 
@@ -198,7 +198,7 @@ ARCMIN = math.pi / 180 / 60
 
 
 @pytest.mark.parametrize(
-    ("asked", "plate", "hogels", "told"),
+    ("options", "plate", "hogels", "warning"),
     [
         # Cells that an eye sees from nearer than the pitch / 1'.
         (["--plate", "60cm,40cm", "--viewer", "2m"], (600, 400), (1032, 688), None),
@@ -218,10 +218,10 @@ ARCMIN = math.pi / 180 / 60
     ],
 )
 def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
-    asked: list[str],
+    options: list[str],
     plate: tuple[float, float],
     hogels: tuple[int, int],
-    told: str | None,
+    warning: str | None,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -234,7 +234,7 @@ def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
         "--units",
         "mm",
         "--json",
-        *asked,
+        *options,
     ]
     assert main(arguments) == 0
     printed = capsys.readouterr()
@@ -244,12 +244,14 @@ def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
     assert content["pitch"] == pytest.approx(pitch)
     assert content["cells_within"] == pytest.approx(pitch / ARCMIN)
     assert (
-        (told in content["warning"] and told in printed.err) if told else content["warning"] is None
+        (warning in content["warning"] and warning in printed.err)
+        if warning
+        else content["warning"] is None
     )
     # A mesh of no stated size fits the plate.
     low, high = box(scene.objects[0])
     within = np.subtract(high, low)[:2] < plate
-    assert within.all() or "--size" in asked
+    assert within.all() or "--size" in options
 
 
 def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer(tmp_path: Path) -> None:
@@ -259,8 +261,7 @@ def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer(tmp_path: P
     np.testing.assert_allclose(np.subtract(high, low), (1.0, 8.0, 2.0), atol=1e-4)
     np.testing.assert_allclose(np.add(high, low), 0.0, atol=1e-3)
     assert written.mesh == pytest.approx((1.0, 2.0, 8.0), abs=1e-4)
-    # What was up, +z, is up in the scene; what looked along -y, as Blender's front does, looks at
-    # the viewer.
+    # +z, up in the file, is up in the scene; -y, Blender's front, faces the viewer.
     turned = placement(1.0, written.rotate_deg)[:3, :3]
     np.testing.assert_allclose(turned @ [0, 0, 1], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(turned @ [0, -1, 0], [0, 0, 1], atol=1e-15)
@@ -278,7 +279,7 @@ def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene
     solid.export(tmp_path / "inside-out.ply")
     xfrustum.new_scene(tmp_path / "inside-out.ply", path, place="behind", units="mm")
     drawn = [*("raster", str(path), "--near", "0.1", "--out", str(tmp_path / "a.exr")), "--cull"]
-    told = "show back faces, and `--cull back` leaves them out"
+    warning = "show back faces, and `--cull back` leaves them out"
     capsys.readouterr()
     for command, expected in (
         (["check", str(path)], 1),
@@ -286,18 +287,18 @@ def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene
         ([*drawn, "none"], 0),
     ):
         assert main(command) == 0
-        assert capsys.readouterr().err.count(told) == expected
+        assert capsys.readouterr().err.count(warning) == expected
     wrong = open_scene(str(path)).objects[0]
     path.write_text(path.read_text().replace("# flip_winding", "flip_winding"))
     for command in (["check", str(path)], [*drawn, "back"]):
         assert main(command) == 0
-        assert told not in capsys.readouterr().err
+        assert warning not in capsys.readouterr().err
     np.testing.assert_array_equal(open_scene(str(path)).objects[0].faces, wrong.faces[:, ::-1])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_normals_of_a_flipped_mesh_lie_on_the_side_of_its_new_winding(side: float) -> None:
-    """Whether its file had them on the side of its winding or, rightly, on the other one."""
+    """Its file has them on the side of its winding or, rightly, on the other one."""
     ball = build_shape("sphere")
     normals = side * np.asarray(smoothed(ball).vertex_normals)
     turned = flipped(replace(ball, vertex_normals=normals)).vertex_normals
@@ -314,12 +315,14 @@ TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\nf 1 2
 def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
     off: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As flat as rounding makes it; where it is asked into the plate, `new` and `check` warn of that."""
+    """As flat as rounding makes it; if put into the plate, `new` and `check` warn of that."""
     monkeypatch.chdir(tmp_path)
     Path("flat.obj").write_text(TILED.replace("v 20 20 0", f"v 20 20 {off}"))
     assert main(["new", "flat.obj", "--size", "60"]) == 0
-    said = capsys.readouterr()
-    assert "flat, and is placed behind the plate" in said.err and "behind the plate" in said.out
+    printed = capsys.readouterr()
+    assert (
+        "flat, and is placed behind the plate" in printed.err and "behind the plate" in printed.out
+    )
     assert box(open_scene("flat.toml").objects[0])[1][2] < -10
     assert main(["check", "flat.toml"]) == 0
     assert "in the plate" not in capsys.readouterr().err
@@ -330,7 +333,7 @@ def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
 
 
 def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_path: Path) -> None:
-    """A solid across the plate has no triangle in it; and a distance that single precision holds is one."""
+    """A solid across the plate has no triangle in it; a distance that float32 holds is valid."""
     solid = mesh(tmp_path, "part.obj")
     assert xfrustum.new_scene(solid, tmp_path / "a.toml").warning is None
     (tmp_path / "near.toml").write_text(

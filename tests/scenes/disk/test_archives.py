@@ -1,4 +1,4 @@
-"""Recordings, archives and scene files made by strangers: one line, and no more memory than allowed."""
+"""Recordings, archives and scene files of strangers: one line, no more memory than allowed."""
 
 import os
 import tracemalloc
@@ -36,16 +36,16 @@ def test_recordings_of_an_attack_end_with_one_line(capsys: pytest.CaptureFixture
 def test_arrays_are_read_without_pickles_and_declare_no_more_than_allowed(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, one=np.arange(6).reshape(2, 3), two=np.array("text"))
-    found = read_arrays(path, *ADVICE)
-    assert found["one"].tolist() == [[0, 1, 2], [3, 4, 5]] and str(found["two"]) == "text"
+    arrays = read_arrays(path, *ADVICE)
+    assert arrays["one"].tolist() == [[0, 1, 2], [3, 4, 5]] and str(arrays["two"]) == "text"
     np.savez(path, one=np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="pickle"):
         read_arrays(path, *ADVICE)
     # Some kilobytes that become 32 MiB.
     np.savez_compressed(path, one=np.zeros(1 << 25, np.uint8))
     tracemalloc.start()
-    told = r"unpacking its arrays, 32 MiB of memory.*--max-input-memory"
-    with input_memory(1 << 20), pytest.raises(InputError, match=told):
+    message = r"unpacking its arrays, 32 MiB of memory.*--max-input-memory"
+    with input_memory(1 << 20), pytest.raises(InputError, match=message):
         read_arrays(path, *ADVICE)
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     tracemalloc.stop()
@@ -104,6 +104,6 @@ def test_numbers_of_thousands_of_digits_are_refused_by_the_name_of_their_key(
     """Python reads any hexadecimal number, and writes none of more than 4,300 decimal digits."""
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.replace("hogels = [3", f"hogels = [0x{'f' * 5000}"))
-    told = r"plate.hogels\[0\]: .*not a number of thousands of digits"
-    with pytest.raises(InputError, match=told):
+    message = r"plate.hogels\[0\]: .*not a number of thousands of digits"
+    with pytest.raises(InputError, match=message):
         open_scene(path)

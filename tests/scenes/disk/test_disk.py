@@ -30,7 +30,7 @@ VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A scene and what a renderer drew of it."""
+    """A scene and a renderer's image of it."""
     monkeypatch.chdir(tmp_path)
     Path("scene.toml").write_text(SCENE)
     assert main(["raster", "scene.toml", "--near", "0.001", "--out", "0x0.exr"]) == 0
@@ -234,8 +234,8 @@ for number, folder in enumerate(sys.argv[1:]):
         folder.mkdir()
     # One process for each number of renames; they are forked, so that Python starts once.
     subprocess.run([sys.executable, "-c", program, *folders], check=True)
-    found = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
-    assert set(found) == {"", "xyz"}
+    contents = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
+    assert set(contents) == {"", "xyz"}
 
 
 def test_nothing_has_its_name_before_it_is_on_the_disk(
@@ -288,7 +288,7 @@ def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
     assert modes == [0o640, 0o750]
 
 
-# A disk that is full at any byte: the files of a command are whole, or it reports that and leaves none.
+# A disk that is full at any byte: files are whole, or the command reports it and leaves none.
 
 DISK_SCENE = SCENE.replace("hogels = [1, 1]", "hogels = [2, 1]").replace("[16, 12]", "[32, 24]")
 TRUTH, DRAWN = "trace scene.toml --quiet --out", "raster scene.toml --near 0.1 --out"

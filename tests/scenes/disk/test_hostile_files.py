@@ -1,4 +1,4 @@
-"""Files that are damaged, or that nobody should have sent: one line that names them, and nothing else."""
+"""Damaged files, or files that no honest program sends: one line that names them, nothing else."""
 
 import io
 import json
@@ -66,7 +66,7 @@ def enlarged(data: bytes) -> bytes:
 
 
 def reordered(data: bytes) -> bytes:
-    """Let the order of an image's lines be a value that no reader knows, of a wrong size."""
+    """Let the order of an image's lines be a value unknown to readers, of a wrong size."""
     name = b"lineOrder\0lineOrder\0"
     before, after = data.split(name)
     return before + name + b"\2\0\0\0" + b"\2\0" + after[5:]
@@ -163,7 +163,7 @@ DAMAGED: list[tuple[str, Content, str]] = [
         "material.m.diffuse",
     ),
 ]
-"""A file's name, which says how it is read, its content or what makes it, and what is said of it."""
+"""A file's name, which determines its reader; its content or maker; and its message."""
 
 
 def scene_of(path: Path) -> Path:
@@ -185,29 +185,29 @@ def refusal(path: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED]
+    ("name", "content", "expected"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED]
 )
 def test_a_damaged_file_is_one_line_that_names_it_and_no_library_says_more(
-    name: str, content: Content, told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str, content: Content, expected: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     made_of = content() if callable(content) else content
     (tmp_path / name).write_bytes(made_of if isinstance(made_of, bytes) else made_of.encode())
-    said = refusal(tmp_path / name)
-    assert name in said and told in said
+    message = refusal(tmp_path / name)
+    assert name in message and expected in message
     key = {"mesh": "object[0].mesh", "sky": "environment.map"}.get(name.partition(".")[0], "")
-    assert key in said
+    assert key in message
     assert capfd.readouterr() == ("", "")
 
 
 def test_what_is_not_there_or_a_folder_is_named(tmp_path: Path) -> None:
-    for read, name, told in (
+    for read, name, message in (
         (read_image, "missing.exr", "no such image"),
         (load_mesh, "missing.obj", "no such mesh"),
         (load_patches, "missing.bpt", "no such patch file"),
         (read_environment, "missing.exr", "no such environment map"),
         (open_scene, "missing.toml", "no such scene"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             read(tmp_path / name)
     with pytest.raises(InputError, match="is a folder"):
         open_scene(tmp_path)
@@ -242,11 +242,11 @@ def test_textures_that_are_pipes_are_unread_and_those_of_too_many_pixels_refused
     assert unread.feature == "texture skin.png"
     skin.unlink()
     Image.new("1", (300, 300)).save(skin)
-    told = r"300 x 300 pixels.*--max-input-memory"
-    with input_memory(1 << 16), pytest.raises(InputError, match=told):
+    message = r"300 x 300 pixels.*--max-input-memory"
+    with input_memory(1 << 16), pytest.raises(InputError, match=message):
         read_rgb(skin)
     with input_memory(1 << 16):
-        assert re.search(told, refusal(tmp_path / "mesh.obj"))
+        assert re.search(message, refusal(tmp_path / "mesh.obj"))
 
 
 def test_the_bound_of_memory_grows_with_the_file_and_can_be_raised() -> None:

@@ -1,4 +1,4 @@
-"""The scene file: the scene is as the file says, and every mistake is one line that names the key."""
+"""The scene file: each key arrives in the scene; every mistake is one line that names the key."""
 
 import math
 from dataclasses import replace
@@ -24,8 +24,9 @@ LIGHT = "[[light]]\ndirection = [0, 3, 4]\n"
 MAP = '[environment]\nmap = "sky.exr"\n'
 
 SHARED_EXPONENT = 2.0**-7
-"""A Radiance HDR file cuts three channels to 8 bits below one power of two, which is at most twice the
-largest of them: off by at most this share of it."""
+"""A Radiance HDR file cuts three channels to 8 bits below one power of two, which is at most twice
+the largest of them: off by at most this share of it.
+"""
 
 
 def write(folder: Path, *tables: str) -> str:
@@ -50,13 +51,13 @@ def test_every_key_arrives_in_the_scene(tmp_path: Path) -> None:
     tables = (
         "[sampling]\naperture = 16\nsupersample = 2\n[transport]\nshadows = true\nsamples = 8\n"
     )
-    asked = open_scene(write(tmp_path, PLATE, FRUSTUM, tables))
-    assert asked.sampling == Sampling(supersample=2, aperture=16)
-    assert asked.transport == Transport(shadows=True, samples=8)
+    opened = open_scene(write(tmp_path, PLATE, FRUSTUM, tables))
+    assert opened.sampling == Sampling(supersample=2, aperture=16)
+    assert opened.transport == Transport(shadows=True, samples=8)
 
 
 def test_scale_then_rotate_about_fixed_x_y_z_then_translate() -> None:
-    """By hand, (1, 2, 3) becomes (2, 4, 6), about x (2, -6, 4), about y (4, -6, -2), about z (6, 4, -2)."""
+    """By hand, (1, 2, 3) becomes (2, 4, 6); about x (2, -6, 4), y (4, -6, -2), z (6, 4, -2)."""
     matrix = placement(2.0, (90.0, 90.0, 90.0), (10.0, 20.0, 30.0))
     np.testing.assert_allclose(matrix @ [1, 2, 3, 1], [16, 24, 28, 1], atol=1e-13)
 
@@ -99,7 +100,7 @@ MISTAKES_OF_LIGHT = [
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "expected"),
     [
         ([PLATE], ["frustum is missing"]),
         (
@@ -148,17 +149,17 @@ MISTAKES_OF_LIGHT = [
             ["object[0].mesh", "none.obj", "no such mesh"],
         ),
         (["plate = \n"], ["not valid TOML", "line 1"]),
-        *(([PLATE, FRUSTUM, tables], told) for tables, told in MISTAKES_OF_LIGHT),
+        *(([PLATE, FRUSTUM, tables], expected) for tables, expected in MISTAKES_OF_LIGHT),
     ],
 )
 def test_a_mistake_is_one_line_with_file_key_and_what_is_allowed(
-    tmp_path: Path, tables: list[str], told: list[str]
+    tmp_path: Path, tables: list[str], expected: list[str]
 ) -> None:
     with pytest.raises(InputError) as caught:
         open_scene(write(tmp_path, *tables))
     message = str(caught.value)
     assert "\n" not in message
-    for words in ["scene.toml", *told]:
+    for words in ["scene.toml", *expected]:
         assert words in message
 
 
@@ -189,7 +190,7 @@ def test_lengths_that_32_bit_images_cannot_hold_and_a_screen_almost_in_the_plate
 
 @pytest.fixture
 def sky() -> Singles:
-    """A map that no flip leaves as it is."""
+    """A map that every flip changes."""
     return np.random.default_rng(3).random((6, 12, 3), dtype=np.float32) * 5
 
 
@@ -231,9 +232,11 @@ def test_only_a_file_without_light_and_environment_gets_the_default_light(
     path.write_text(
         tables + PLATE + FRUSTUM if tables.startswith("light") else PLATE + FRUSTUM + tables
     )
-    found = open_scene(str(path)).appearance.lights
-    assert len(found) == len(lights)
-    assert all(want in (light, light.direction) for light, want in zip(found, lights, strict=True))
+    lights_of_file = open_scene(str(path)).appearance.lights
+    assert len(lights_of_file) == len(lights)
+    assert all(
+        want in (light, light.direction) for light, want in zip(lights_of_file, lights, strict=True)
+    )
 
 
 def test_an_environment_is_read_as_stored_from_openexr_and_radiance_files(
@@ -260,7 +263,11 @@ def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: Si
 
 def test_a_transform_that_mirrors_is_said_unless_the_winding_is_flipped(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
-    for first, flip, said in ((-2.0, "false", True), (-2.0, "true", False), (2.0, "false", False)):
+    for first, flip, warned in (
+        (-2.0, "false", True),
+        (-2.0, "true", False),
+        (2.0, "false", False),
+    ):
         path.write_text(
             'units = "mm"\nplate = {size = [2, 2], hogels = [3, 3]}\n'
             "frustum = {resolution = [8, 8], fov_deg = [60, 60], reach = [9, 9]}\n"
@@ -269,8 +276,8 @@ def test_a_transform_that_mirrors_is_said_unless_the_winding_is_flipped(tmp_path
         )
         assert (
             any(
-                "object[0].transform mirrors sphere" in one
-                for one in open_scene(str(path)).warnings
+                "object[0].transform mirrors sphere" in warning
+                for warning in open_scene(str(path)).warnings
             )
-            == said
+            == warned
         )

@@ -14,8 +14,9 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
 
 ROUNDING = 1e-12
-"""A few dozen operations of doubles on values of size one round to 1e-14; matrices here may be so close to
-singular that they lose two digits more."""
+"""A few dozen operations of doubles on values of size one round to 1e-14; matrices here may be so
+close to singular that they lose two digits more.
+"""
 
 MATRICES = npst.arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).filter(
     lambda matrix: abs(matrix[0] @ np.cross(matrix[1], matrix[2])) > 0.1
@@ -50,7 +51,7 @@ def winding_normals(part: SceneObject) -> Floats:
 def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
     matrix: Floats, corners: Floats, shift: tuple[float, float, float]
 ) -> None:
-    """Whatever the matrix, mirrors included: the moved normal is that of the moved triangle."""
+    """Whatever the matrix, mirrors included: the moved normal is the moved triangle's normal."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     if np.linalg.norm(normal) < 0.05:
         return
@@ -81,8 +82,8 @@ def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
 def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
     normals: Floats, colors: Floats, weights: tuple[float, float], levels: int
 ) -> None:
-    one, two = sorted(weights)
-    shares = np.array([one, two - one, 1 - two])
+    first, two = sorted(weights)
+    shares = np.array([first, two - first, 1 - two])
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     part = SceneObject(
         name="t",
@@ -144,7 +145,7 @@ def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there(
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
 def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> None:
-    """24 bands of 7.5 degrees: a mean of the facets around a point is off by far less than one of them."""
+    """24 bands of 7.5 degrees: a mean of the facets around a point errs by far less than one."""
     ball = build_shape("sphere")
     ball = smoothed(replace(ball, vertices=ball.vertices * size))
     outward = ball.vertices / size / 0.5

@@ -1,4 +1,4 @@
-"""Bezier patches: triangles within a stated distance of the surface, without cracks, with its normals."""
+"""Bezier patches: triangles within a stated distance, without cracks, with true normals."""
 
 import math
 from pathlib import Path
@@ -54,10 +54,10 @@ def chord_errors(
 ) -> Floats:
     """Return, for each patch, how far its surface is from its own triangles, densely sampled.
 
-    A distance to fewer triangles than all is an upper bound: each sample looks at those of its own
+    A distance to fewer triangles than all is an upper bound: each sample tests triangles of its own
     cell.
     """
-    found = []
+    errors = []
     start = 0
     for net, (a, b) in zip(nets, steps, strict=True):
         grid = part.vertices[start : start + (a + 1) * (b + 1)].reshape(a + 1, b + 1, 3)
@@ -73,8 +73,8 @@ def chord_errors(
             for corners in ((p, q, r), (p, r, s))
         ]
         apart = [np.linalg.norm(closest_point(half, points) - points, axis=1) for half in halves]
-        found.append(np.minimum(*apart).max())
-    return np.array(found)
+        errors.append(np.minimum(*apart).max())
+    return np.array(errors)
 
 
 def teapot(shared_data: Path) -> list[Floats]:
@@ -92,7 +92,7 @@ def test_a_surface_of_known_polynomials_is_evaluated_exactly() -> None:
 
 
 def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
-    """A parabolic arch of height 1/4: the middle one of n level chords lies 1/(4 n^2) below its top."""
+    """A parabolic arch of height 1/4: the middle of n level chords lies 1/(4 n^2) below its top."""
     net = np.array(
         [[[u, v, z] for v in (0.0, 1.0)] for u, z in ((0.0, 0.0), (0.5, 0.5), (1.0, 0.0))]
     )
@@ -161,16 +161,16 @@ def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
     heights = {"cone": (0.0, 1 / 3, 2 / 3, 1.0), "dome": (0.0, 0.6, 1.0, 1.0)}
     for kind, rise in heights.items():
         net = np.array([[[*(ring[i] * (1 - j / 3)), rise[j]] for j in range(4)] for i in range(4)])
-        found = normals(net, evenly(6), evenly(5))
-        assert np.isfinite(found).all()
+        values = normals(net, evenly(6), evenly(5))
+        assert np.isfinite(values).all()
         if kind == "dome":
-            np.testing.assert_allclose(found[:, -1], [[0, 0, 1]] * 7, atol=1e-15)
+            np.testing.assert_allclose(values[:, -1], [[0, 0, 1]] * 7, atol=1e-15)
         else:
             # On a cone the normal is the same all the way up.
-            np.testing.assert_allclose(found[:, -1], found[:, 0], atol=1e-14)
+            np.testing.assert_allclose(values[:, -1], values[:, 0], atol=1e-14)
         for turned, expected in (
-            (net[:, ::-1], found[:, ::-1]),
-            (net.swapaxes(0, 1), found.swapaxes(0, 1)),
+            (net[:, ::-1], values[:, ::-1]),
+            (net.swapaxes(0, 1), values.swapaxes(0, 1)),
         ):
             u, v = (evenly(expected.shape[axis] - 1) for axis in (0, 1))
             np.testing.assert_allclose(normals(turned, u, v), -expected, atol=1e-14)
@@ -221,8 +221,8 @@ def test_degrees_and_order_of_points_are_those_of_the_file(tmp_path: Path) -> No
         for seed, shape in enumerate([(2, 4, 3), (4, 3, 3)])
     ]
     (tmp_path / "two.bpt").write_text("2\n" + "".join(patch_text(net) for net in nets))
-    for found, net in zip(read_patches(tmp_path / "two.bpt"), nets, strict=True):
-        np.testing.assert_array_equal(found, net)
+    for patch, net in zip(read_patches(tmp_path / "two.bpt"), nets, strict=True):
+        np.testing.assert_array_equal(patch, net)
 
 
 def test_without_a_tolerance_it_is_relative_to_the_size(tmp_path: Path) -> None:

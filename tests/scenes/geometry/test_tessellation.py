@@ -28,9 +28,9 @@ def rows(levels: int) -> tuple[Measurement, ...]:
 
 
 def starved(settings: DoubleFrustum) -> bool:
-    """Return whether one step of the depth buffer, w^2 / (n 2^b), is over 1 % of the reach at w = 30.
+    """Return whether a step of the depth buffer, w^2 / (n 2^b), is over 1 % of reach at w = 30.
 
-    That is the car's middle depth, for a reach of 150. Reversed float depth has steps of 2^-24 w.
+    The car's middle depth is 30 for a reach of 150. Reversed float depth has steps of 2^-24 w.
     """
     if settings.depth is DepthFormat.D32F and settings.mapping is DepthMapping.REVERSED:
         return False
@@ -44,7 +44,7 @@ def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: 
     """But where standard depth has a handful of steps left: there it is off by up to 2 %."""
     coarse, fine = rows(0), rows(levels)
     assert best_setting(fine).settings == best_setting(coarse).settings
-    for one, other in zip(coarse, fine, strict=True):
-        assert one.settings == other.settings
-        same = abs(one.surface_fraction - other.surface_fraction) < SURFACE_CHANGE
-        assert same or starved(one.settings), one.settings
+    for row, other in zip(coarse, fine, strict=True):
+        assert row.settings == other.settings
+        same = abs(row.surface_fraction - other.surface_fraction) < SURFACE_CHANGE
+        assert same or starved(row.settings), row.settings

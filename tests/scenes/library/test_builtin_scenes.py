@@ -1,4 +1,4 @@
-"""The built-in scenes: the same every time, and each fit for what it says it is for."""
+"""The built-in scenes: the same every time, and each fit for its stated purpose."""
 
 import itertools
 import math

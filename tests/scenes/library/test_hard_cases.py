@@ -56,10 +56,10 @@ def truth_of(name: str, aperture: Index = MIDDLE) -> HogelImage:
 def companions_of(image: HogelImage) -> dict[Index, list[int]]:
     """Return the triangles of every tie in ascending order, by row and column."""
     assert image.tied_triangles is not None
-    found: dict[Index, list[int]] = defaultdict(list)
+    ties: dict[Index, list[int]] = defaultdict(list)
     for row, column, triangle in image.tied_triangles.tolist():
-        found[row, column].append(triangle)
-    return {index: sorted(triangles) for index, triangles in found.items()}
+        ties[row, column].append(triangle)
+    return {index: sorted(triangles) for index, triangles in ties.items()}
 
 
 def pixel_grid(name: str) -> tuple[Indices, Indices]:
@@ -143,7 +143,7 @@ def test_the_truth_is_finite_and_consistent(name: str, aperture: Index) -> None:
     assert (off <= LINE_ROUNDING * (np.abs(center) + np.abs(along[shown]))).all()
 
 
-@pytest.mark.parametrize(("name", "aperture"), thinned((one.values for one in VIEWS), 7))
+@pytest.mark.parametrize(("name", "aperture"), thinned((view.values for view in VIEWS), 7))
 def test_rational_arithmetic_agrees(name: str, aperture: Index) -> None:
     scene, image = scene_of(name), truth_of(name, aperture)
     assert image.certainty is not None
@@ -173,7 +173,7 @@ def bits(image: HogelImage) -> list[bytes]:
 def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: str) -> None:
     scene = scene_of(name)
     reference = Reference(scene)
-    with Rasterizer(scene) as one, Rasterizer(scene) as other:
+    with Rasterizer(scene) as rasterizer, Rasterizer(scene) as other:
         for aperture in hard_cases.CASES[name].apertures:
             where = scene.plate.aperture(*aperture)
             for near in NEARS:
@@ -181,7 +181,7 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
                     settings = DoubleFrustum(
                         near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping
                     )
-                    drawn = one.render(where, settings)
+                    drawn = rasterizer.render(where, settings)
                     shown = drawn.triangle != NOTHING
                     assert np.isfinite(drawn.position[shown]).all()
                     assert drawn.color is not None and np.isfinite(drawn.color).all()
@@ -189,13 +189,13 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
                     judged = compare_images(truth_of(name, aperture), drawn, reference)
                     json.dumps(judged.summary(), allow_nan=False)
                     model = reference.trace_model(where, settings)
-                    explained = explain(scene, model, drawn, one.model)
+                    explained = explain(scene, model, drawn, rasterizer.model)
                     assert not explained.unexplained.any(), (aperture, settings)
 
 
 def peak_memory(work: str) -> int:
     """Return the largest memory, bytes, that a process of its own needed for some work."""
-    # Not ru_maxrss: a program begins with that of the process that started it.
+    # Not ru_maxrss: a program begins with the value of its parent process.
     measured = f"{work}\nfrom pathlib import Path\nprint(Path('/proc/self/status').read_text())"
     done = subprocess.run(
         [sys.executable, "-c", measured], capture_output=True, text=True, check=True
@@ -206,9 +206,10 @@ def peak_memory(work: str) -> int:
 
 
 BYTES_PER_TRIANGLE = 512
-"""Largest memory: with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72, normals 24.
+"""Largest memory, bytes: with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72,
+normals 24.
 
-Making the normals takes about as much again three times over. An image takes nothing beside that.
+Making the normals takes about as much again three times over. An image adds hardly any.
 """
 
 
@@ -220,14 +221,15 @@ GIANTS = {
         BYTES_PER_TRIANGLE * 10_000_000,
     ),
     "hard/giant-image": (
-        "bands = list((len(band.triangle), int(band.covered.sum()), int((band.certainty != 0).sum()))\n"
+        "bands = list(\n"
+        "(len(band.triangle), int(band.covered.sum()), int((band.certainty != 0).sum()))\n"
         "    for band in Reference(scene).trace_bands(scene.plate.middle))\n"
         "rows, covered, unproven = map(sum, zip(*bands))\n"
         "assert rows == 8192 and 0.2 < covered / 8192**2 < 0.9 and unproven < 1e-3 * 8192**2\n",
         3 * GIB,
     ),
 }
-"""What is asserted of each giant, and the largest memory that it may take, bytes."""
+"""Assertions about each giant, and the largest memory that it may take, bytes."""
 
 
 @pytest.mark.slow
@@ -237,7 +239,8 @@ def test_giants_are_traced_in_bounded_memory(
 ) -> None:
     program, limit = GIANTS[name]
     needed = peak_memory(
-        "from xfrustum.reference import Reference\nfrom xfrustum.scenes import Certainty, open_scene\n"
+        "from xfrustum.reference import Reference\n"
+        "from xfrustum.scenes import Certainty, open_scene\n"
         f"scene = open_scene({name!r})\n"
         f"assert len(scene.faces) == {hard_cases.CASES[name].triangles}\n{program}"
     )
@@ -245,7 +248,7 @@ def test_giants_are_traced_in_bounded_memory(
     assert needed < limit
 
 
-# Each hard case shows what geometry says, pixel by pixel, in closed form.
+# Each hard case shows its closed form, pixel by pixel.
 
 
 def certain(image: HogelImage, kind: Certainty) -> Mask:
@@ -272,10 +275,10 @@ def test_lines_through_vertices_and_edges_meet_all_triangles_there(
     expected = np.where((across == 0) | (down == 0) | (across == down), 2, 1)
     expected[(across == 0) & (down == 0)] = 6
     interior = inside(column, columns) & inside(row, rows)
-    found = np.ones_like(column)
+    counts = np.ones_like(column)
     for index, triangles in ties.items():
-        found[index] = len(triangles)
-    np.testing.assert_array_equal(found[interior], expected[interior])
+        counts[index] = len(triangles)
+    np.testing.assert_array_equal(counts[interior], expected[interior])
     assert (certain(image, Certainty.PROVEN) == (expected == 1))[interior].all()
 
 
@@ -308,9 +311,9 @@ def test_every_line_through_the_tip_of_a_pyramid_is_a_tie_of_its_sides() -> None
     assert certain(image, Certainty.TIE).all()
     assert (image.position == 0).all()
     assert set(map(tuple, companions_of(image).values())) == {(0, 1, 2, 3)}
-    beside = truth_of("hard/vertex-on-aperture", (3, 2))
-    assert certain(beside, Certainty.PROVEN).all()
-    assert (beside.height[beside.covered] < 0).all()
+    control = truth_of("hard/vertex-on-aperture", (3, 2))
+    assert certain(control, Certainty.PROVEN).all()
+    assert (control.height[control.covered] < 0).all()
 
 
 def test_an_edge_through_the_aperture_is_a_tie_but_for_lines_in_either_side() -> None:
@@ -483,7 +486,7 @@ def test_neither_place_in_the_file_nor_size_moves_a_bit(
 def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(
     name: str, aperture: Index
 ) -> None:
-    """Lines end at the first of the planes x = +-24, y = +-24 and z = 20 on the way to the viewer."""
+    """Lines end at the first of the planes x = +-24, y = +-24 and z = 20 toward the viewer."""
     image = truth_of(name, aperture)
     where = scene_of(name).plate.aperture(*aperture)
     dx, dy = slopes(name, aperture)
@@ -504,9 +507,9 @@ def test_a_screen_in_front_shears_the_other_way_and_from_the_middle_not_at_all()
     behind, in_front = "hard/screen-near-plate", "hard/screen-near-plate-in-front"
     np.testing.assert_array_equal(truth_of(in_front).triangle, truth_of(behind).triangle)
     np.testing.assert_array_equal(truth_of(in_front).position, truth_of(behind).position)
-    one, other = truth_of(in_front, (0, 3)).camera, truth_of(behind, (0, 3)).camera
-    assert one.shear == (-other.shear[0], -other.shear[1]) != (0.0, 0.0)
-    assert one.half_extent == other.half_extent
+    camera, other = truth_of(in_front, (0, 3)).camera, truth_of(behind, (0, 3)).camera
+    assert camera.shear == (-other.shear[0], -other.shear[1]) != (0.0, 0.0)
+    assert camera.half_extent == other.half_extent
 
 
 def test_the_picture_on_the_screen_fills_every_aperture_alike() -> None:

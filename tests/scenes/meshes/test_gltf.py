@@ -134,7 +134,7 @@ def test_normalized_integers_are_shares_of_the_largest(kind: str, tmp_path: Path
     bounds = np.iinfo(kind)
     stored = np.array([[bounds.min, 0, 0], [bounds.max, 0, 1], [0, bounds.max // 2, 0]], kind)
     writer = Writer()
-    points = writer.array(stored, normalized=True)  # its bounds are those of the stored numbers
+    points = writer.array(stored, normalized=True)  # its bounds are the stored numbers' bounds
     color = writer.array(np.array([[255, 51, 0]] * 3, "<u1"), normalized=True)
     attributes = {"POSITION": points, "COLOR_0": color}
     writer.node(mesh=writer.add("meshes", primitives=[{"attributes": attributes}]))
@@ -301,7 +301,7 @@ def test_buffers_lie_in_the_file_beside_it_or_in_its_text(tmp_path: Path) -> Non
 
 
 def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path) -> None:
-    """The example of KHR_texture_transform: the lower left quadrant of the image, a quarter turned."""
+    """The example of KHR_texture_transform: the image's lower left quadrant, a quarter turned."""
     Image.new("RGB", (4, 4), (1, 2, 3)).save(tmp_path / "a b.png")
     writer = Writer()
     writer.add("images", uri="a%20b.png")
@@ -427,7 +427,9 @@ REFUSED: dict[str, Callable[[Writer], None]] = {
     "min of accessor 0 is declared [0.0, 0.0, -1.0], its data have [0.0, 0.0, 0.0]": changed(
         "accessors", 0, "min", to=[0, 0, -1]
     ),
-    "18 elements take 36 bytes, buffer view 1 has 34": changed("bufferViews", 1, "byteLength", to=34),
+    "18 elements take 36 bytes, buffer view 1 has 34": changed(
+        "bufferViews", 1, "byteLength", to=34
+    ),
     "buffer view 1 ends after its buffer": changed("bufferViews", 1, "byteOffset", to=64),
     "buffer 0 declares 999 bytes": changed("buffers", to=[{"byteLength": 999}]),
     "there is no file": changed("buffers", to=[{"byteLength": 9, "uri": "lost.bin"}]),

@@ -155,7 +155,7 @@ def test_the_albedo_is_the_files_with_texture_coordinates_or_without(
         assert mesh.texture_of_triangle.tolist() == [0, 0]
         albedo = albedo * linear(tuple(mesh.textures[0][0, 0, :3].tolist()))
     np.testing.assert_allclose(albedo, expected, rtol=1e-6)  # floats of glTF have 24 bits
-    assert [str(one) for one in mesh.unread if "statements Kd" not in str(one)] == []
+    assert [str(feature) for feature in mesh.unread if "statements Kd" not in str(feature)] == []
 
 
 SCENE = """
@@ -195,7 +195,9 @@ LOST: dict[str, Any] = {
     "xture lost.png is missing": gltf(TEXTURED, image="lost.png"),
     "texture . cannot be read": gltf(TEXTURED, image="."),
     "xture empty.png cannot be read": gltf(TEXTURED, image="empty.png"),
-    "KHR_materials_pbrSpecularGlossiness": gltf({"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
+    "KHR_materials_pbrSpecularGlossiness": gltf(
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}
+    ),
 }  # fmt: skip
 
 

@@ -25,7 +25,7 @@ MIRRORED = (SOUP * [-1, 1, 2])[:, ::-1]
 
 def group(number: int, *components: str) -> str:
     """Return an object of components."""
-    parts = "".join(f"<component {one}/>" for one in components)
+    parts = "".join(f"<component {component}/>" for component in components)
     return f'<object id="{number}"><components>{parts}</components></object>'
 
 
@@ -38,7 +38,9 @@ def model(resources: str, *items: str) -> str:
 ONE = f'<object id="1">{MESH}</object>'
 OTHER_PARTS = {
     "3D/a.model": f"<resources>{ONE}</resources>",
-    "3D/b.model": f'<resources><object id="1">{mesh_xml(OTHER.tolist(), FACES)}</object></resources>',
+    "3D/b.model": (
+        f'<resources><object id="1">{mesh_xml(OTHER.tolist(), FACES)}</object></resources>'
+    ),
 }  # fmt: skip
 TWO_PARTS = ('objectid="1" p:path="/3D/a.model"', 'objectid="1" p:path="/3D/b.model"')
 PLACED: dict[str, tuple[bytes, Iterable[ArrayLike]]] = {
@@ -155,7 +157,7 @@ def test_packages_that_would_be_misread_are_refused(
 def test_units_and_colors_of_3mf_are_listed(tmp_path: Path) -> None:
     colored = OBJECT.replace('id="1"', 'id="1" pid="5"')
     mesh = load_mesh(written(tmp_path, "a.3mf", threemf(colored + ITEM, attributes='unit="inch"')))
-    assert [one.feature for one in mesh.unread] == ["unit inch", "materials and colors"]
+    assert [feature.feature for feature in mesh.unread] == ["unit inch", "materials and colors"]
 
 
 COARSE = '<PolygonalLOD accuracy="{}"><Faces>{}</Faces></PolygonalLOD>'

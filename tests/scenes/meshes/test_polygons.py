@@ -23,8 +23,8 @@ def refused(polygon: int, reason: str) -> InputError:
 
 def cut(points: Floats, *polygons: list[int]) -> Indices:
     """Return the triangles of polygons as indices of points."""
-    corners = np.concatenate([np.array(one) for one in polygons])
-    counts = np.array([len(one) for one in polygons])
+    corners = np.concatenate([np.array(polygon) for polygon in polygons])
+    counts = np.array([len(polygon) for polygon in polygons])
     return np.asarray(
         corners[cut_polygons(np.asarray(points, np.float64), corners, counts, refused)]
     )
@@ -86,7 +86,9 @@ def test_corners_on_straight_edges_stay(flat: Floats, halves: int) -> None:
     triangles = cut(points, list(range(len(points))))
     assert len(triangles) == len(points) - 2
     edges = {
-        (int(a), int(b)) for one in triangles for a, b in zip(one, np.roll(one, -1), strict=True)
+        (int(a), int(b))
+        for triangle in triangles
+        for a, b in zip(triangle, np.roll(triangle, -1), strict=True)
     }
     assert {(k, (k + 1) % len(points)) for k in range(len(points))} <= edges
 

@@ -58,12 +58,13 @@ def test_both_readers_agree(path: Path) -> None:
 
 @needs_data
 @pytest.mark.parametrize(
-    ("plain", "feature"), [(plain, one) for plain, names in TWINS.items() for one in names.split()]
+    ("plain", "feature"),
+    [(plain, twin) for plain, names in TWINS.items() for twin in names.split()],
 )
 def test_twins_have_equal_triangles(plain: str, feature: str) -> None:
     """Each file by its polygons, the plain one by both readers."""
     reading, triangles = read(INPUTS / feature), product_triangles(INPUTS / plain)
-    # Either file may store in float32 what the other states exactly.
+    # Either file may store a number in float32 that the other states exactly.
     reading.rounding += 2.0**-24 * float(np.abs(triangles).max())
     assert difference(triangles, reading) is None
     assert difference(product_triangles(INPUTS / feature), reading) is None

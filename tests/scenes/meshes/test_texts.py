@@ -1,4 +1,4 @@
-"""OBJ, OFF, PLY and STL as exporters write them: the right triangles, or one line with the reason."""
+"""OBJ, OFF, PLY and STL as exporters write them: right triangles, or one line with the reason."""
 
 import re
 import struct
@@ -35,7 +35,8 @@ OBJ_ALIKE: dict[str, Content] = {
     "faces first": OBJ[len(OBJ_POINTS) :] + OBJ_POINTS,
     "weights of one": OBJ.replace("0\nv", "0 1.0\nv"),
     "names like statements": "g f 1 2 3\no v 1 2 3\nusemtl f\ns off\nmtllib v 1 2 3.mtl\n" + OBJ,
-    "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n" + OBJ,
+    "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n"
+    + OBJ,
     "Latin-1": b"# caf\xe9\x85f 1 2 3\ng \xfc\n" + OBJ.encode(),
     "points and lines": OBJ_POINTS + "p 1 2\nl 1 2 3\n" + OBJ[len(OBJ_POINTS) :],
     "materials in turns": OBJ.replace("f 2", "usemtl b\nf 2").replace("f 1", "usemtl a\nf 1"),
@@ -65,7 +66,9 @@ OFF_ALIKE: dict[str, Content] = {
     "C4OFF": off("C4OFF", "1 0 0 1", "0 0 0 1\n8 0 0 2\n-4 -12 0 -4\n.5 .5 2.5 .5\n"),
 }
 
-CODES = {"char": "b", "uchar": "B", "short": "h", "int": "i", "uint": "I", "float": "f", "double": "d"}  # fmt: skip
+CODES = {
+    "char": "b", "uchar": "B", "short": "h", "int": "i", "uint": "I", "float": "f", "double": "d"
+}  # fmt: skip
 ORDERS = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
 
 
@@ -90,7 +93,7 @@ def ply(
     ]
     rows.append([("i", 0)])
     rows += [
-        [(CODES[count], len(one)), *((CODES[index], k) for k in one), ("B", 9)] for one in faces
+        [(CODES[count], len(face)), *((CODES[index], k) for k in face), ("B", 9)] for face in faces
     ]
     rows = [[(code, value if code in "fd" else int(value)) for code, value in row] for row in rows]
     if order == "":
@@ -125,15 +128,15 @@ PLY_ALIKE: dict[str, Content] = {
 
 def stl(corners: Floats = SOUP, header: bytes = b"") -> bytes:
     """Return a binary STL file."""
-    facets = [struct.pack("<12fH", 0, 0, 0, *one.ravel(), 0) for one in corners]
+    facets = [struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0) for triangle in corners]
     return header.ljust(80, b" ") + struct.pack("<I", len(facets)) + b"".join(facets)
 
 
 def stl_text(corners: Floats = SOUP, name: str = "") -> str:
     """Return one solid of a text STL file."""
     facets = ""
-    for one in corners.tolist():
-        vertices = "\n".join("    vertex {!r} {!r} {!r}".format(*corner) for corner in one)
+    for triangle in corners.tolist():
+        vertices = "\n".join("    vertex {!r} {!r} {!r}".format(*corner) for corner in triangle)
         facets += f"facet normal 0 0 1\n  outer loop\n{vertices}\n  endloop\nendfacet\n"
     return f"solid {name}\n{facets}endsolid {name}\n"
 
@@ -150,7 +153,9 @@ STL_ALIKE: dict[str, Content] = {
 }
 ALIKE = [
     pytest.param(f"a.{kind}", content, id=f"{kind}: {name}")
-    for kind, files in {"obj": OBJ_ALIKE, "off": OFF_ALIKE, "ply": PLY_ALIKE, "stl": STL_ALIKE}.items()
+    for kind, files in zip(
+        ("obj", "off", "ply", "stl"), (OBJ_ALIKE, OFF_ALIKE, PLY_ALIKE, STL_ALIKE), strict=True
+    )
     for name, content in files.items()
 ]  # fmt: skip
 
@@ -188,16 +193,18 @@ POLYGONS = (tuple(range(9)), (0, 1, 3), (3, 1, 0, 8))
 @pytest.mark.parametrize("kind", ["obj", "off", "text.ply", "little.ply"])
 def test_concave_polygons_are_cut_in_their_plane(kind: str, tmp_path: Path) -> None:
     points = "".join("{!r} {!r} {!r}\n".format(*corner) for corner in LETTER.tolist())
-    faces = [" ".join(map(str, (len(one), *one))) for one in POLYGONS]
+    faces = [" ".join(map(str, (len(polygon), *polygon))) for polygon in POLYGONS]
     content: Content = f"OFF\n9 3 0\n{points}{faces[0]} 0.5 0.5 0.5\n{faces[1]}\n{faces[2]}\n"
     if kind == "obj":
         content = "".join(f"v {line}\n" for line in points.splitlines())
-        content += "".join(f"f {' '.join(str(k + 1) for k in one)}\n" for one in POLYGONS)
+        content += "".join(f"f {' '.join(str(k + 1) for k in polygon)}\n" for polygon in POLYGONS)
     elif kind != "off":
         content = ply(
             "" if kind == "text.ply" else "<", ("float", "uchar", "int"), LETTER, POLYGONS
         )
-    assert_reads(written(tmp_path, f"a.{kind}", content), [LETTER[list(one)] for one in POLYGONS])
+    assert_reads(
+        written(tmp_path, f"a.{kind}", content), [LETTER[list(polygon)] for polygon in POLYGONS]
+    )
 
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -206,13 +213,15 @@ OBJ_REFUSED = {
     "f 1 2 5": "line 5: faces point past the vertices, of which the file has 4: index 5; export",
     "f 1 2": "line 5: a face has 2 corners, and needs three",
     "f 1/1 2/1 3/1": "line 5: faces point past the texture coordinates, of which the file has 0",
-    "vt 0 0\nf 1/1 2/1 3": "line 6: some corners of a face have texture coordinates, some have none",
+    "vt 0 0\nf 1/1 2/1 3": "line 6: some corners of a face have texture coordinates, some "
+    "have none",
     "f 1/1/1/1 2 3": "line 5: a corner has more than three indices",
     "f 1 2 3.5": "line 5: a corner is no number",
     "f /1 /2 /3": "line 5: a corner has no vertex",
     "f \\\n1 2 \\\n3\nf 1 2 9": "line 8: faces point past the vertices",
     "v 1 2\nf 1 2 3": "line 5: a vertex needs three coordinates",
-    "v 1 2 3 2\nf 1 2 3": "line 5: the fourth coordinate is a weight of rational surfaces, and is 2",
+    "v 1 2 3 2\nf 1 2 3": "line 5: the fourth coordinate is a weight of rational surfaces, "
+    "and is 2",
     "v 1 2 3.1+e2\nf 1 2 3": "line 5: 'v 1 2 3.1+e2' has a word that is no number",
     "vn 0 1\nf 1 2 3": "line 5: a normal (vn) has three numbers",
     "surf 0 1 0 1 1 2 3 4\nf 1 2 3": "line 5: 'surf' is a free-form surface",
@@ -246,12 +255,19 @@ PLY_REFUSED: dict[str, tuple[Content, str]] = {
     "cut off": (PLY[:-10], "the header declares 9 lines of elements, and the file has 8"),
     "too long": (PLY + b"3 0 1 2\n", "declares 9 lines of elements, and the file has 10"),
     "cut off in binary": (ply("<", faces=FACES[:1] + POLYGONS[2:])[:-3], "ends within face 1 of 2"),
-    "too long in binary": (BINARY + b"\0\0", "the header declares 132 bytes of elements, file has 134"),
+    "too long in binary": (
+        BINARY + b"\0\0",
+        "the header declares 132 bytes of elements, file has 134",
+    ),
     "long line": (PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"), "has another number of values"),
     "two corners": (ply(faces=((0, 1),)), "face 0 has 2 corners, and needs three"),
     "index": (ply(faces=((0, 1, 4),)), "(index 4, 4 vertices)"),
-    "broken index": (ply("", ("float", "uchar", "float")).replace(b"3 2 0 3", b"3 2 0 2.5"), "no whole"),
-    "too large for its type": (PLY.replace(b"uchar int", b"uchar char").replace(b"2 0 3 9", b"2 0 300 9"),
+    "broken index": (
+        ply("", ("float", "uchar", "float")).replace(b"3 2 0 3", b"3 2 0 2.5"),
+        "no whole",
+    ),
+    "too large for its type": (
+        PLY.replace(b"uchar int", b"uchar char").replace(b"2 0 3 9", b"2 0 300 9"),
                                "does not fit its type"),
     "unknown type": (PLY.replace(b"uchar int", b"uchar long"), "'property list uchar long"),
     "property twice": (PLY.replace(b"float z", b"float y"), "property y is declared twice"),
@@ -277,7 +293,10 @@ STL_REFUSED: dict[str, tuple[Content, str]] = {
                     "line 4: a vertex needs three coordinates"),
 }  # fmt: skip
 REFUSED: list[tuple[str, Content, str]] = [
-    *[("a.obj", f"{SQUARE}{line}\nf 1 2 3\n", f"a.obj, {why}") for line, why in OBJ_REFUSED.items()],
+    *[
+        ("a.obj", f"{SQUARE}{line}\nf 1 2 3\n", f"a.obj, {why}")
+        for line, why in OBJ_REFUSED.items()
+    ],
     ("a.obj", b"PK\3\4 ..", "a.obj: is an archive, and no OBJ"),
     ("a.obj", b"\n<?xml?>", "a.obj: is XML or HTML, and no OBJ"),
     *[("a.off", *case) for case in OFF_REFUSED.values()],
@@ -308,7 +327,11 @@ def test_shared_files_are_refused_by_name(name: str, reason: str) -> None:
         load_mesh(INPUTS / name)
 
 
-FACETS = np.frombuffer(stl(), offset=84, dtype=np.dtype([("normal", "<f4", 3), ("rest", "<f4", 9), ("color", "<u2")]))  # fmt: skip
+FACETS = np.frombuffer(
+    stl(),
+    offset=84,
+    dtype=np.dtype([("normal", "<f4", 3), ("rest", "<f4", 9), ("color", "<u2")]),
+)
 
 
 def turned_facets() -> bytes:
@@ -341,7 +364,9 @@ def test_features_that_are_not_drawn_are_listed(
     inner.mkdir()
     written(tmp_path, "a.mtl", "newmtl a\nmap_Kd w.png\n")  # outside of the mesh's folder
     written(inner, "empty.mtl", "")
-    assert [one.feature for one in load_mesh(written(inner, name, content)).unread] == features
+    assert [
+        feature.feature for feature in load_mesh(written(inner, name, content)).unread
+    ] == features
 
 
 def test_values_at_corners_are_those_of_the_file(tmp_path: Path) -> None:
@@ -388,7 +413,7 @@ def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
     mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements))
     assert mesh.texture_of_triangle is not None  # the last material comes first
     assert mesh.texture_of_triangle.tolist() == [-1, -1, -1, 0]
-    assert [one.feature for one in mesh.unread] == [
+    assert [feature.feature for feature in mesh.unread] == [
         "material c",
         "statements d, map_Kd -clamp, map_Kd -s, map_Ks of materials",
         "texture lost.png",

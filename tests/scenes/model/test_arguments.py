@@ -1,4 +1,4 @@
-"""Arguments that cannot be meant are refused where they are given, with one line that names them."""
+"""Meaningless arguments are refused at once, with one line that names them."""
 
 import itertools
 import math
@@ -41,7 +41,9 @@ MAKERS: dict[str, tuple[Callable[..., object], dict[str, Any], str]] = {
     "Requirement": (Requirement, {}, "tolerance_px max_wrong"),
     "Scene": (Scene, {"name": "s", "plate": PLATE, "frustum": FRUSTUM, "objects": (SHEET,)},
               "plate frustum appearance sampling transport"),
-    "SceneObject": (SceneObject, {"name": "s", "vertices": np.eye(3), "faces": np.array([[0, 1, 2]])},
+    "SceneObject": (
+        SceneObject,
+        {"name": "s", "vertices": np.eye(3), "faces": np.array([[0, 1, 2]])},
                     "vertices faces"),
 }  # fmt: skip
 """Each class, arguments that are meant, and the names of those that take no nonsense."""
@@ -77,16 +79,16 @@ WRONG: dict[str, tuple[type, str, tuple[Any, ...]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("told", WRONG)
-def test_what_a_value_must_be_is_told(told: str) -> None:
-    make, name, values = WRONG[told]
+@pytest.mark.parametrize("message", WRONG)
+def test_what_a_value_must_be_is_told(message: str) -> None:
+    make, name, values = WRONG[message]
     for value in values:
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             make(**{"near": 0.1} if make is DoubleFrustum else {}, **{name: value})
 
 
 def test_names_are_taken_as_on_the_command_line_and_refused_with_what_would_do() -> None:
-    """A name is the same as the member of its enumeration: all that is drawn asks for the member."""
+    """A name equals the member of its enumeration; drawing uses members alone."""
     names: Any = {
         "depth": "d32f",
         "mapping": "reversed",
@@ -105,7 +107,7 @@ def test_names_are_taken_as_on_the_command_line_and_refused_with_what_would_do()
 def test_counts_are_not_cut_down_to_whole_numbers() -> None:
     for pair in ((8.5, 6), (8.0, 6.0), (0, 6), (-1, 6)):
         with pytest.raises(InputError, match=r"frustum\.resolution"):
-            Frustum(resolution=pair, reach=(1, 1), fov=(1, 1))  # type: ignore[arg-type]  # that is the point
+            Frustum(resolution=pair, reach=(1, 1), fov=(1, 1))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="faces must be whole numbers"):
         SceneObject(name="s", vertices=np.eye(3), faces=np.array([[0, 1, 2.5]]))
 
@@ -122,8 +124,11 @@ def test_functions_refuse_what_they_cannot_mean_too() -> None:
         lambda: xfrustum.Reference(anything),
         lambda: xfrustum.Reference(scene, tracer="banana"),
         lambda: xfrustum.Reference(scene, effects=anything),
-        lambda: xfrustum.Reference(scene).trace((1, 1)),  # type: ignore[arg-type]  # that is the point
-        lambda: xfrustum.Rasterizer(scene, effects=frozenset({"banana"})),  # type: ignore[arg-type]  # likewise
+        lambda: xfrustum.Reference(scene).trace((1, 1)),  # type: ignore[arg-type]
+        lambda: xfrustum.Rasterizer(
+            scene,
+            effects=frozenset({"banana"}),  # type: ignore[arg-type]
+        ),
         lambda: xfrustum.budget(scene, anything),
         lambda: xfrustum.plan(scene, requirement=anything),
         lambda: xfrustum.cost(scene, tolerance_px=anything),

@@ -42,7 +42,7 @@ def sheet(z: float = -5.0, **attributes: object) -> SceneObject:
         faces=np.array([[0, 1, 2]]),
         material="m",
     )
-    return replace(corners, **attributes)  # type: ignore[arg-type]  # names are checked by the dataclass
+    return replace(corners, **attributes)  # type: ignore[arg-type]
 
 
 def scene(
@@ -62,9 +62,9 @@ def scene(
     )
 
 
-def because(asked: Scene, effect: Effect, camera: Camera = Camera.BOTH) -> str:
-    [decision] = [d for d in decide(asked, Question(camera=camera)) if d.effect is effect]
-    return effect_reason(asked, decision, camera)
+def because(world: Scene, effect: Effect, camera: Camera = Camera.BOTH) -> str:
+    [decision] = [d for d in decide(world, Question(camera=camera)) if d.effect is effect]
+    return effect_reason(world, decision, camera)
 
 
 def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
@@ -78,7 +78,7 @@ def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
     )
     shiny, mirror = Material(specular=(0, 0, 0.1)), Material(reflectivity=(0, 0.1, 0))
     assert needed(scene()) == BASE
-    for asked, effect in (
+    for world, effect in (
         (scene(sheet(vertex_normals=normals)), Effect.SMOOTH_NORMALS),
         (scene(sheet(vertex_colors=colors)), Effect.VERTEX_COLORS),
         (scene(textured), Effect.TEXTURES),
@@ -86,7 +86,7 @@ def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
         (scene(material=mirror, environment=SKY), Effect.REFLECTION),
         (scene(sheet(), sheet(z=5.0)), Effect.C_STAR),
     ):
-        assert needed(asked) == BASE | {effect}
+        assert needed(world) == BASE | {effect}
 
 
 def test_each_missing_fact_turns_it_off_again() -> None:
@@ -96,7 +96,7 @@ def test_each_missing_fact_turns_it_off_again() -> None:
     black = Environment(radiance=np.zeros((2, 4, 3), dtype=np.float32))
     dark, off = scene(material=DARK), replace(LAMP, color=(0, 0, 0))
     unlit, faint = "there is no light", replace(SKY, strength=0)
-    for asked, effect, reason in (
+    for world, effect, reason in (
         (scene(sheet(vertex_normals=flat)), Effect.SMOOTH_NORMALS, "has normals at its vertices"),
         (scene(sheet(vertex_colors=np.ones((3, 3)))), Effect.VERTEX_COLORS, "has colors at its"),
         (dark, Effect.AMBIENT, "no object has a material with an ambient coefficient"),
@@ -110,8 +110,8 @@ def test_each_missing_fact_turns_it_off_again() -> None:
         (scene(sheet(z=-30.0)), Effect.C, "nothing lies behind the plate within the reach"),
         (scene(sheet(z=15.0)), Effect.C_STAR, "nothing lies before the plate within the reach"),
     ):
-        assert effect not in needed(asked)
-        assert reason in because(asked, effect)
+        assert effect not in needed(world)
+        assert reason in because(world, effect)
 
 
 def test_effects_are_chosen_by_name() -> None:
@@ -139,26 +139,28 @@ def test_effects_are_chosen_by_name() -> None:
 def test_slabs_follow_each_other_and_together_have_every_triangle_within_the_reach(
     heights: list[float], cuts: list[int]
 ) -> None:
-    asked = scene(*(sheet(z=z) for z in heights))
-    found = slab_contents(asked, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts)))
+    world = scene(*(sheet(z=z) for z in heights))
+    contents = slab_contents(
+        world, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts))
+    )
     signed = [
         (-slab.heights[1], -slab.heights[0]) if slab.camera is Camera.C else slab.heights
-        for slab in found
+        for slab in contents
     ]
     assert (signed[0][0], signed[-1][1]) == (-20.0, 10.0)
     assert [high for _, high in signed[:-1]] == [low for low, _ in signed[1:]]
-    for slab, (low, high) in zip(found, signed, strict=True):
+    for slab, (low, high) in zip(contents, signed, strict=True):
         assert slab.triangles == sum(low <= z <= high for z in heights)
 
 
 def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
-    asked = replace(
+    world = replace(
         scene(sheet(), material=Material(reflectivity=(0.1,) * 3), environment=SKY),
         sampling=Sampling(supersample=3, aperture=5),
         transport=Transport(shadows=True, samples=7),
     )
     plan = json_object(
-        scene_effects(asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0))).summary()
+        scene_effects(world, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0))).summary()
     )
     assert plan["cameras"] == ["c"]
     assert [slab["triangles"] for slab in plan["slabs"]] == [0, 1, 0, 0, 0, 0]
@@ -174,20 +176,20 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
 
 
 def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
-    """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
+    """A sheet 5 behind the plate, through an aperture of pitch 1, with 16 pixels over 1 radian."""
     plan = scene_effects(scene(), settings=DoubleFrustum(near=0.1))
-    told = plan.depths
+    depths = plan.depths
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
     # The sheet lies between two bins, and belongs to the inner one.
-    [row] = told["rows"]
+    [row] = depths["rows"]
     assert (row["side"], row["heights"], row["share"]) == ("behind", (2.5, 5.0), 1.0)
     assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
     assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
     np.testing.assert_allclose(row["blur_px"], blur)
-    moved = 8 * 2**0.5 * told["largest_near"] / (5 + told["largest_near"])
-    assert moved == pytest.approx(told["tolerance_px"])
-    assert told["contrast"] == pytest.approx(0.7) and told["sub_apertures"] == 8192
-    levels = {one["sub_apertures"]: one["levels"] for one in told["band_errors"]}
+    moved = 8 * 2**0.5 * depths["largest_near"] / (5 + depths["largest_near"])
+    assert moved == pytest.approx(depths["tolerance_px"])
+    assert depths["contrast"] == pytest.approx(0.7) and depths["sub_apertures"] == 8192
+    levels = {entry["sub_apertures"]: entry["levels"] for entry in depths["band_errors"]}
     # A blur of more than a pixel: without band limiting half the contrast, else the points'
     # discrepancy.
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(

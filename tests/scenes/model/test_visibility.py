@@ -1,4 +1,4 @@
-"""Visible surfaces: those of the truth are never missed, and unseen scenes are refused with sizes."""
+"""Visible surfaces: no surface of the truth is missed, and unseen scenes are refused."""
 
 import math
 from pathlib import Path
@@ -80,7 +80,7 @@ def triangles(seed: int, count: int, size: float) -> np.ndarray:
     return random.uniform(-13, 13, (count, 1, 3)) + random.normal(0, size, (count, 3, 3))
 
 
-def one(corners: object) -> SceneObject:
+def scene_object(corners: object) -> SceneObject:
     points = np.asarray(corners, dtype=np.float64).reshape(-1, 3)
     return SceneObject(name="one", vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
 
@@ -97,7 +97,7 @@ def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> Non
         region = Region(frustum=frustum, apertures=here, reach=frustum.reach)
         # Each triangle alone, for in view is what could be seen if nothing hid it.
         for number, corners in enumerate(scene.triangles):
-            part = one(corners)
+            part = scene_object(corners)
             if region.shows(part):
                 claimed.add((index, number))
                 alone = Scene(name="one", plate=scene.plate, frustum=frustum, objects=(part,))
@@ -111,11 +111,11 @@ def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> Non
 
 @FRUSTA
 def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustum: Frustum) -> None:
-    """A camera that steps back sees more than the truth: its hogels are among them, and not in view."""
+    """An offset camera sees more than the truth: its hogels include the truth's, out of view."""
     plate = Plate(size=(16.0, 16.0), hogels=(6, 6))
     drawn, only_drawn = 0, 0
     for corners in triangles(5, 4, 0.3):
-        scene = Scene(name="one", plate=plate, frustum=frustum, objects=(one(corners),))
+        scene = Scene(name="one", plate=plate, frustum=frustum, objects=(scene_object(corners),))
         settings = DoubleFrustum(near=0.2 * frustum.longest_reach)
         flags = apertures_drawn(scene, [DoubleFrustum(near=1e-3), settings])
         seen = apertures_in_view(scene.objects[0], frustum, plate)
@@ -131,17 +131,17 @@ def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustu
 
 
 def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> None:
-    """At 10 behind the plate, lines of a field of 2 atan(1/2) run 5 aside: apertures within 5 + 1 see it."""
+    """At 10 behind the plate, a field of 2 atan(1/2) extends 5 aside: apertures within 6 see it."""
     angle = 2 * math.atan(0.5)
     frustum = Frustum(resolution=(64, 64), reach=(20.0, 20.0), fov=(angle, angle))
     plate = Plate(size=(21.0, 21.0), hogels=(21, 21))
     low, high = (-1.0, -1.0, -10.0), (1.0, 1.0, -10.0)
-    square = one([low, (1.0, -1.0, -10.0), high, low, high, (-1.0, 1.0, -10.0)])
+    square = scene_object([low, (1.0, -1.0, -10.0), high, low, high, (-1.0, 1.0, -10.0)])
     scene = Scene(name="square", plate=plate, frustum=frustum, objects=(square,))
-    (found,) = extents(scene)
-    assert found.sight.apertures == 13 * 13 and found.sight.of == 21 * 21
-    assert found.sight.columns == found.sight.rows == (4, 16)
-    assert found.sight.middle and not any(found.sight.corners)
+    (extent,) = extents(scene)
+    assert extent.sight.apertures == 13 * 13 and extent.sight.of == 21 * 21
+    assert extent.sight.columns == extent.sight.rows == (4, 16)
+    assert extent.sight.middle and not any(extent.sight.corners)
 
 
 @examples(60)
@@ -202,11 +202,11 @@ def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    command, placed, said = REFUSED[case]
+    command, placed, message = REFUSED[case]
     assert main([*command.split(), write(tmp_path, *placed), *COMMANDS[command]]) == 2
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err.count("\n") == 1
-    assert said in printed.err
+    assert message in printed.err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
@@ -228,7 +228,7 @@ def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
 def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Equal slices of a sphere have equal surfaces: between 50 and 170 behind, 20 of 120 is a sixth."""
+    """Equal slices of a sphere have equal areas: between 50 and 170 behind, 20 of 120 is 1/6."""
     scene = write(tmp_path, 120.0, [0.0, 0.0, -110.0])
     assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
     error = capsys.readouterr().err

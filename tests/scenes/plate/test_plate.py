@@ -45,9 +45,9 @@ def spans(draw: st.DrawFn, count: int) -> tuple[int, int] | None:
 def test_every_aperture_of_any_block_comes_once(
     blocks: list[tuple[tuple[int, int] | None, tuple[int, int] | None]],
 ) -> None:
-    found = blocks_of_apertures(BLOCKED, blocks)
-    listed = list(found)
-    assert len(listed) == len(found) == len(set(listed))
+    apertures = blocks_of_apertures(BLOCKED, blocks)
+    listed = list(apertures)
+    assert len(listed) == len(apertures) == len(set(listed))
     (columns, rows) = BLOCKED.hogels
     inside = {
         (i, j)
@@ -58,8 +58,8 @@ def test_every_aperture_of_any_block_comes_once(
         and (down is None or down[0] <= j <= down[1])
     }
     assert {aperture.index for aperture in listed} == inside
-    assert [found[number] for number in range(len(found))] == listed
-    assert all(aperture in found for aperture in listed)
+    assert [apertures[number] for number in range(len(apertures))] == listed
+    assert all(aperture in apertures for aperture in listed)
 
 
 def test_a_plate_of_ten_thousand_million_hogels_is_gone_through_without_a_list() -> None:
