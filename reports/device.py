@@ -41,7 +41,9 @@ def measure_device() -> Measured:
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
         measured = Measured(draw_fingerprint(context, names))
+    # Contexts are a limited resource of the driver: analysis needs none.
     context.release()
+    # Devices of the shipped table keep their reviewed model.
     if measured.known == measured.model:
         kept = kept_at(names)
         # Without a folder to keep it in, other commands take the model that holds for any device.
@@ -80,6 +82,7 @@ def table(measured: Measured) -> str:
         ("depth planes", planes, pixels),
     ]
     for name, steps in record["depth"].items():
+        # Float depth has no uniform step: 2^-24 is its spacing next to one, the widest.
         unit = "steps of 2^-24" if name == "d32f" else "steps"
         rows += [
             (
@@ -109,6 +112,7 @@ def table(measured: Measured) -> str:
 
 def _least(counts: dict[str, int]) -> str:
     """Return the names with the fewest wrong pixels, and their number."""
+    # Several hypotheses may fit equally; all of them are named.
     least = min(counts.values())
     names = " or ".join(name for name, count in counts.items() if count == least)
     return f"{names} ({least:,} pixels differ)"
@@ -147,6 +151,7 @@ def _by_slope(offsets: Mapping[str, Floats], steps: str) -> Figure:
     curves: list[dict[str, Any]] = []
     for place, (name, pairs) in enumerate(offsets.items()):
         color, marker = look(place)
+        # Logarithmic axes have no zero: exact depths and flat planes are left out.
         slope, off = pairs[(pairs > 0).all(axis=1)].T
         points = {"type": "scatter", "mode": "markers", "x": slope.tolist(), "y": off.tolist()}
         curves.append(

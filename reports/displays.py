@@ -99,7 +99,9 @@ def _surface_words(image: SurfaceImage) -> str:
     """Return the size of an image, its number of covered pixels, and the range of their heights."""
     rows, columns = image.covered.shape
     count, height = int(np.count_nonzero(image.covered)), image.position[..., 2]
+    # Empty images have no heights, and no share to divide by.
     where, share = "", percent(count / max(1, image.covered.size))
+    # Background pixels have NaN as height.
     if (known := height[np.isfinite(height)]).size:
         low, high = digits(float(known.min())), digits(float(known.max()))
         where = f" at heights {low} to {high} scene units"

@@ -46,6 +46,7 @@ CAUSE_WORDS = {
 
 def cause_words(row: Measurement, name: str) -> str:
     """Return the phrase for a cause; without an offset the first link is the gap."""
+    # Cameras in the aperture displace nothing, but their near planes clip a gap at the plate.
     if name == LINKS[0] and row.settings.offset is Offset.NONE:
         return "the gap at the plate"
     return CAUSE_WORDS[name]
@@ -59,6 +60,7 @@ def geometry_names(geometries: Sequence[DoubleFrustum]) -> dict[DoubleFrustum, s
     varied = [
         name for name in GEOMETRY if len({getattr(geometry, name) for geometry in geometries}) > 1
     ]
+    # Any near will do: only the geometry is compared.
     usual = DoubleFrustum(near=1.0)
 
     def words(geometry: DoubleFrustum) -> Iterator[str]:
@@ -85,6 +87,7 @@ def recommendation(
     `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
     frustum that is not recentered, hence not sheared, changes nothing and is not named.
     """
+    # Unique indices in the order of measurement.
     indices = dict.fromkeys(row.aperture.index for row in rows)
     named = "; ".join(f"{column},{row}" for column, row in list(indices)[:MAX_NAMED_HOGELS])
     named += "; .." if len(indices) > MAX_NAMED_HOGELS else ""
@@ -112,6 +115,7 @@ def recommendation(
     if best.radiance_fraction is not None:
         colors = f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
     elsewhere = gap = ""
+    # The gap is no displacement and no wrong surface where it is empty: the errors do not show it.
     if best.settings.offset is Offset.NONE:
         gap = (
             " The cameras stay in the aperture and clip all that is closer than near: a gap of "
@@ -141,6 +145,7 @@ def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
     }
     if best.settings in kept:
         return "the one setting measured:" if len(every) == 1 else f"best of {len(every)} settings:"
+    # A single setting has no rank, only compliance.
     if len(every) == 1:
         return f"the one setting measured does not keep to {limits}:"
     if not kept:
@@ -157,6 +162,7 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
     worst = next(
         row for row in rows if row.settings == best.settings and row.aperture == best.aperture
     )
+    # A cause is named only with a majority of the wrong pixels; otherwise the name misleads.
     most = max(worst.causes, key=lambda cause: cause.surface, default=None)
     wrong = sum(cause.surface for cause in worst.causes)
     if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:
@@ -183,6 +189,7 @@ def where_it_lies(displacement_p99_px: float) -> str:
 
 def pixels(value: float) -> str:
     """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
+    # Rounding first: 99.6 is printed as 100, by the rule of large values.
     rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
     return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")
 
@@ -194,6 +201,7 @@ def equally_good_sentence(rows: Sequence[Measurement]) -> str:
         return ""
     counts = Counter(row.settings.depth_label for row in rows if row.settings in good)
     apertures = len({row.aperture for row in rows})
+    # Each setting has a row per aperture.
     named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
     return (
         f"{len(good)} settings are equally good by error: {named}. "

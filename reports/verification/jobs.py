@@ -82,6 +82,7 @@ class VerifyJob(Job):
     @cached_property
     def begins(self) -> list[int]:
         """First hogel of each block; no block has hogels of two looks."""
+        # Blocks end at looks: the decision after a look needs exactly its own hogels.
         looks = pairwise((0, *self.ends))
         return [begin for look in looks for begin in range(*look, self.hogels_per_block)]
 
@@ -110,6 +111,7 @@ class VerifyJob(Job):
     @contextmanager
     def open(self) -> Iterator[VerifySession]:
         """Open the source of images; InputError where it has others than the command's."""
+        # Image files may change while a long verification runs, or differ between machines.
         self.renderer.require_state(self.judged, self.state)
         reference = Reference(self.scene)
         with self.renderer.opened(reference) as source:
@@ -134,6 +136,7 @@ class VerifySession(Session):
     def known(self) -> tuple[str, Question]:
         """Question of all processes, and its digest; the first call diagnoses the renderer."""
         parts = self.job.parts
+        # The diagnosis is written once: all processes must judge by the same one.
         if parts.read_beside(QUESTION) is None:
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
@@ -198,6 +201,7 @@ def verify_on(
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
     renderer, limits = options.renderer(source), options.limits
+    # InputError of settings, before any process starts.
     renderer.nominal(scene)
     sample = options.plate_sample(scene)
     judged, ends = _looks(scene, options, sample, engine)
@@ -211,6 +215,7 @@ def verify_on(
         images.check(judged)
         name = images.name
     most = MAX_BLOCK_PIXELS // math.prod(scene.frustum.resolution)
+    # Workers run in other folders: paths become absolute.
     renderer = renderer.placed(scene)
     with ExitStack() as stack:
         folder = (
@@ -234,6 +239,8 @@ def verify_on(
             "state of the images": job.state,
             "limits": limits,
             "hogels": {
+                # The sequence of a whole plate or a sample follows from scene and seed; a list of
+                # millions of indices would bloat the record.
                 "hogels": ()
                 if isinstance(judged, ApertureBlocks | PathApertures)
                 else tuple(entry.index for entry in judged),
@@ -244,6 +251,7 @@ def verify_on(
         job.parts.open(json_ready(described))
         blocks = list(engine.part.of(job.blocks(0)))
         if renderer.command is not None:
+            # Files have a digest of their state; the answers of a program have none.
             _forget_answers(job, blocks, sample, note)
         job.parts.tell_damaged(blocks, note)
         done = sum(map(job.finished, blocks))
@@ -260,6 +268,7 @@ def verify_on(
                 workers.run(job, own, sum(map(job.size, own)), progress=options.progress)
                 judged_look = _judged_look(job, sample, look)
                 if judged_look is None:
+                    # Another part of the job array finishes last, and assembles the verification.
                     return None
                 extent, decided = judged_look
                 if decided:
@@ -334,6 +343,7 @@ def _put_together(
     # One part after the other: a plate of millions has more text than hogels have numbers.
     for block in blocks:
         for row in job.parts.read(block).to_pylist():
+            # Two parts that started at the same time may have diagnosed separately.
             if row["question"] != digest:
                 raise InputError(
                     f"{job.parts.path(block)}: was judged by another diagnosis than the rest; "

@@ -134,6 +134,7 @@ class Verification(Verdict, NotebookRepr):
     def best_guesses(self) -> list[dict[str, Any]]:
         """Return the guesses that explain more than 0 %, which page and text print."""
         printed = self.diagnosis.guesses
+        # Records keep every guess; page and text omit guesses without effect.
         pairs = zip(self.guesses(), self.diagnosis.does_not_explain, strict=True)
         return [guess for guess, defect in pairs if defect in printed]
 
@@ -217,6 +218,7 @@ def write_verification(verification: Verification, out: Path) -> tuple[Path, ...
             )
             inspection.write_inspection(staging.folder, inspected)
         # The inspection page of an earlier run would show other images than the page beside it.
+        # Both pages are replaced together, or neither.
         with inspection.replacing_inspection(out, kept=bool(verification.inspected)):
             return staging.commit()
 
@@ -236,6 +238,7 @@ def plate_map(verification: Verification) -> dict[str, Any] | None:
 
     A cell of a large plate stands for several hogels, and shows the worst of them.
     """
+    # A map of equal cells has no information.
     if verification.passed or len(verification.hogels) == 1:
         return None
 
@@ -243,12 +246,14 @@ def plate_map(verification: Verification) -> dict[str, Any] | None:
         if hogel.passed:
             return 0.0
         shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
+        # A hogel without a verdict is the worst class, so that a coarse cell never hides it.
         unknown = hogel.verdict in (Outcome.MISSING, Outcome.NOT_JUDGED)
         return math.inf if unknown else max(math.ulp(0.0), *shares, 0.0)
 
     every = ((*hogel.aperture.index, badness(hogel)) for hogel in verification.hogels)
     cells = PlateMap.from_values(verification.scene.plate, "", every).cells
     number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
+    # NaN sorts above infinity in searchsorted; cells without a judged hogel stay empty.
     number[np.isnan(cells)] = -1
     classes = [
         {"color": color, "words": entry, "cells": np.argwhere(number == place).tolist()}
@@ -263,6 +268,7 @@ def number(value: float | None, unit: str | None) -> str:
         return ""
     if unit == "share":
         return words.percent(value)
+    # Beyond 2^53 doubles skip integers: digits in full would pretend precision.
     whole = float(value).is_integer() and abs(value) < 2**53
     return f"{value:,.0f}" if whole else plain(f"{value:.6g}")
 
@@ -318,6 +324,7 @@ def write_junit(verification: Verification, path: Path) -> None:
         exceeded = "; ".join(
             words.check_words(check) for check in hogel.checks if check.held is False
         )
+        # JUnit has no such outcome: a test that could not be judged must not pass.
         if hogel.verdict is Outcome.NOT_JUDGED:
             exceeded = words.NOTHING_TO_JUDGE
         figures = "" if hogel.as_found is None else words.figures_words(hogel.as_found)

@@ -33,6 +33,7 @@ MAX_NAMED = 4
 # Hogels that the terminal names one by one.
 MAX_LISTED = 10
 
+# Plain pictures give geometry by outlines alone: a hogel inside one surface has none.
 NOT_MEASURED = "not measured, as there are no outlines"
 NOTHING_TO_JUDGE = (
     "the truth has no outlines that could be seen to be wrong (write numbers of triangles, or "
@@ -131,6 +132,7 @@ def percent(fraction: float) -> str:
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
     """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
     if defect.parts:
+        # Several small numbers may mimic one unknown defect, hence the reservation.
         parts = "; ".join(defect_words(part, scene, by) for part in defect.parts)
         return f"only together these numbers explain, and may stand for something else: {parts}"
     words = _sized(defect, scene)
@@ -142,13 +144,16 @@ def _sized(defect: Defect, scene: Scene) -> str:
     """Return the sentence of a defect without its alternatives."""
     if (special := SPECIAL.get(defect.fault)) is not None:
         return special(defect, scene)
+    # Mixed ids are invented numbers: their share is the only measurable size.
     if defect.fault == stored.RESAMPLED and defect.unit == "share":
         return (
             f"numbers are mixed with their neighbors' in {defect.value:.0%} of the pixels, by "
             "filtering, resizing or anti-aliasing: numbers have no averages"
         )
+    # Defects without a template are deviations of one number of the camera model.
     if defect.fault not in TEMPLATES:
         return _number_words(defect, scene)
+    # Nearest-neighbor enlargement repeats ids, interpolation mixes them.
     nearest = defect.details == ("nearest",)
     return TEMPLATES[defect.fault].format(
         value=defect.value,
@@ -165,6 +170,7 @@ def _sized(defect: Defect, scene: Scene) -> str:
 def _view_shear(defect: Defect, scene: Scene) -> str:
     screen, value = scene.frustum.screen, float(defect.value)
     assert screen is not None
+    # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
     height = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
     text = f"views have {value:.3g} of the shear that the plate needs"
     return f"{text}: they are registered at height {height}"
@@ -181,12 +187,14 @@ def _hogels(defect: Defect, _: Scene) -> str:
 
 def _channels(defect: Defect, _: Scene) -> str:
     order = f"channels are in another order: numbers are stored as {defect.value}, not as RGB"
+    # Ids below 256 leave two channels zero, whose order has no effect.
     same = f" (or as {' or '.join(defect.details)}: with so few numbers images cannot tell)"
     return order + same if defect.details else order
 
 
 def _id_offset(defect: Defect, _: Scene) -> str:
     stated = int(defect.stated or 0)
+    # The value is relative to the stated offset; the message names the stored number.
     offset = int(defect.value) + stated
     kept = f"number + {offset}" if offset else "the number itself"
     return f"{kept} is stored, not number + {stated}: all are off by one"
@@ -223,6 +231,7 @@ def _number_words(defect: Defect, scene: Scene) -> str:
     """Return the sentence of a number that is off."""
     name, value, should = defect.fault, defect.value, defect.stated
     assert isinstance(value, float) and isinstance(should, float)
+    # Names are `front-near` or `near-x`: half of the display, group and axis.
     half, _, rest = name.partition("-")
     alone = {"front": "C*", "back": "C"}.get(half, "")
     group = (rest if alone else name).removesuffix("-offset" if alone else "")
@@ -231,6 +240,7 @@ def _number_words(defect: Defect, scene: Scene) -> str:
     group = group.removesuffix(f"-{axis_of(name)}")
     side = SIDES[axis][value > 0]
     # The plate has no third side.
+    # A scene offset along z has no pitch to compare with; zero disables the comparison.
     plate, hogels = (*scene.plate.size, 0.0)[axis], (*scene.plate.hogels, 1)[axis]
     if group == "shift":
         of = ("above", "below") if axis else ("to the left of", "to the right of")
@@ -242,6 +252,7 @@ def _number_words(defect: Defect, scene: Scene) -> str:
         words = f"the film is {value:.5g} times as {extent} as the scene's"
         if scene.frustum.fov is not None:
             angle = scene.frustum.fov[axis]
+            # The film scales with the tangent of half the angle, not with the angle.
             made = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
             words += f": {made:.4g} degrees instead of {math.degrees(angle):.4g}"
     elif group == "pitch":
@@ -250,6 +261,7 @@ def _number_words(defect: Defect, scene: Scene) -> str:
             f"{value * plate:.5g} {units} instead of {plate:.5g}"
         )
     elif group == "near":
+        # A near offset below this share of the reach moves no point by a measurable amount.
         unseen = value < UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach
         offset = f"a near offset of {value:.5g} {units}"
         offset = "nothing that can be seen" if unseen and should else offset
@@ -258,12 +270,14 @@ def _number_words(defect: Defect, scene: Scene) -> str:
         return f"{who} back by {offset}{nominal}"
     elif group == "aperture-offset":
         words = f"all apertures are moved by {size} {side}"
+        # The usual mistake: hogel corners instead of centers, an offset of half a pitch.
         if abs(abs(value) - plate / hogels / 2) <= CORNER_PITCHES * plate / hogels:
             words += ": half a pitch, as at the corners of hogels instead of their centers"
     elif group == "scene-offset":
         words = f"the scene is moved by {size} {side}"
     elif group == "scene-scale":
         words = f"the scene is {value:.5g} times as large as asked, about the origin"
+        # The unit is inferred from the confidence interval: the value itself is never exact.
         words += _units(value if defect.low is None else defect.low, defect.high or value)
     elif group == "screen-center":
         words = f"the projection screen is centered at {letter} = {value:.5g} {units}"
@@ -295,6 +309,7 @@ def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
             f"{rest.before:,}, and {len(rest.failed)} of {rest.judged} hogels do not pass: {named}"
         )
     elif share >= MIN_EXPLAINED_FRACTION:
+        # A correction may explain most wrong pixels and still break correct ones.
         would = "would make pixels wrong that are right"
     return f"{words}: {would}"
 

@@ -40,12 +40,14 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
+        # A renamed command fails with its new name and never runs it: options differ.
         if cmd_name in REPLACED:
             instead = REPLACED[cmd_name]
             raise click.UsageError(
                 f"`xfrustum {cmd_name}` is replaced by `xfrustum {instead}`: use that, see its "
                 "--help"
             )
+        # Commands that a program adds to the group take precedence over our own.
         if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
         module = import_module(f"xfrustum.cli.commands.{MODULES[cmd_name]}")
@@ -65,6 +67,7 @@ class Commands(click.Group):
 def _size(text: str) -> int:
     """Return the number of bytes of a size such as 800M or 4GiB, in units of 1024."""
     match = re.fullmatch(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kmgt]?)(?:i?b)?", text.lower())
+    # Fifteen digits bound the number: a longer one is a typing error, and would overflow.
     size = 0 if match is None else int(float(match[1]) * 1024 ** " kmgt".index(match[2] or " "))
     if not size:
         raise ValueError
@@ -122,6 +125,7 @@ def cli(
         from xfrustum.scenes.disk import input_files
 
         if max_input_memory is not None:
+            # Limits end with the command: programs may call commands in one process.
             context.with_resource(input_files.input_memory(max_input_memory))
         if max_hogels is not None:
             context.with_resource(input_files.largest_plate(max_hogels))
@@ -145,6 +149,7 @@ def invoke(arguments: Sequence[str]) -> int:
     """Run a command and return its exit status; exceptions pass, unlike in click's `main`."""
     for argument in arguments:
         try:
+            # Surrogates of undecodable bytes would fail later, in the middle of a written file.
             argument.encode()
         except UnicodeEncodeError as error:  # image files and JSON cannot hold it
             raise click.UsageError(f"{argument} is not UTF-8; use another name") from error
@@ -152,15 +157,18 @@ def invoke(arguments: Sequence[str]) -> int:
     if shell is not None:
         from click.shell_completion import shell_complete
 
+        # The environment variable marks a call by the completion script of a shell.
         if shell_complete(cli, {}, "xfrustum", COMPLETION_VARIABLE, shell) == 0:
             return 0
         shells = "bash_source, zsh_source or fish_source"
         raise click.UsageError(f"{COMPLETION_VARIABLE} is {shell!r}: set it to {shells}")
     try:
+        # Click's `main` turns exceptions into exits of its own; a bare context does not.
         with cli.make_context("xfrustum", list(arguments)) as context:
             status = cli.invoke(context)
     except click.exceptions.Exit as ended:
         status = ended.exit_code
     if sys.stdout is not None:
+        # Buffered output fails here, under the handlers of `main`, and not at exit.
         sys.stdout.flush()
     return status if isinstance(status, int) else 0

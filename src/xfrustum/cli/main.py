@@ -50,11 +50,14 @@ def run() -> int:
             os.open(os.devnull, os.O_RDWR)
     # To the true standard error, also where a library has taken its descriptor. Child processes
     # inherit this.
+    # A crash in native code, such as a driver, then still prints a stack.
     faulthandler.enable(os.dup(2))
     os.environ.setdefault("PYTHONFAULTHANDLER", "1")
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream is not None]
     for stream in streams:
+        # File names may hold surrogates, which strict encoders refuse.
         stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
+    # The option is read before click runs: imports alone may log or warn.
     if TRACEBACK_OPTION not in sys.argv[1:2]:
         logging.disable()
         if not sys.warnoptions:
@@ -67,6 +70,7 @@ def run() -> int:
         try:
             stream.flush()
         except OSError:  # what cannot be written is dropped, or Python would report it at its end
+            # The interpreter flushes once more at exit; the null device accepts the rest.
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if interrupts.received is not None:
         # At once: threads may be at work, and interrupted libraries in any state.
@@ -89,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     if interrupts.received is not None:
         say(interrupts.WORDS[interrupts.received])
+        # Shells report a process ended by signal N as 128 + N.
         status = 128 + interrupts.received
     return status
 
@@ -130,6 +135,7 @@ def _report_unexpected(error: BaseException, *, shown: bool) -> None:
     import traceback
 
     text = "".join(traceback.format_exception(error))
+    # Messages of libraries may be pages long; the file has the whole text.
     reason = str(error)[:200] or ("out of memory" if isinstance(error, MemoryError) else "")
     what = f"unexpected error: {type(error).__name__}{reason and f': {reason}'}"
     if shown:
@@ -138,6 +144,7 @@ def _report_unexpected(error: BaseException, *, shown: bool) -> None:
         say(what)
         return
     try:
+        # A unique name keeps tracebacks of concurrent processes apart.
         descriptor, name = tempfile.mkstemp(prefix="xfrustum-traceback-", suffix=".txt")
         with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(text)

@@ -71,6 +71,7 @@ def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
         named = flags or (f"--{name.replace('_', '-')}",)
         return [click.Option([name, *named], type=kind, help=words, **settings)]
 
+    # Parameters are made late: the name of the attribute is read from its class.
     return Declared(parameters)
 
 
@@ -125,6 +126,8 @@ def command(
     def made(function: Callable[[Any], int | None]) -> click.Command:
         request_class: type[Asked] = get_type_hints(function)["request"]
         declared: dict[str, tuple[Declared, list[click.Parameter]]] = {}
+        # The subclass comes first in the method resolution order, so that its options precede
+        # inherited ones in the help, and override them.
         for kind in request_class.__mro__:
             for name, member in vars(kind).items():
                 if isinstance(member, Declared):
@@ -133,6 +136,7 @@ def command(
         def called(**parsed: Any) -> int | None:
             values = {}
             for name, (member, parameters) in declared.items():
+                # One attribute may collect several parameters, such as the settings of the cameras.
                 own = {str(parameter.name): parsed[str(parameter.name)] for parameter in parameters}
                 values[name] = own[name] if member.make is None else member.make(**own)
             return function(request_class(**values))
@@ -222,6 +226,7 @@ def number(
 ) -> Any:
     """Return a number of a range, without its upper end; ValueError of any other."""
     value = kind(text)
+    # NaN fails every comparison, and is refused here as well.
     if not least <= value < below:
         raise ValueError
     return value
@@ -234,6 +239,7 @@ def pair(text: str, by: str = ",", least: float = -math.inf) -> tuple[int, int]:
 
 
 def _share(text: str) -> float:
+    # Both 1% and 0.01 are accepted; a bare 1 is the whole, not one percent.
     share = float(text[:-1]) / 100 if text.endswith("%") else float(text)
     if not 0 <= share <= 1:
         raise ValueError
@@ -241,6 +247,8 @@ def _share(text: str) -> float:
 
 
 def _length(text: str) -> tuple[float, str | None]:
+    # The exponent is part of the number: the unit of 1e3mm is mm. Letters of any script are
+    # accepted as a unit, whose name the scene file defines.
     match = re.fullmatch(r"([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", text)
     if match is None:
         raise ValueError
@@ -250,6 +258,7 @@ def _length(text: str) -> tuple[float, str | None]:
 def _size(text: str) -> tuple[tuple[float, str | None], ...]:
     """Return width and height; a unit after the last applies to both."""
     first, second = (_length(part.strip()) for part in text.split(","))
+    # In 600,400mm the unit applies to both sides; 600cm,400mm has two units.
     return (first[0], first[1] or second[1]), second
 
 
@@ -265,6 +274,7 @@ def _span(text: str) -> Span:
     every, first, last = match.groups()
     if every:
         return None
+    # An inverted range is a mistake, not an empty selection.
     if int(last or first) < int(first):
         raise ValueError
     return int(first), int(last or first)
@@ -280,6 +290,7 @@ def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
     return DepthFormat(form), DepthMapping(mapping or "standard")
 
 
+# Least positive double: an inclusive lower bound that excludes zero.
 _LEAST = math.nextafter(0.0, 1.0)
 POSITIVE = Read("FLOAT", functools.partial(number, least=_LEAST), "a positive, finite number")
 BELOW_1 = Read(
@@ -337,6 +348,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
     for name, words in _SETTINGS_HELP.items():
         default = defaults[name]
         if isinstance(default, StrEnum):
+            # Enumerations name their default in the help only: None still marks an absent option.
             kinds[name] = one_of(type(default))
             words = f"{words}  [default: {default}]"  # noqa: PLW2901
         needed = {"required": True} if required and name == "near" else {}
@@ -347,6 +359,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
 def settings_of(**values: Any) -> DoubleFrustum | None:
     """Return the settings that options name; None where none does."""
     named = present(**values)
+    # Without near no pair of cameras is defined, and a lone setting would silently have no effect.
     if named and "near" not in named:
         raise click.UsageError(
             f"--{next(iter(named))} is a setting of the two cameras: give --near too"
@@ -366,6 +379,7 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
     chosen = present(**values)
     if part is not None:
         chosen["part"] = Part(number=part[0], count=part[1])
+        # A part without a scheduler runs alone in its job, with one process unless stated.
         if "scheduler" not in chosen:
             # Also for part 1/1: a job array may have one job.
             chosen.setdefault("workers", 1)
@@ -393,6 +407,7 @@ def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> l
     """Return a wish for names of files, and the built-in scenes whose names begin like a word."""
     # Click hands over both, and neither matters.
     del context, parameter
+    # Completion must answer within a keystroke: only names are imported.
     from xfrustum.scenes.library import builtin
 
     named = [CompletionItem(name) for name in builtin.names() if name.startswith(begun)]
@@ -412,6 +427,7 @@ def _accepted(text: str) -> tuple[str, ...]:
     kind = one_of((*ACCEPTABLE, "all"))
     return (
         ACCEPTABLE
+        # The word expands to explicit names, so that records show each accepted convention.
         if text == "all"
         else tuple(kind.convert(part, None, None) for part in text.split(","))
     )
@@ -488,6 +504,7 @@ class OneOrAuto(Measured):
         """Return the aperture of an index, the middle one, or the `--apertures auto` choice."""
         if self.auto is not None and self.aperture is not None:
             raise click.UsageError(ONE_OR_MANY)
+        # The scan of the whole plate takes seconds, and runs on request alone.
         if self.auto is not None:
             return auto_apertures(scene, progress=self.progress)
         aperture = chosen_aperture(scene, self.aperture)
@@ -517,7 +534,7 @@ def check_out(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
-    """Return the aperture of an index, the middle one, or `--apertures auto`'s choice."""
+    """Return the aperture of an index; the middle one where None."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
@@ -527,6 +544,7 @@ def indices_of(
     """Return the columns and rows of blocks of apertures; None for the whole plate."""
     from xfrustum.reports.plate.plate import blocks_of_apertures
 
+    # A block of all columns and all rows is the whole plate, for which no list of indices is built.
     if blocks is None or (None, None) in blocks:
         return None
     return [aperture.index for aperture in blocks_of_apertures(scene.plate, blocks)]
@@ -559,6 +577,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
         return
     if not black_is_right:
         raise InputError(unseen)
+    # Hard cases may be empty on purpose; any other scene must show something somewhere.
     if scene.source not in hard_cases.CASES:
         sight.require_seen(scene, scene.plate.apertures())
     say(f"warning: {unseen}")
@@ -576,6 +595,7 @@ def warn_of_culling(scene: Scene, settings: DoubleFrustum | Cull | None) -> None
     """Warn on standard error of objects that culling mostly removes from view."""
     from xfrustum.reports.scene_check.sight import facing_warnings
 
+    # Commands pass either the settings or the bare option of a sweep.
     if Cull.BACK in (settings, getattr(settings, "cull", None)):
         for warning in facing_warnings(scene):
             say(f"warning: {warning}")

@@ -73,6 +73,7 @@ def list_(request: _List) -> None:
     request.tell(lambda: {"suite": SUITE, "cases": entries}, text)
 
 
+# The function cannot be named `list` without hiding the builtin.
 list_.name = "list"
 conformance.commands["list"] = conformance.commands.pop("list_", list_)
 
@@ -87,6 +88,7 @@ def show(request: _Show) -> None:
     """Show a case; with --out, write its folder to case/, and the true images to truth/."""
     from xfrustum.scenes.conformance.suite import chosen
 
+    # An unknown name has raised InputError here, with the known ones.
     (case,) = chosen(names=(request.name,))
     from xfrustum.reports.common.outputs import refused
     from xfrustum.reports.conformance import cases, run
@@ -123,8 +125,10 @@ class _Judged(_Chosen):
         from xfrustum.scenes.model.device_model import DeviceModel
 
         options.check_out(self.out, statement.FILES)
+        # Without its device.json any permitted rounding of a device is accepted.
         name, model = self.device or "not stated", ANY_DEVICE
         if name.endswith(".json"):
+            # Certain pixels then follow this device's rounding, which makes verdicts stricter.
             model = DeviceModel.read(Path(name))
             name = model.name
         judging = run.RunOptions(
@@ -202,6 +206,7 @@ def export(request: _Export) -> None:
 
     with progress_bar(len(request.cases), "export", "case", shown=request.progress) as bar:
         path = cases.export(request.cases, request.out, bar.update)
+    # Size of the finished archive, which `export` has renamed into place.
     size = path.stat().st_size
     request.tell(
         lambda: {"archive": str(path), "bytes": size, "cases": len(request.cases)},

@@ -26,6 +26,7 @@ def _eyes(**values: Any) -> dict[str, Any]:
         raise click.UsageError(
             f"{options.flag_of(next(iter(stated)))} describes a viewer: give --viewer too"
         )
+    # Absent properties keep the defaults of `Viewer`.
     return stated
 
 
@@ -82,6 +83,7 @@ class _Plan(options.Measured):
             raise click.UsageError(options.ONE_OR_MANY)
         if self.aperture is None and self.apertures is None:
             return None
+        # Limits of eyes hold for the whole plate: a viewer sees its hogels together.
         if self.eyes:
             raise click.UsageError(
                 "a viewer sees all hogels at once: leave out --viewer, or --aperture and "
@@ -118,9 +120,11 @@ def plan(request: _Plan) -> None:
     require_room(opened)
     viewer = None
     if request.eyes:
+        # Viewing distances have their own unit; scenes without a physical unit refuse one.
         distance = scene_length(request.eyes.pop("viewer"), opened)
         viewer = Viewer(distance=distance, **request.eyes)
     required = options.present(**request.required)
+    # A viewer replaces the limit in pixels; stating the tolerance too applies both.
     required["pixels_count"] = viewer is None or "tolerance_px" in required
     chosen = request.chosen(opened)
     report = planning.plan(

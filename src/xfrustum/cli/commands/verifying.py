@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _COUNTS = options.Read(
     "COLUMNS,ROWS",
+    # Quilts write 8x6 in file names, and users copy it.
     lambda text: options.RESOLUTION.read(text.replace("x", ",")),
     "COLUMNS,ROWS such as 8,6",
 )
@@ -77,6 +78,7 @@ def _baseline(baseline: Path | None, **request: Any) -> dict[str, Any] | None:
     """Return the options of a baseline, its folder included; None where there is none."""
     if baseline is not None:
         return {"folder": baseline, **request}
+    # Options of a baseline without its folder would have no effect.
     for name in filter(options.is_given, request):
         raise click.UsageError(f"{options.flag_of(name)} is about --baseline DIR: give it too")
     return None
@@ -86,7 +88,10 @@ _TOLERANCE = options.Read(
     "SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3"
 )
 _PIXELS = options.Read(
-    "PX|none", lambda n: float(n) if n != "none" else None, "a number of pixels or none"
+    # An undefined displacement exceeds every number, infinity included; only none accepts it.
+    "PX|none",
+    lambda n: float(n) if n != "none" else None,
+    "a number of pixels or none",
 )
 
 
@@ -162,6 +167,7 @@ class _Verify(options.Measured):
 
         how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
         apertures = options.indices_of(scene, self.judged["apertures"])
+        # Sequential sampling chooses its own size, which a fixed size contradicts.
         if self.judged["sample"] is not None and self.judged["until"] is not None:
             raise click.UsageError("--sample and --until exclude each other: give one of them")
         values: dict[str, Any] = {**self.judged, **how, "apertures": apertures}
@@ -191,12 +197,14 @@ def verify(request: _Verify) -> int:
     from xfrustum.reports.verification.verdict import FILES, table, write_junit, write_verification
 
     if request.junit is not None:
+        # Unwritable places fail now, not after hours of judging.
         check_writable_file(request.junit, "--junit")
     options.check_out(request.out, FILES)
     from xfrustum.reports.verification import baseline as accepted
 
     if request.baseline is not None:
         accepted.check_folder(request.baseline["folder"])
+        # A damaged baseline is refused before the plate is judged.
         accepted.accepted_runs(request.baseline["folder"])
     verification = request.verified(opened)
     if verification is None:
@@ -204,6 +212,7 @@ def verify(request: _Verify) -> int:
         return 0
     options.warn_of(opened)
     encoding = request.judged["encoding"]
+    # Without numbers in the files, the encoding had no effect: a silent one would mislead.
     if encoding in ("triangle-id", "object-id") and verification.judged.startswith("colors"):
         options.note(
             f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
