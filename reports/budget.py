@@ -75,6 +75,7 @@ class BudgetReport(NotebookRepr):
     @property
     def images(self) -> tuple[str, ...]:
         """Names of the chain's images."""
+        # T5 differs from T4 by culling alone.
         culled = self.settings.cull is not Cull.NONE
         return tuple(name for name in CHAIN if culled or name != "T5")
 
@@ -103,6 +104,7 @@ class BudgetReport(NotebookRepr):
         )
 
     def _figures(self) -> Sequence[Figure]:
+        # Pixels without a charge are right, or are no judged pixels.
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = as_shown(drawn.color, drawn.covered, drawn.height)
         marks = marked(shown, wrong, self.geometry.errors.moved)
@@ -179,6 +181,7 @@ def budget(
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")
     aperture = scene.plate.middle if aperture is None else aperture
+    # Impossible settings fail before minutes of tracing.
     settings.check_against(scene.frustum)
     charged, chain = budget_of(scene, aperture, settings, device)
     total = radiance_budget.steps(scene)
@@ -232,6 +235,7 @@ def _counts(link: LinkNumbers) -> bool:
 
 def headline(numbers: BudgetNumbers) -> str:
     """Return the numbers of wrong surfaces and triangles, with the main cause."""
+    # Ties between causes go to the earlier link of the chain.
     wrong, most = (
         sum(link.surface for link in numbers.links),
         max(numbers.links, key=lambda link: link.surface),
@@ -256,6 +260,7 @@ def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
             (link.surface, link.predicted_surface),
             (link.displacement_rms_px, link.predicted_displacement_rms_px),
         ):
+            # A prediction of zero has no ratio; the row then shows both numbers alone.
             ratio = measured / predicted if predicted and measured is not None else None
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
@@ -292,6 +297,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
         # A prediction of zero is exact for links without effect.
         if reasons.displacement and link.predicted_displacement_rms_px != 0:
             named.setdefault("moves by", Reason(reasons.displacement))
+        # Few pixels were predicted but many are wrong: chance is no explanation.
         if reasons.surface == Reason.FEW and link.surface >= MIN_PIXELS:
             # Rounding moves whole regions of a surface that passes through the aperture.
             crosses = numbers.prediction_reasons.displacement == Reason.CROSSES
@@ -305,6 +311,7 @@ def _three_digits(value: float | None) -> str:
     """Write a number with three digits, and all digits of thousands of pixels."""
     if value is None:
         return "-"
+    # Counts of pixels stay exact; lengths in pixels need three digits.
     return f"{value:,.0f}" if value >= 1000 else digits(value)
 
 
@@ -321,6 +328,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     to a folder each, named by their apertures; InputError where it cannot be written.
     """
     if isinstance(report, AutoBudget):
+        # Each folder is written as a whole; a failure keeps the finished ones.
         every = (write_budget(part, out / folder_of(part.aperture)) for part in report.budgets)
         return tuple(path for paths in every for path in paths)
     geometry, links = report.geometry, report.geometry.numbers.links
@@ -337,6 +345,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     changes = (*report.radiance.change.steps, report.radiance.change.total)
     for name, change in zip((*report.radiance.links, IN_ALL), changes, strict=True):
         pictures[_radiance_file(name)] = images.radiance_map(change)
+    # A map of a link without effect would be a black picture.
     changing = [part for part in _radiance_rows(report) if part.max]
     values = {
         **{name: getattr(report, name) for name in ("scene", "aperture", "why", "settings")},
@@ -377,6 +386,7 @@ def causes(
     """
     # Right pixels keep an outline of the scene, readable on light and dark paper.
     pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)
+    # Opaque colors over translucent gray: wrong pixels stand out on any paper.
     colors = np.array([(*images.rgb(color), LEVELS) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]
     pixels[unexplained] = (*images.rgb(UNEXPLAINED_COLOR), LEVELS)

@@ -62,6 +62,7 @@ def reason(report: PlanReport) -> str:
         return _reason_of_failure(report)
     parts = ["One pair of frusta is enough."]
     if made.cause is Cause.CUTS:
+        # The plan has the fewest cuts: one cut fewer is the strongest choice that failed.
         cuts = len(made.slabs) - 1
         fewer = f"With {cuts} cut{'s' if cuts > 1 else ''}" if cuts else "Without cuts"
         parts = [f"{fewer}, even {_shortfall(report)}."]
@@ -74,6 +75,7 @@ def reason(report: PlanReport) -> str:
             f"{made.requirement.separation:.3g} {units} on ({cause})."
         )
     parts.append(f"Near may be up to {digits(largest)} {units}.")
+    # Below the largest near every error has a margin; at it the binding one has none.
     if made.near != largest and made.outcome.best is not None:
         excess = made.outcome.best.excess
         margin = (
@@ -130,6 +132,7 @@ def _shortfall(report: PlanReport) -> str:
         cuts = f", cut at {heights[0]} {units} and {len(heights) - 1} times beyond,"
     separation = requirement.separation_in(report.scene.frustum)
     sheets = ""
+    # The margin of the search applies here too, or the sentence would name a limit that holds.
     if attempt.predicted.separation * SEPARATION_MARGIN > separation:
         sheets = (
             f"sheets {separation:.3g} {units} apart out of order (ordered are "
@@ -145,6 +148,7 @@ def _amiss(quality: Quality, requirement: Requirement, sheets: str = "") -> str:
     parts, ratios = [], requirement.ratios(quality)
     if ratios["displacement_p99_px"] > 1:
         moved = f"displaced by {quality.displacement_p99_px:.2g} px"
+        # Displacement is undefined in the plate: a figure would be wrong.
         if math.isinf(quality.displacement_p99_px):
             moved = "in the plate itself, where displacement is undefined"
         parts.append(f"one pixel in a hundred {moved}")
@@ -152,6 +156,7 @@ def _amiss(quality: Quality, requirement: Requirement, sheets: str = "") -> str:
         parts.append(f"{percent(quality.surface_fraction)} of all pixels with the wrong surface")
     if ratios["depth_wrong"] > 1:
         parts.append(f"{percent(quality.depth_wrong)} of all pixels wrong by depth")
+    # Measured sheets are stated only if the prediction has not named them.
     if not sheets and quality.misordered > MAX_MISORDERED_FRACTION:
         sheets = f"{percent(quality.misordered)} of the sheets' pixels out of order"
     return " and ".join([*parts, sheets] if sheets else parts)
@@ -187,6 +192,7 @@ def _holds(report: PlanReport) -> list[str]:
     if not made.within and not known.infeasible:
         parts.append(f"This DOES NOT HOLD: {reason(report)}")
     counted = f"{known.beyond} of {known.sampled} random hogels are"
+    # Every hogel was judged: the share is exact, and needs no bound.
     if known.confidence == 1:
         counted = f"of all {known.hogels:,} hogels {percent(known.share_beyond_at_most)} are"
     empty = f" ({known.empty} of them show nothing)" if known.empty else ""
@@ -244,6 +250,8 @@ def _what_binds(report: PlanReport) -> list[str]:
             f"pixels ({limit_words(made.requirement)}) allow near up to {digits(pixels)} {units}"
         )
         if np.isfinite(made.limits.hogels).any():
+            # The median shows how much the worst hogel costs all others; NaN marks hogels without
+            # content.
             ordinary = float(np.nanmedian(made.limits.hogels))
             parts[PIXELS] += f" at the worst hogel and up to {digits(ordinary)} at half of them"
         if not made.requirement.pixels_count:
@@ -254,6 +262,7 @@ def _what_binds(report: PlanReport) -> list[str]:
         parts[EYE] = f"eyes at {distance:g} {units} allow {allowed}"
     if report.buffer is not None:
         parts[DEPTH] = buffer_words(report.buffer, units)
+    # The binding limit comes first; the others follow in fixed order.
     first, others = parts.pop(report.binds, None), "; ".join(parts.values())
     if first is not None and made.slabs:
         first = f"in one pair {first}"
@@ -265,6 +274,7 @@ def _coarser(report: PlanReport) -> list[str]:
     """Return the cost of the cheapest depth buffer where the plan takes another one."""
     assert report.plan.limits is not None
     first, units = report.plan.limits.buffers[0], report.scene.units
+    # The plan already takes the cheapest buffer.
     if first == report.buffer:
         return []
     if first.smallest_near is None or first.displacement_p99_px is None:

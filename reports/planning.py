@@ -105,6 +105,8 @@ class PlanReport(NotebookRepr):
     def binds(self) -> str:
         """Name of the judge that keeps near from being larger, or that one pair of frusta fails."""
         made = self.plan
+        # Cuts exist because one pair fails at any near: depth sets the lower limit, pixels the
+        # upper.
         if made.settings is None or made.slabs:
             return DEPTH if made.limits is not None and made.limits.pixels is not None else PIXELS
         near = None if self.eye_limit is None else self.eye_limit.largest_near
@@ -118,6 +120,7 @@ class PlanReport(NotebookRepr):
         """Least and largest near; the measured one is the largest, and cuts belong to one near."""
         if self.plan.near is None:
             return None
+        # Cuts were placed for one near: a smaller one needs other cuts.
         least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
         return min(least or self.plan.near, self.plan.near), self.plan.near
 
@@ -135,6 +138,7 @@ class PlanReport(NotebookRepr):
         if requirement.viewer is not None:
             viewer, display = requirement.viewer.viewer, requirement.viewer.display
             half = viewer.eyes_apart_mm / (display.millimeters or 1) / 2
+            # The eyes look from the axis of the plate, where the plan's stereo limit is evaluated.
             places = ";".join(f"{x:g},0,{viewer.distance:g}" for x in (-half, half))
             own = [*settings_words(settings), *self._film()]
             verb, words = "view", [f"--eye={places}", *own, "--out", "seen"]
@@ -145,12 +149,15 @@ class PlanReport(NotebookRepr):
         if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
             return []
         width, height = self.scene.plate.size
+        # Each pixel of an eye's film lies in another hogel; two eyes share the budget, and pixels
+        # are square.
         columns = math.sqrt(CONFIRMED_HOGELS / 2 * width / height)
         return ["--resolution", f"{round(columns)},{max(1, round(columns * height / width))}"]
 
     def summary(self) -> dict[str, Any]:
         """Return the plan as `plan --json` prints it."""
         made, limits = self.plan, self.plan.limits
+        # Absent errors keep their keys, as null, so that readers need no special case.
         unknown = dict.fromkeys(measure.name for measure in fields(Quality))
         hogels = np.zeros(0) if limits is None else limits.hogels[np.isfinite(limits.hogels)]
         commands = dict(zip(("command", "confirm"), self.commands, strict=False))
@@ -189,6 +196,7 @@ class PlanReport(NotebookRepr):
         if (known := self.plan.plate) is None:
             return None
         worst = known.worst and {**asdict(known.worst), "aperture": known.worst.aperture.index}
+        # A property, which `asdict` leaves out.
         within = known.share_within_at_least
         return {**asdict(known), "share_within_at_least": within, "worst": worst}
 
@@ -202,6 +210,8 @@ class PlanReport(NotebookRepr):
         noticed = {} if settings is None else eyes.noticed(settings)
         rays = None
         if display.millimeters is not None:
+            # Rays leave adjacent pixels of a hogel at the angle of a pixel: their distance at the
+            # eye is compared with the pupil.
             rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
         return {
             "viewer": viewer,
@@ -285,6 +295,7 @@ class PlanReport(NotebookRepr):
 
 def filled(text: str) -> str:
     """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
+    # A line that begins with a percent sign reads as another number.
     kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
     wrapped = textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False)
     return wrapped.replace("\N{NO-BREAK SPACE}", " ")
@@ -369,6 +380,7 @@ def scanned_plate(scene: Scene, progress: bool) -> PlateScan:
     """Scan apertures all over a plate; InputError where none sees anything."""
     with progress_bar(None, "scan", "hogel", shown=progress) as bar:
         scan = scout(scene, bar.update)
+    # The coarse film may miss a small object: the exact test decides before the error.
     if not any(math.isfinite(look.nearest) for look in scan.looks):
         require_seen(scene, scan.apertures)
     return scan
@@ -401,8 +413,10 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
     count = min(count, columns * rows)
     corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
     chosen = dict.fromkeys([plate.middle.index, *corners])
+    # A low-discrepancy sequence extends: the first apertures stay when the count grows.
     pattern = scipy.stats.qmc.Halton(2, scramble=False)
     while len(chosen) < count:
+        # Several points may fall into one hogel: the loop continues until enough are distinct.
         points = scipy.stats.qmc.scale(pattern.random(count), [0, 0], [columns, rows]).astype(int)
         chosen |= dict.fromkeys(map(tuple, points.tolist()))
     return [plate.aperture(*index) for index in list(chosen)[:count]]
@@ -454,6 +468,7 @@ def write_plan(report: PlanReport, out: Path) -> tuple[Path, ...]:
         tolerance_px = report.plan.requirement.tolerance_px
         title = f"largest near that keeps {tolerance_px:g} px, {report.scene.units}"
         places = [aperture.index for aperture in report.scan.apertures]
+        # A cell shows the strictest of its hogels.
         values, known = plate_cells(report.scene.plate.hogels, places, limits.hogels, np.fmin)
         figure = plate_map(report.scene.plate, values, title, known=known, logarithmic=True)
         figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
@@ -473,9 +488,11 @@ def limits_figure(report: PlanReport) -> Figure:
     """Draw the range of near that each judge allows as bars, and the near of the plan as a line."""
     reach, near, rows = report.scene.frustum.longest_reach, report.plan.near, allowed(report)
     ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
+    # A logarithmic axis has no zero: bars without a lower limit begin one and a half decades below.
     low = min([*ends, near or reach]) / 30
     bars = [
         (row.name.replace(", ", ",<br>"), row.low or low, min(row.high, reach))
+        # A limit that allows no near has no bar.
         for row in rows
         if math.isfinite(row.low)
     ]

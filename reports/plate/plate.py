@@ -81,6 +81,7 @@ class HogelSource:
 
         All blocks are one stream of hogels, so that the renderer is never idle between them.
         """
+        # The renderer reads ahead: blocks wait here until their hogels arrive.
         begun: deque[Block] = deque()
 
         def apertures() -> Iterator[Aperture]:
@@ -90,6 +91,7 @@ class HogelSource:
 
         tile: Tile | None = None
         for hogel in self.hogels(apertures()):
+            # Hogels arrive in the order of request: the oldest open block is theirs.
             tile = tile or Tile.empty(begun[0], arrays.images)
             tile.put(hogel)
             done(1)
@@ -111,6 +113,7 @@ def open_source(
             )
         yield _traced(scene, content)
         return
+    # Drawn pixels have no proof of visibility.
     if Channel.CERTAINTY in content.channels:
         raise InputError(
             "certainty is the truth's alone: leave it out of the channels, or add --truth"
@@ -118,17 +121,21 @@ def open_source(
     # Further effects than the scene calls for change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
+        # Supersampling and multisampling are drawn hogel by hogel: the plate renderer has one
+        # sample.
         fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
         with (OneByOne if fine else PlateRenderer)(scene, settings, content) as drawing:
             device = str(drawing.device["renderer"])
             described = described_as(scene, content, device, drawing.effects & visible, settings)
             yield HogelSource(hogels=drawing.hogels, description=described)
         return
+    # Raised before the first block is written.
     settings.check_against(scene.frustum)
     with Evaluator(scene, effects=content.effects) as evaluator:
         evaluator.rasterizer.check_sampling(scene.sampling)
         effects = evaluator.rasterizer.effects_for(settings) & visible
         described = described_as(scene, content, evaluator.device["renderer"], effects, settings)
+        # Part of the description: a judged plate never continues one without verdicts.
         described["content"]["judged"] = True
         hogels = partial(_judged, evaluator, content, settings)
         yield HogelSource(hogels=hogels, description=described)
@@ -141,6 +148,7 @@ def _traced(scene: Scene, content: PlateContent) -> HogelSource:
     reference = Reference(scene, tracer=tracer, effects=content.effects)
 
     def colored(aperture: Aperture) -> HogelImage:
+        # Geometry stays certified, of single lines; light paths replace the color alone.
         image = reference.trace(aperture, Sampling())
         mean = transported(scene, aperture, scene.transport).mean
         return replace(image, color=mean.astype(np.float32))
@@ -200,6 +208,7 @@ def described_as(
     """
     sampling, transport = scene.sampling, scene.transport
     finer = {"supersample": sampling.supersample, "multisample": sampling.multisample}
+    # Defaults are left out: equal content has exactly one description.
     finer = {name: samples for name, samples in finer.items() if samples > 1}
     described: dict[str, Any] = {
         "scene": {

@@ -91,6 +91,7 @@ class Stated:
         share, amounts, names = None, {}, ", ".join(MEASURES)
         for part in (part.strip() for part in text.split(",")):
             name, equals, number = part.rpartition("=")
+            # Both wrong-surfaces and wrong_surfaces are accepted, as in options and in JSON.
             name = name.strip().replace("-", "_")
             if equals and name not in MEASURES:
                 raise InputError(f"baseline tolerance: {name!r} is not one of {names}")
@@ -115,6 +116,7 @@ class Stated:
 
     def amount(self, name: str, mean: float) -> float | None:
         """Return the tolerance of a measure; None where none is stated."""
+        # An amount for a measure overrides the share for all.
         return self.amounts.get(name, None if self.share is None else self.share * mean)
 
 
@@ -139,6 +141,8 @@ class MeasureChange:
             if value is None:
                 return "unknown"
             if self.measure.endswith("_px"):
+                # Displacements near the rounding of doubles are noise: their digits differ between
+                # machines.
                 return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
             return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
 
@@ -214,6 +218,7 @@ class Baseline:
     def change(self) -> Change:
         """The worst of all changes."""
         there = {measured.change for measured in self.changes}
+        # One worse measure makes the run worse, however many got better.
         order = (Change.WORSE, Change.BETTER, Change.SAME)
         return next((change for change in order if change in there), Change.NEW)
 
@@ -232,6 +237,7 @@ class Baseline:
 
         def rank(measured: MeasureChange) -> tuple[int, float]:
             now, before = measured.now, measured.accepted or 0.0
+            # A measure that became unmeasurable ranks before every number.
             increase = math.inf if now is None else abs(now - before)
             return list(MEASURES).index(measured.measure), -increase
 
@@ -258,8 +264,10 @@ def baseline(
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
+    # All runs are read: a damaged file must not pass as a missing baseline.
     everything, run = accepted_runs(folder), _present(verification, options)
     accepted = everything.get(run.key)
+    # Without an accepted run of this key every hogel is new, and limits decide.
     before = {} if accepted is None else accepted.hogels
     new = [hogel for hogel in verification.hogels if hogel.aperture.index not in before]
     stated = options.tolerance
@@ -278,6 +286,7 @@ def baseline(
         # Hogels that are not judged now stay accepted.
         hogels = [*run.hogels.values(), *(before[place] for place in before.keys() - run.hogels)]
         kept = replace(run, verification=run.verification | {"hogels": hogels})
+        # NUL occurs in no part of the key: different keys never join to one text.
         name = hashlib.sha256("\0".join(run.key).encode()).hexdigest()[:16]
         content = json.dumps(asdict(kept), allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
@@ -290,6 +299,7 @@ def check_folder(folder: Path) -> None:
     """Raise InputError where accepted runs cannot be kept in a folder; leaves nothing behind."""
     try:
         check_writable_folder(folder)
+        # Both levels are tested: the folder may exist and its subfolder be read-only.
         check_writable_folder(folder / ACCEPTED)
     except InputError as error:
         raise InputError(str(error).replace("--out", OPTION, 1)) from error
@@ -303,6 +313,8 @@ def accepted_runs(folder: Path) -> dict[tuple[str, str, str, str], Run]:
         try:
             run = _RUN.validate_json(read_input(path, "accepted run"))
             for hogel in run.hogels.values():
+                # Evaluating every measure rejects a damaged file here, and not in a later
+                # comparison.
                 measures(hogel)
         except (InputError, ValidationError, LookupError, TypeError, AttributeError) as error:
             raise InputError(

@@ -296,7 +296,7 @@ def _looks(
 def _judged_look(
     job: VerifyJob, sample: PlateSample | None, look: int
 ) -> tuple[SampleExtent | None, bool] | None:
-    """Return the extent after a look, and whether it ends judging; None where blocks are missing."""
+    """Return the extent after a look, and whether it ends judging; None for missing blocks."""
     every = range(job.blocks(look)[-1] + 1)
     if not all(map(job.finished, every)):
         return None
