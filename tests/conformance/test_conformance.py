@@ -81,8 +81,7 @@ def judged_images(folder: Path, *names: str) -> list[tuple[str, str | None]]:
     return [by_name[name] for name in names]
 
 
-def test_the_suite_has_some_120_cases_in_all_levels() -> None:
-    assert 110 <= len(cases()) <= 140
+def test_the_suite_has_cases_of_unique_names_in_all_levels() -> None:
     assert {case.level for case in cases()} == set(LEVELS)
     assert len({case.name for case in cases()}) == len(cases())
     assert all(case.why and case.digest and case.hogels for case in cases())
@@ -432,16 +431,13 @@ def test_a_level_with_cases_that_were_not_run_has_a_star_and_failures_have_numbe
         Verdict(name=case.name, level="L4", verdict=CaseOutcome.PASS) for case in chosen(("L4",))
     ]
     parts = {"renderer": "<r>", "device": "d", "device_model": "m"}
-    some = Statement(**parts, verdicts=tuple(passed[:1]))
+    some, whole = (Statement(**parts, verdicts=tuple(part)) for part in (passed[:1], passed))
+    assert (some.badge()["message"], whole.badge()["message"]) == ("L4*", "L4")
     assert some.sentence == f"<r> passes L4 (1 of {len(passed)} cases) of suite {SUITE}."
-    assert some.badge()["message"] == "L4*"
     assert some.summary()["counts"]["L4"]["not run"] == len(passed) - 1
-    whole = Statement(**parts, verdicts=tuple(passed))
-    assert whole.sentence == f"<r> passes L4 of suite {SUITE}."
-    assert whole.badge()["message"] == "L4"
     pixels = Pixels(shown=200, wrong=30, edge=10, unexplained=20)
-    failed = Verdict(
-        name="a", level="L1", verdict=CaseOutcome.FAIL, cause="unexplained", pixels=pixels
+    failed = replace(
+        passed[0], name="a", verdict=CaseOutcome.FAIL, cause="unexplained", pixels=pixels
     )
     message = "unexplained: 30 of 200 pixels wrong (10 edge, 20 unexplained)"
     assert [case.failure for case in junit_cases([failed])] == [message]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.notebooks.test_shown import SETTINGS, small_scene
-from xfrustum import InputError, Rasterizer, Reference, compare_images, write_plate
+from tests.support.worlds import World
+from xfrustum import InputError, Rasterizer, compare_images, write_plate
 from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
 xarray = pytest.importorskip(
@@ -29,9 +30,7 @@ def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -
     for name in map(str, channels):
         assert labelled[name].dims == hogel[name].dims
         assert labelled[name].attrs.get("units") == hogel[name].attrs.get("units")
-        difference = labelled[name].astype(float) - hogel[name].astype(float)
-        assert difference.shape == labelled[name].shape
-        assert float(abs(difference).max()) == 0
+        assert float(abs(labelled[name].astype(float) - hogel[name].astype(float)).max()) == 0
     for name in ("u", "v", "x", "y", "row", "column"):
         xarray.testing.assert_equal(labelled.coords[name].variable, hogel.coords[name].variable)
         assert labelled.coords[name].attrs == hogel.coords[name].attrs
@@ -40,9 +39,8 @@ def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -
     assert '"near": 2.0' in labelled.attrs["settings"]
 
 
-def test_a_labelled_truth_has_what_the_image_has_and_no_more() -> None:
-    scene = small_scene("asymmetric-recentered")
-    truth = Reference(scene).trace(scene.plate.aperture(0, 2))
+def test_a_labelled_truth_has_what_the_image_has_and_no_more(recentered: World) -> None:
+    truth = recentered.truth((0, 2))
     labelled = truth.to_xarray()
     for name in ("triangle", "object", "height", "position", "normal", "color", "certainty"):
         assert np.array_equal(labelled[name].values, getattr(truth, name), equal_nan=True)
@@ -59,13 +57,8 @@ def test_a_labelled_truth_has_what_the_image_has_and_no_more() -> None:
     assert labelled.height.notnull().any()
 
 
-def test_labelled_errors_have_the_signs_of_the_maps() -> None:
-    scene = small_scene()
-    aperture, reference = scene.plate.middle, Reference(scene)
-    with Rasterizer(scene) as rasterizer:
-        comparison = compare_images(
-            reference.trace(aperture), rasterizer.render(aperture, SETTINGS), reference
-        )
+def test_labelled_errors_have_the_signs_of_the_maps(centered: World) -> None:
+    comparison = compare_images(centered.truth(), centered.raster(), centered.reference)
     labelled = comparison.to_xarray(units="mm")
     # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the
     # middle.
@@ -81,9 +74,9 @@ def test_labelled_errors_have_the_signs_of_the_maps() -> None:
     assert labelled.radiance_error.dims == ("v", "u", "rgb")
 
 
-def test_without_xarray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = small_scene()
-    truth = Reference(scene).trace(scene.plate.middle)
+def test_without_xarray_it_says_what_to_install(
+    centered: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match=r"pip install '\.\[notebook\]'"):
-        truth.to_xarray()
+        centered.truth().to_xarray()

@@ -22,7 +22,6 @@ import pytest
 from tests.support.dask_processes import dask, free_port, scheduler, worker
 from tests.support.long_tail import thinned
 from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
-from xfrustum.cli.options import engine_of
 from xfrustum.raster.device import context
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import CUDA_VARIABLE, DEVICE_VARIABLE, Engine, Part, open_workers
@@ -114,6 +113,7 @@ def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
     assert not any(map(psutil.pid_exists, processes))
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_replaced_and_its_block_made_again(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -203,6 +203,7 @@ def devices_of(session: ToySession, number: int) -> tuple[str | None, str | None
     return os.environ.get(DEVICE_VARIABLE), os.environ.get(CUDA_VARIABLE)
 
 
+@pytest.mark.slow
 def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,17 +224,6 @@ def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     with open_workers(Engine(workers=2, devices=(3, 5)), len(NUMBERS)) as workers:
         answers = dict(answer for _, answer in workers.map(job, devices_of, range(2)))
     assert answers == {"3": "1", "5": None}
-
-
-def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(blocks, "_processors", lambda: 16)
-    assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
-    assert Engine(workers=8).process_count(1000, 1) == 8
-    assert Engine().process_count(3, 0) == 3
-    engine = engine_of(part=(1, 1))
-    assert engine is not None and engine.process_count(1000) == 1
 
 
 # Parts of rows: whole as they were written, or made again.

@@ -30,6 +30,7 @@ def planned(line: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return made
 
 
+@pytest.mark.slow
 def test_json_and_page_are_as_promised(
     small_scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

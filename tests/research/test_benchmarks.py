@@ -59,13 +59,6 @@ def test_a_benchmark_prints_a_rate_of_each_contestant(
             )
 
 
-def test_a_benchmark_is_printed_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "truth", "crossing", "--resolution=8", "--repeat=1"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("crossing, 10,598 triangles")
-    assert all(any(line.startswith(name) for line in lines) for name in benchmarks.TRUTH_MEANINGS)
-
-
 def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
     scene = view("asymmetric-recentered", (40, 30))
     aperture = scene.plate.middle

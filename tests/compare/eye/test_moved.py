@@ -134,14 +134,6 @@ def test_halves_move_by_n_and_are_bent_by_n_times_the_difference_of_shears(
     assert moves_rigidly(frustum, how) == (frustum is CENTERED)
 
 
-@given(near=st.floats(0.01, 3), fitted=st.floats(0.1, 20))
-def test_a_fit_is_exact_at_its_height_and_leaves_a_smaller_gap(near: float, fitted: float) -> None:
-    how = DoubleFrustum(near=near, fit=fitted)
-    at_fit, at_plate = replayed_distance(np.array([fitted, 0.0]), CENTERED, how)
-    assert math.isclose(at_fit, fitted, rel_tol=1e-14)
-    assert math.isclose(2 * at_plate, 2 * near * fitted / (fitted + near), rel_tol=1e-14)
-
-
 @given(near=st.floats(0.01, 3), first=st.floats(1, 6), beyond=st.floats(0.001, 6))
 def test_only_the_first_slab_is_moved_and_no_seam_opens_where_the_fit_is_the_first_cut(
     near: float, first: float, beyond: float

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from tests.support.views import view
+from tests.support.worlds import World
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.radiance import (
     ALPHA,
@@ -23,17 +23,15 @@ from xfrustum.compare.metrics.radiance import (
     perceptual_difference,
     single_level,
 )
-from xfrustum.reference import Reference
 from xfrustum.reference.transport import RadianceEstimate
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 
-@pytest.fixture(scope="module")
-def truth() -> HogelImage:
-    scene = view("asymmetric", (48, 40))
-    return Reference(scene).trace(scene.plate.middle)
+@pytest.fixture
+def truth(centered: World) -> HogelImage:
+    return centered.truth()
 
 
 def colored(image: HogelImage, color: NDArray[np.floating]) -> HogelImage:

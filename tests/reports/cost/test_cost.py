@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.scene_file import film, named, part
 from tests.support.views import view
+from tests.support.worlds import World
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
@@ -71,19 +71,6 @@ def timed(label: str, milliseconds: list[float], moved: float) -> Option:
     )
 
 
-def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
-    """With one outlier the slower way, of the least error, was named the fastest at 99.5 ms."""
-    quick = timed("quick", [43, 43, 44, 43, 120], 0.4)
-    careful = timed("careful", [99, 99.5, 99.5, 100, 101], 0.01)
-    tied = answers([careful, quick], 0.5)[0]
-    assert tied.fastest == (quick, careful) and tied.option is careful
-    assert tied.sentence.startswith("2 ways to stay under 0.5 px, 43 to 99.5 ms a picture")
-    # With further repetitions the interval leaves the outlier out.
-    quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
-    (fastest,) = answers([careful, quick], 0.5)[0].fastest
-    assert fastest is quick
-
-
 def test_sentences_state_the_ratio_of_times_and_the_way_to_take() -> None:
     quick, careful = (
         timed("quick", [40, 40, 40, 41, 42], 0.4),
@@ -91,9 +78,7 @@ def test_sentences_state_the_ratio_of_times_and_the_way_to_take() -> None:
     )
     noisy = timed("noisy", [40, 41, 42, 43, 60], 0.01)
     assert "2.00 times (1.90 to 2.10) the time" in answers([quick, careful], 0.5)[1].sentence
-    assert "costs no more time" in answers([quick, noisy], 0.5)[1].sentence
     assert answer([quick, careful]) == "Take quick: the fastest within 0.5 px."
-    assert answer([quick, careful], 0.1) == "Take careful: the only way within 0.1 px."
     assert answer([quick], 0.1).startswith("Nothing stays within 0.1 px")
     assert answer([quick, noisy, careful]).startswith("Take noisy: the least error of the 2 of 3")
     once = answer([timed("one", [40], 0.4), timed("other", [90], 0.01)])
@@ -158,25 +143,11 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
 
 
 def test_cost_prints_one_object_and_writes_a_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cost_module, "NEARS_PER_REACH", (1e-2, 1e-5))
-    scene = str(tmp_path / "scene.toml")
-    lens = film(
-        (40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0)
-    )
-    Path(scene).write_text(named("one part", "mm") + lens + part("torus", 12.0, (3.0, 1.0, 25.0)))
-    arguments = [
-        "cost",
-        scene,
-        "--repeat",
-        "1",
-        "--quiet",
-        "--json",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main(arguments) == 0
+    line = ["cost", str(tiny.scene_file), "--repeat", "1", "--quiet", "--json"]
+    assert main([*line, "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert {"raster", "embree", "mitsuba", "certified"} == {
         row["renderer"] for row in printed["rows"]
@@ -193,8 +164,8 @@ def test_cost_prints_one_object_and_writes_a_page(
         )
     assert any(row["pareto"] for row in printed["rows"])
     assert [answer["tolerance_px"] for answer in printed["answers"]] == pytest.approx([0.5, 0.1])
-    page = (tmp_path / "out" / "index.html").read_text()
+    page = (tmp_path / "index.html").read_text()
     # The answer stands before the first figure.
     words = printed["answers"][0]["sentence"].split(":")[0].split(".")[0]
     assert words in page[: page.index('id="plot"')]
-    assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]
+    assert json.loads((tmp_path / "cost.json").read_text())["answers"] == printed["answers"]

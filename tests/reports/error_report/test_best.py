@@ -92,17 +92,6 @@ def test_the_worst_aperture_counts() -> None:
     assert "at the worst of 2 apertures (0,0)" in recommendation(rows, "mm", 150.0)
 
 
-def test_two_pixels_make_no_headline() -> None:
-    """One setting has three wrong pixels, the other five: either near is as good."""
-    rows = [judged(0.002, some(5)), judged(0.001, some(3, first=100))]
-    window = best_setting(rows).window
-    assert (window.low, window.high, window.nears) == (0.001, 0.002, 2)
-    text = recommendation(rows, "mm", 150.0)
-    assert (
-        "near 0.001 to 0.002 mm" in text and "the 2 nears measured there are equally good" in text
-    )
-
-
 def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
     few = int(SURFACE_TIE_FRACTION * PIXELS)
     assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few))])) == 2
@@ -186,11 +175,6 @@ LIMITS = "0.5 px and 1 % wrong surfaces"
             [(1.0, 0.78, 12345.0), (2.0, 0.98, 12345.0)],
             f"no setting measured keeps to {LIMITS}. The least bad",
         ),
-        (
-            [(1.0, 0.0, 0.51), (2.0, 0.2, 0.51)],
-            f"no setting measured keeps to {LIMITS}. The least bad of 2:",
-        ),
-        ([(1.0, 0.0101, 0.1)], f"the one setting measured does not keep to {LIMITS}: near 1 mm"),
         ([(1.0, 0.01, 0.5), (2.0, 0.5, 9.0)], "best of 2 settings: near 1 mm"),
         # The one with the fewest wrong surfaces displaces too much; the other one does not.
         (

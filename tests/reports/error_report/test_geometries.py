@@ -19,7 +19,6 @@ from xfrustum.reports.error_report.request import ReportOptions, geometry_grid
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
-    DoubleFrustum,
     Fit,
     InputError,
     Offset,
@@ -31,7 +30,6 @@ SHEAR_TOLERANCE = 0.01
 """Largest relative error of the shear against its closed form."""
 
 NEARS = (15.0, 0.15, 1.5e-4)
-USUAL = DoubleFrustum(near=1.0)
 D32F = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 
 
@@ -53,11 +51,29 @@ def rows(files: ReportFiles, pivot: str) -> list[dict[str, Any]]:
     return [row for row in content["rows"] if row["settings"]["pivot"] == pivot]
 
 
-def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> None:
-    centered = open_scene("car").frustum
-    assert geometry_grid(centered, ReportOptions()) == (USUAL,)
-    geometries = geometry_grid(centered, ReportOptions(pivots=[Pivot.CAMERA]))
-    assert geometries == (replace(USUAL, pivot=Pivot.CAMERA),)
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("car", ReportOptions(), "aperture plate"),
+        ("car", ReportOptions(pivots=[Pivot.CAMERA]), "camera plate"),
+        # Cameras in the aperture draw the same with both pivots, and are measured with one.
+        (
+            "car-recentered",
+            ReportOptions(offsets=list(Offset)),
+            "aperture plate, aperture none, camera plate",
+        ),
+        (
+            "car-recentered",
+            ReportOptions(pivots=list(Pivot), offsets=list(Offset)),
+            "aperture plate, aperture none, camera plate, camera none",
+        ),
+    ],
+)
+def test_both_pivots_are_measured_where_they_differ_or_are_requested(
+    name: str, options: ReportOptions, expected: str
+) -> None:
+    grid = geometry_grid(open_scene(name).frustum, options)
+    assert ", ".join(f"{how.pivot} {how.offset}" for how in grid) == expected
 
 
 def test_cameras_in_the_aperture_are_measured_with_one_pivot_unless_both_are_asked_for() -> None:

@@ -388,16 +388,3 @@ def test_features_that_are_not_read_are_listed_and_warned_about(
     ):
         assert main(command) == 0
         assert f"warning: {mesh}: lines (l) are not drawn" in capfd.readouterr().err
-
-
-def test_a_scene_of_triangles_without_area_is_seen_by_no_aperture(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 3 0 0\nf 1 2 3\n")
-    place = '\n[[object]]\nmesh = "flat.obj"\ntranslate = [0.0, 0.0, -20.0]\n'
-    frame = film(
-        (20.0, 20.0), hogels=(3, 3), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(50.0, 50.0)
-    )
-    (tmp_path / "scene.toml").write_text(named("flat", "mm") + frame + place)
-    assert main(["check", str(tmp_path / "scene.toml"), "--json"]) == 1
-    assert "has triangles without area alone" in capfd.readouterr().err

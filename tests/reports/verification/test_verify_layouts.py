@@ -14,7 +14,7 @@ from tests.reports.verification.synthetic import packed
 from tests.support.brute_force import first_hits
 from tests.support.views import view
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.verdict import Verification, table
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Aperture, HogelImage, InputError, Plate, Scene, Screen
 from xfrustum.scenes.files.exr import write_image
@@ -221,12 +221,3 @@ def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_la
     assert {hogel.problem for hogel in result.hogels} == {
         f"{tmp_path}: has no file such as 3_4.png"
     }
-
-
-def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:
-    plate = PlateRows.from_pixels(np.zeros((3, 3, 8, 8, 3), np.uint8))
-    result = verified(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
-    [line] = [line for line in table(result).splitlines() if "the scene says" in line]
-    words = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), "
-    words += "and the scene says 5 x 5"
-    assert line.startswith(f"25 hogels: read as hogels, {words} hogels of 16 x 16")

@@ -109,17 +109,6 @@ def test_until_is_a_stated_limit_where_measures_are_accepted(
     assert verified(drawn, capsys, *accepted, "--until", "90%")["status"] == 0
 
 
-def test_parts_of_a_job_array_judge_a_sample_between_them(
-    drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pattern, out = str(drawn / "bad" / "{i}x{j}.exr"), str(tmp_path / "out")
-    alone = verified(drawn, capsys, pattern, "--sample", "9")
-    more = ("--sample", "9", "--out", out, "--part")
-    assert verified(drawn, capsys, pattern, *more, "2/2")["status"] == 0
-    both = verified(drawn, capsys, pattern, *more, "1/2")
-    assert {**alone, "errors": ""} == {**both, "errors": ""}
-
-
 def test_a_sample_is_of_the_whole_plate(drawn: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pattern = str(drawn / "{i}x{j}.exr")
     for more, text in (
