@@ -48,6 +48,7 @@ class Statement:
             run = Counter(str(case.verdict) for case in self.verdicts if case.level == level)
             if run:
                 counts[level] = run
+                # A partial run must not read as a full pass.
                 run[NOT_RUN] = len(chosen((level,))) - run.total()
         return counts
 
@@ -57,6 +58,7 @@ class Statement:
         return {
             level: next(
                 outcome
+                # One failed case fails its level; unsupported cases only leave it partly claimed.
                 for outcome in (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
                 if counts[outcome]
             )
@@ -101,6 +103,7 @@ class Statement:
             "device_model": self.device_model,
             "levels": self.levels,
             "counts": self.counts,
+            # Pictures are megabytes of base64: they belong to the page.
             "cases": [{k: v for k, v in case.items() if k != "pictures"} for case in cases],
         }
 
@@ -124,6 +127,7 @@ class Statement:
             "schemaVersion": 1,
             "label": f"hogel conformance {SUITE}",
             "message": " ".join(passed) or nothing,
+            # Passed levels beside failed ones: neither green nor red would be honest.
             "color": "yellow" if passed and not self.passed else COLORS[kind],
         }
 
@@ -166,6 +170,7 @@ def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
                 if verdict.verdict is CaseOutcome.FAIL
                 else None,
                 text=counted_pixels(verdict.pixels),
+                # Continuous integration shows skipped tests without failing the build.
                 skipped=cause if verdict.verdict is CaseOutcome.UNSUPPORTED else None,
             )
         )

@@ -64,6 +64,7 @@ def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure
     for key, title in titles.items() if shaded else ():
 
         def error(row: Measurement, key: str = key) -> float | None:
+            # A logarithmic axis has no zero: zeros are gaps.
             return getattr(row.comparison.radiance, key, None) or None
 
         # The script finds plots by these names.
@@ -110,7 +111,9 @@ def _share_lines(
     for line, group in zip(lines, groups.values(), strict=True):
         symbol = line["marker"]["symbol"]
         line["marker"]["symbol"] = [
-            symbol + ("" if known(row).wrong else "-open") for _, row in group
+            # Hollow marks show that the true value, zero, lies below the axis.
+            symbol + ("" if known(row).wrong else "-open")
+            for _, row in group
         ]
         line["text"] = [f"{known(row).wrong:,} of {row.comparison.judged:,}" for _, row in group]
     return lines
@@ -118,6 +121,7 @@ def _share_lines(
 
 def _half_pixel(row: Measurement) -> float:
     """Return half a pixel as a share of the judged pixels."""
+    # Below the smallest measurable share, and still on the logarithmic axis.
     return 0.5 / max(row.comparison.judged, 1)
 
 
@@ -225,6 +229,7 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
     axes = ["y", *(f"y{number}" for number in range(2, len(panels) + 1))]
     for axis, (label, group) in zip(axes, panels.items(), strict=True):
         for name, color in CAUSE_COLORS.items():
+            # The legend lists causes that occur somewhere on the page only.
             if not any(causes.get(name) for causes in counts.values()):
                 continue
             pairs = [
@@ -240,6 +245,7 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
                     "hovertemplate": f"{name}, {_HOVER}%{{y:.3g}} %: %{{text}}<extra></extra>",
                     "name": name,
                     "legendgroup": name,
+                    # One legend entry per cause, from the first panel.
                     "showlegend": axis == "y",
                     "mode": "lines",
                     "stackgroup": f"panel {axis}",

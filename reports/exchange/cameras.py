@@ -72,6 +72,7 @@ def write_cameras(
                 "Blender's camera is the crossed frustum itself: leave out --near and its options"
             )
         files, script = write_blender(scene, out, apertures), out / "render.py"
+        # A scene file without objects only states the plate: geometry comes from the user's file.
         blend, option = ("", "") if scene.objects else ("SCENE.blend ", "--blend SCENE.blend ")
         next_step = (
             f"run it: python {script} {option}--out HOGELS (with bpy), or in Blender: "
@@ -109,8 +110,10 @@ def write_triangles(scene: Scene, path: Path) -> None:
         vertices=scene.vertices,
         faces=scene.faces,
         object_of_triangle=scene.object_of_triangle,
+        # One more entry than objects, so that object i spans entries i to i + 1.
         first_vertex=np.cumsum([0, *(len(part.vertices) for part in objects)]),
         first_triangle=np.cumsum([0, *(len(part.faces) for part in objects)]),
+        # Fixed-width text: object arrays would need pickle to be read.
         names=np.array([part.name for part in objects], dtype=np.str_),
         **{name: values for name, values in shading.items() if values is not None},
     )

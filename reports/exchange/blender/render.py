@@ -110,6 +110,7 @@ def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[fl
     screen = plate["screen"]
     if screen is None:
         return [0.0, 0.0], [math.tan(angle / 2) for angle in plate["fov"]]
+    # Slopes are per unit of depth behind the plate, where the ray starts.
     behind = -screen["height"]
     shear = [
         (middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)
@@ -129,6 +130,8 @@ def shader_of(
         height=float(height),
         centered=int(centered),
         turn=-1 if turned else 1,
+        # Nine digits restore a float32, the precision of the shading language; parentheses keep
+        # signs.
         **{name: f"({value:.9g})" for name, value in numbers.items()},
     )
 
@@ -146,6 +149,7 @@ def png(pixels: Array) -> bytes:
         return struct.pack(">I", len(content)) + kind + content + check
 
     height, width, _ = pixels.shape
+    # Each PNG row begins with its filter type, 0 for none.
     rows = np.concatenate([np.zeros((height, 1), np.uint8), pixels.reshape(height, -1)], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     parts = (
@@ -158,6 +162,7 @@ def png(pixels: Array) -> bytes:
 
 def exr(planes: Mapping[str, Array]) -> bytes:
     """Return (H, W) planes of float32 or uint32 as an OpenEXR file without compression."""
+    # OpenEXR requires channels in alphabetical order, in the header and in each line.
     names = sorted(planes)
     height, width = planes[names[0]].shape
     kinds = {name: 0 if planes[name].dtype == np.uint32 else 2 for name in names}
@@ -185,6 +190,7 @@ def exr(planes: Mapping[str, Array]) -> bytes:
         )
         for row in range(height)
     ]
+    # Line data follow the header's final zero byte and one 8-byte offset per line.
     start = len(header) + 1 + 8 * height
     offsets = start + np.cumsum([0, *(8 + len(line) for line in lines[:-1])])
     body = b"".join(struct.pack("<iI", row, len(line)) + line for row, line in enumerate(lines))
@@ -202,6 +208,7 @@ def exr_planes(content: bytes) -> dict[str, Array]:
         (size,) = struct.unpack_from("<I", content, place)
         attributes[name] = content[place + 4 : place + 4 + size]
         place += 4 + size
+    # The low byte is the version and 0x400 allows long names; any other flag means tiles or parts.
     if flags & ~0x4FF or attributes["compression"] != b"\0":
         raise UnusableError(
             "Blender wrote an OpenEXR file of several parts or with compression; this script reads "
@@ -214,6 +221,7 @@ def exr_planes(content: bytes) -> dict[str, Array]:
     while listed[0]:
         channel, rest = listed.split(b"\0", 1)
         types[channel.decode()] = {0: "<u4", 1: "<f2", 2: "<f4"}[struct.unpack_from("<I", rest)[0]]
+        # Type, linearity and two sampling rates take 16 bytes.
         listed = rest[16:]
     line = np.dtype(
         [("y", "<i4"), ("size", "<u4"), *((name, kind, (width,)) for name, kind in types.items())]
@@ -244,8 +252,11 @@ def encoded(
         np.moveaxis(named("Position.X", "Position.Y", "Position.Z"), 0, -1) @ to_plate[:3, :3].T
     )
     position += to_plate[:3, 3]
+    # Rays begin at the reach on the viewer's side: only far surfaces can lie beyond it.
     shown = (named("Combined.A")[0] > 0) & (position[..., 2] >= -plate["reach"][1])
     numbers = {
+        # Cycles stores attributes as float32, which is exact for ids below 2^24; 0 is the
+        # background.
         attribute: np.where(shown, np.rint(plane), 0).astype(np.uint32)
         for attribute in (TRIANGLE, OBJECT)
         for name, plane in planes.items()
@@ -272,10 +283,14 @@ def encoded(
         with np.errstate(invalid="ignore", divide="ignore"):
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         normals = np.moveaxis(
-            np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]], -1, 0
+            # Id 0, the background, selects the NaN row: ids begin at one.
+            np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]],
+            -1,
+            0,
         )
     else:  # normals and colors of Cycles
         seen = np.moveaxis(named("Normal.X", "Normal.Y", "Normal.Z"), 0, -1)
+        # The map is a rotation with a uniform scale, which normals do not take.
         seen = seen @ (to_plate[:3, :3] / np.linalg.norm(to_plate[:3, 0])).T
         normals = np.where(shown, np.moveaxis(seen, -1, 0), np.nan)
         colors = np.where(shown, named("Combined.R", "Combined.G", "Combined.B"), 0)
@@ -291,6 +306,7 @@ def encoded(
 
 def put(path: Path, content: bytes) -> None:
     """Write a file, whole or not at all."""
+    # Same folder, hence same file system: the rename is atomic.
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_bytes(content)
     temporary.replace(path)
@@ -308,6 +324,7 @@ def interruptions() -> list[int]:
 
     def note(number: int, _frame: object) -> None:
         pressed.append(number)
+        # A signal handler may not enter buffered streams again.
         os.write(2, b"this hogel is finished first\n")
 
     signal.signal(signal.SIGINT, note)

@@ -111,7 +111,7 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
 def test_growing_samples_of_a_command_go_on_where_they_were_stopped(
     right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first sample is whole and decides nothing; a later one lacks a block after an interrupt."""
+    """The first sample is whole and decides nothing; a later one lacks an interrupted block."""
     module, words = command_of(right_path, tmp_path)
     # Two of the four hogels of the first sample show another one.
     module.write_text('case "$1" in 2) set 0 "$2" "$3";; esac\n')

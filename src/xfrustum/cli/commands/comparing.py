@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate.plate import Aperture
 
+# The word none is an element of a sweep: frusta without cuts, next to cut ones.
 _CUT = options.Read("Z,Z", lambda text: () if text.lower() == "none" else NUMBERS.read(text), "")
 _CUTS = list_of(_CUT, ";", "Z,Z;none", "lists of heights such as '15,40;20;none'")
 
@@ -81,7 +82,9 @@ def report(request: _Report) -> None:
     causes it takes a third of the time: wrong pixels are counted and shown, and not explained.
     """
     check_no_other_tracer(
-        request.tracer if options.is_given("tracer") else None, request.decided_by
+        # The default tracer contradicts nothing; a stated one may.
+        request.tracer if options.is_given("tracer") else None,
+        request.decided_by,
     )
     opened = request.light.applied(options.open_scene(request.scene))
     from xfrustum.reports.error_report.report import make_report
@@ -126,6 +129,7 @@ def compare(request: _Compare) -> None:
 
     options.check_out(request.out, ())
     for image in (request.truth, request.raster):
+        # Pipes and devices are refused before imports of seconds, and before they block.
         regular_size(image, "image file")
     from xfrustum.reports import comparison
     from xfrustum.reports.text import comparison_table
@@ -153,10 +157,12 @@ def budget(request: _Budget) -> None:
     With --apertures auto, of one image for each of several apertures.
     """
     opened = request.light.applied(options.open_scene(request.scene))
+    # Settings are tested before the scan of a plate, which takes longer.
     request.settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting
 
+    # With several apertures each has a folder of its own, tested once they are chosen.
     options.check_out(request.out, () if request.auto else budgeting.FILES)
     chosen = request.chosen(opened)
     charge: Any = budgeting.budget

@@ -49,6 +49,7 @@ class _Plate(options.Measured):
             problem = "--truth is traced with the true frustum: leave out --near and its options"
         elif not self.truth and self.settings is None:
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
+        # Silently dropping light would store a plate that looks complete.
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
             problem = (
                 "a rasterizer has no shadows and no interreflection: add --truth, or leave out "
@@ -61,6 +62,7 @@ class _Plate(options.Measured):
                 "--layout writes whole plates: leave out --apertures and --part, or draw these "
             )
             problem += "first, without it"
+        # Checking and repairing must see one consistent store; workers write at the same time.
         elif self.check and self.engine is not None:
             problem = "--check reads a plate in this process: leave out --workers and the like"
         if problem:
@@ -79,6 +81,7 @@ def plate(request: _Plate) -> None:
     request.refuse_contradictions()
     light = request.light
     opened = light.applied(options.open_scene(request.scene))
+    # Stated effects exclude light paths: the scene's own transport is switched off.
     if request.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(
             opened, transport=replace(opened.transport, shadows=False, interreflection=False)
@@ -102,14 +105,17 @@ def plate(request: _Plate) -> None:
         effects=light.chosen(opened, drawn=request.settings),
     )
     if placed is not None:
+        # A layout that cannot store these channels fails before anything is drawn.
         placed.check(opened, content, judged=request.judge)
     how: dict[str, Any] = {"block": request.block, "judge": request.judge, "check": request.check}
     how |= {"engine": request.engine or HERE, "progress": request.progress}
     group = request.out if placed is None else placed.group
     arrays = arrays_of(opened, content, None, judged=request.judge)
     size = plate_size(group, arrays, chosen, files=placed is not None)
+    # The estimate is an upper bound: compressed hogels usually need less.
     if not request.ignore_disk_space:
         size.require_room()
+    # Printed only once drawing starts, after all refusals.
     how["begun"] = lambda: options.note(size.words)
     files = write_plate(opened, request.settings, group, chosen, content, **how)
     for note in files.notes:
@@ -142,6 +148,7 @@ if TYPE_CHECKING:
 
 def _settings(nears: tuple[float, ...] | None, **values: Any) -> tuple[DoubleFrustum, ...]:
     """Return the settings of one near or of several; none without a near."""
+    # Each near is a setting of its own; a lone --near beside them would be ambiguous.
     if nears is not None and values["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
     several = [values] if nears is None else [{**values, "near": near} for near in nears]
@@ -177,8 +184,10 @@ def sample_request(
     """Return the request of --all, --sample N or --until Q%."""
     from xfrustum.compare.sampling import DEFAULT_SAMPLE, SampleRequest
 
+    # Counted here, since click has no mutually exclusive options.
     if sum((everything, sample is not None, until is not None)) > 1:
         raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
+    # With --until the default is the size of the first look.
     hogels = None if everything else sample or DEFAULT_SAMPLE
     return SampleRequest(sample=hogels, until=until, seed=seed)
 
@@ -224,5 +233,6 @@ def survey(request: _Survey) -> int:
     # A part of a job array leaves no page.
     place = request.out / PAGE if answer.extent.complete else request.out
     request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
+    # The default tolerance describes; only a stated limit can fail.
     limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0

@@ -84,6 +84,7 @@ def figure7(request: _Figure7) -> None:
     folder = request.out or Path("figure7") / default_folder(opened).name
     options.check_out(folder, figures.FILES)
     options.look_at(opened, [chosen])
+    # The default near is tiny: the figure shows geometry, not errors.
     settings = figures.default_settings(opened, request.near)
     figures.write_figure(opened, chosen, settings, second, folder)
     options.echo(str(folder / "index.html"))
@@ -105,6 +106,7 @@ def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None
     """Run a benchmark with the stated options, and print its results."""
     from xfrustum.research import benchmarks, table1
 
+    # Table 1 has a module of its own; all other benchmarks share one.
     own = table1 if name == "table1" else benchmarks
     settings = options.present(**settings, progress=request.progress)
     result = getattr(own, f"benchmark_{name}")(*what, **settings)
@@ -142,6 +144,7 @@ def judge(request: _Judge) -> None:
     opened = [options.open_scene(name) for name in request.scenes]
     from xfrustum.research import benchmarks, table1
 
+    # Stated scenes replace the default set, and with it the tessellated car.
     count = request.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [table1.tessellated_car(count, 0.0).scene]
@@ -195,6 +198,7 @@ def selfcheck(request: _Selfcheck) -> int:
     from xfrustum.scenes.opening import check_scene
 
     for name in request.scenes:
+        # Names are tested before minutes of checks.
         check_scene(name)
     from xfrustum.compare.selfcheck import selfcheck as checking
     from xfrustum.reports.text import selfcheck_table
@@ -227,7 +231,9 @@ def device(request: _Device) -> int:
     if request.replay is not None:
         replayed = measuring.replayed(request.replay, request.device, progress=request.progress)
         request.tell(lambda: replayed.record, lambda: measuring.replay_table(replayed))
+        # An unexplained pixel refutes the model of the device.
         return options.LIMIT_EXCEEDED if replayed.counts["unexplained"] else 0
+    # Listing opens contexts but draws nothing.
     if request.listed:
         result = measuring.listed()
         request.tell(lambda: result, lambda: measuring.list_table(result))
