@@ -19,7 +19,7 @@ from xfrustum.reference.llvm import (
     mitsuba_backend,
 )
 from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
-from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -67,10 +67,6 @@ class TestTruth:
         np.testing.assert_array_equal(mitsuba.triangle, embree.triangle)
         np.testing.assert_array_equal(mitsuba.certainty, embree.certainty)
         np.testing.assert_array_equal(mitsuba.position, embree.position)
-
-    def test_an_unknown_tracer_is_refused(self) -> None:
-        with pytest.raises(InputError, match="embree"):
-            Reference(open_scene("empty"), "optix")
 
 
 def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = None) -> Singles:
