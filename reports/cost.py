@@ -182,13 +182,16 @@ def cost(
         begun = time.perf_counter()
         drawers = {"auto": stack.enter_context(Rasterizer(scene))}
         upload_s["raster"] = time.perf_counter() - begun
+        # Only a scene that omits effects has a second program to time.
         if needed(scene) != ALL_EFFECTS:
             drawers["all"] = stack.enter_context(Rasterizer(scene, effects=ALL_EFFECTS))
         tracers = {name: Reference(scene, tracer=name) for name in TRACERS}
         for name, reference in tracers.items():
             begun = time.perf_counter()
+            # Acceleration structures are built once per scene, and are no part of a picture's time.
             reference.tracer  # noqa: B018 - built when first asked for
             upload_s[name] = time.perf_counter() - begun
+        # Read while the contexts are open.
         device = drawers["auto"].device
         ways = {
             place: [*_drawn(scene, place, drawers), *_traced(place, tracers)] for place in apertures
@@ -250,8 +253,10 @@ def _errors(
             image = made.image if isinstance(made, Drawn) else made
             judged = compare_images(truth, image, reference, radiance=False)
             assert judged.surface is not None, "the reference has the scene at hand"
+            # Tracers draw exact lines: their errors are wrong surfaces alone.
             p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
             worst, wrong = errors[number]
+            # Both maxima may come from different apertures: each is a bound for the plate.
             errors[number] = max(worst, p99), max(wrong, judged.surface.fraction)
             done()
     return errors
@@ -262,6 +267,7 @@ def _seconds(
 ) -> list[dict[str, list[float]]]:
     """Return the repeated times of each way by their names in `Option`; all take turns."""
     seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
+    # Rounds interleave all ways: drift of clock or load affects all of them alike.
     for _ in range(repeat):
         for (_, make), taken in zip(ways, seconds, strict=True):
             begun = time.perf_counter()
@@ -416,6 +422,7 @@ class FastestWithin:
         """The fastest option with the least displacement, then the fewest wrong surfaces."""
 
         def error(candidate: Option) -> tuple[float, ...]:
+            # Displacements below the tie are equal: wrong surfaces then decide.
             moved = max(candidate.displacement_p99_px, DISPLACEMENT_TIE_PX)
             return moved, candidate.surface_fraction, candidate.time_s.median
 
@@ -432,6 +439,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     ascending = sorted(options, key=lambda option: option.time_s.median)
     allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
     repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
+    # Too few repetitions have no interval, and a single option has no rank.
     if len(allowed) < 2 or not repeated:
         return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
     tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
@@ -477,6 +485,7 @@ def _fastest(ranking: FastestWithin) -> str:
     best = _described(ranking.option)
     if count == 1:
         return f"The fastest way to stay {under}: {best}."
+    # Milliseconds; equal first and last values print once.
     medians = sorted(1000 * tied.time_s.median for tied in ranking.fastest)
     times = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (medians[0], medians[-1])))
     apart = f"are not ranked by time, which takes {FEWEST_REPETITIONS} repetitions"
@@ -494,6 +503,7 @@ def _ratio(loose: FastestWithin, strict: FastestWithin) -> str:
     looser, other = loose.fastest[0].time_s, strict.fastest[0].time_s
     if not looser.told_below(other):
         return " It costs no more time."
+    # Interval arithmetic: the extreme ratios of two independent intervals.
     low, high = other.interval[0] / looser.interval[1], other.interval[1] / looser.interval[0]
     return f" It costs {other.median / looser.median:.2f} times ({low:.2f} to {high:.2f}) the time."
 

@@ -48,6 +48,7 @@ def _arrays_described(
             ),
             side=(1, 1),
         )
+        # Measures of verdicts are the remaining arrays, whose names depend on the comparison.
         others = {*(name for name, *_ in arrays.coordinates()), *Channel, FINISHED}
         measures = sorted(set(group.array_keys()) - others) if content.get("judged") else ()
         units = tuple((name, str(group[name].attrs.get("units", ""))) for name in measures)
@@ -66,6 +67,7 @@ def checked_group(place: Path) -> zarr.Group:
     group = open_group(place)
     description = group.attrs.get(ATTRIBUTE)
     if isinstance(description, dict):
+        # A changed array would yield plausible pixels of another plate.
         require_arrays(place, _arrays_described(place, group, description))
     return group
 
@@ -104,6 +106,7 @@ def read_hogel(
 ) -> Any:
     """Return an image of a hogel; InputError where its file is damaged, or gone and must exist."""
     reason = "its file is gone"
+    # Zarr returns the fill value for a missing shard, which equals a black hogel.
     if not must_exist or shard_file(place, array, column, row).is_file():
         try:
             return np.asarray(array[row, column])

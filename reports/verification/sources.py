@@ -246,6 +246,7 @@ class Function(Source):
             raise Problem(f"{self.name} raised {type(error).__name__}: {error}") from error
         if not isinstance(image, HogelImage):
             raise Problem(f"{self.name} returned {type(image).__name__}, not a HogelImage")
+        # A wrong size would otherwise broadcast, or fail far from its cause.
         width, height = self.reference.scene.frustum.resolution
         arrays = (image.triangle, image.object, image.position, image.color)
         if any(array is not None and array.shape[:2] != (height, width) for array in arrays):
@@ -266,6 +267,7 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
 
     def last_lines() -> str:
         with log.open("rb") as file:
+            # A looping renderer may write gigabytes: only the end is read.
             file.seek(max(0, log.stat().st_size - MAX_LOG_BYTES))
             lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_LOG_LINES:]
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
@@ -277,6 +279,7 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
             process = subprocess.Popen(
                 arguments,
                 cwd=working,
+                # A renderer that waits for input would hang until the timeout.
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
@@ -292,6 +295,8 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         if process is not None:
             with delayed():
                 with suppress(ProcessLookupError):
+                    # The whole session ends, also after success: background children keep files
+                    # open.
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
     if status:
@@ -322,6 +327,7 @@ class Command(Source):
                 f"--command {self.template!r} has no {{out}}: tell the renderer which file to write"
             )
         check_program(self.template, self.working)
+        # Split before the substitution: blanks and quotes in paths stay within one argument.
         self._arguments = shlex.split(self.template)
 
     def image(self, aperture: Aperture) -> HogelImage:
@@ -335,6 +341,7 @@ class Command(Source):
         }
         arguments = [argument.format(**values, out=out) for argument in self._arguments]
         run_program(arguments, self.folder, self.timeout_s, self.working)
+        # An exit status of zero alone proves no image.
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
@@ -343,6 +350,7 @@ class Command(Source):
             # The name of a temporary file is no help.
             raise Problem(str(error).replace(str(out), "what the command wrote")) from error
         finally:
+            # The next hogel must not pass with an old file.
             out.unlink(missing_ok=True)
 
 
@@ -379,6 +387,7 @@ class ForeignRenderer:
     def opened(self, reference: Reference) -> Iterator[Source]:
         """Open the source of images, with a scratch folder for a command."""
         source, command = self.source, self.command
+        # Exactly one of both.
         if (source is None) == (command is None):
             raise InputError(
                 "give either SOURCE, a pattern of files with {i} and {j}, or --command"

@@ -23,6 +23,7 @@ _SAMPLES = click.IntRange(1, MAX_SAMPLES)
 def _points(text: str) -> int | float:
     """Return a number of points, or the largest error, below one, of a share such as 5%."""
     if text.endswith("%"):
+        # A type distinguishes the meanings: a float is an error, an integer a number of points.
         return float(options.BELOW_1.read(str(float(text[:-1]) / 100)))
     return int(options.number(text, int, 1, MAX_SAMPLES + 1))
 
@@ -72,8 +73,10 @@ class Light(Asked):
 
             auto = points == options.AUTO
             amount = options.AUTO if auto else f"{100 * points:g}%"
+            # Computed before drawing starts: the bound needs the scene's depth alone.
             points = needed_sub_apertures(scene, error=LEVEL if auto else points)
             note = f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
+            # The default costs a multiple in time: the cheaper choice is stated with its error.
             if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
                 note += f", and it is drawn as often; {fewer} do where edges may be off "
                 note += "by 5 % of the radiance "
@@ -92,6 +95,7 @@ class Light(Asked):
             sampling=replace(scene.sampling, **sampling),
             transport=replace(scene.transport, **present(**paths)),
         )
+        # Light paths without any simulated transport would have no effect.
         if self.samples is not None and not changed.transport.simulated:
             raise click.UsageError(
                 "--samples are light paths: ask for --shadows or --interreflection too"
@@ -108,6 +112,7 @@ class Light(Asked):
         from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
+        # Effects of surfaces that this drawing cannot show are left out.
         camera, settings = (Camera.BOTH, ()) if drawn is None else (drawn.camera, (drawn,))
         question = Question(camera=camera, apertures=apertures, settings=settings)
         return chosen(scene, self.effects, question=question)
@@ -116,6 +121,8 @@ class Light(Asked):
         """Return the tracer's name, and whether it traces light paths; UsageError if it cannot."""
         if not scene.transport.simulated:
             return named or "embree", False
+        # An explicit request must be met or refused; the scene's own wish may be dropped with a
+        # note.
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
         if named == "mitsuba" or (named is None and (insisted or not local_effects)):
@@ -133,4 +140,5 @@ class Light(Asked):
 def light_options(*names: str) -> Any:
     """Return some of the options as one Light; the others are None."""
     own = {name: vars(Light)[name] for name in names}
+    # Commands without an option read None there, as if it had been left out.
     return options.group(lambda **stated: Light(**(dict.fromkeys(ALL) | stated)), **own)
