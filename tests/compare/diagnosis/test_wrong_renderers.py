@@ -136,16 +136,10 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert both or not words or case.encoding != "triangle-id", names
 
 
-def test_those_that_are_not_yet_named_exist() -> None:
+def test_renderers_cover_all_encodings_and_exceptions_exist() -> None:
     assert {name for name, toy in TOYS.items() if toy.group != "classic"} >= NOT_YET_NAMED
-    assert len(PAIRS) >= 10
-
-
-def test_there_are_more_than_twenty_and_they_are_wrong() -> None:
-    assert len([toy for toy in TOYS.values() if TOYS["right"] is not toy]) > 20
-    world, encodings = world_of("attic"), {*ENCODINGS, SRGB}
-    assert {encoding for toy in TOYS.values() for encoding in toy.encodings} == encodings
-    assert (draw(world, 0, 0).triangle >= 0).any()
+    encodings = {encoding for toy in TOYS.values() for encoding in toy.encodings}
+    assert encodings == {*ENCODINGS, SRGB}
 
 
 # The command line gives the same result.
@@ -159,9 +153,8 @@ def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, s
     return status, written.getvalue()
 
 
-@pytest.mark.parametrize("toy", ["blue-red", pytest.param("corners", marks=pytest.mark.slow)])
-def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
-    case = Case(scene="attic", toy=toy, encoding="triangle-id")
+def test_text_and_json_name_the_same(studio: Studio) -> None:
+    case = Case(scene="attic", toy="blue-red", encoding="triangle-id")
     status, written = verify_by_command(studio, case, "--json")
     assert status == 1
     shown, text = json.loads(written), verify_by_command(studio, case)[1]

@@ -137,6 +137,9 @@ def test_settings_that_make_no_sense_are_refused_before_anything_is_drawn() -> N
             judge.stream([scene.plate.middle], [DoubleFrustum(near=1e9)])
         with pytest.raises(InputError, match="nothing to judge"):
             judge.stream([scene.plate.middle], [])
+    with pytest.raises(InputError, match="tracer"):
+        Evaluator(scene, tracer="nobody")
+    assert not threads()
 
 
 def test_times_are_those_of_stages() -> None:
@@ -147,9 +150,3 @@ def test_times_are_those_of_stages() -> None:
     taken = plain.drawings[0].times
     assert min(taken.trace, taken.raster, taken.compare) > 0 == taken.predict == taken.causes
     assert min(vars(charged.drawings[0].times).values()) > 0
-
-
-def test_a_tracer_that_there_is_none_of_is_refused() -> None:
-    with pytest.raises(InputError, match="tracer"):
-        Evaluator(view("asymmetric", (16, 16)), tracer="nobody")
-    assert not threads()
