@@ -155,6 +155,7 @@ def replay(
     for frame in frames:
         begun(frame)
         opened = frame.scene, frame.triangle.shape
+        # Building a reference takes longer than explaining a frame.
         if opened not in references:
             scene, (height, width) = open_scene(frame.scene), frame.triangle.shape
             frustum = replace(scene.frustum, resolution=(width, height))
@@ -213,6 +214,7 @@ def recorded_image(
         expected, camera=camera, triangle=frame.triangle, object=objects, position=position
     )
     cameras = drawing_cameras(scene, image, model)
+    # Each pixel is evaluated for both cameras, as the recording names none.
     slots = np.arange(len(cameras) * len(rows))
     number = frame.triangle[rows, columns].astype(np.int64)
     drawn = PixelTriangles.from_pixels(scene.triangles, cameras, number, (columns, rows), slots)

@@ -34,6 +34,7 @@ def json_ready(value: Any) -> Any:
     if value is None or isinstance(value, int | str):
         return value
     if isinstance(value, float):
+        # JSON has no NaN and no infinity; null stands for an undefined number.
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
@@ -120,6 +121,7 @@ class Staging:
             files = sorted(self.folder.iterdir())
             if not durable.put_folder(self.folder, self._place):
                 for file in files:
+                    # An existing folder may hold files of others: it is never replaced as a whole.
                     durable.put(file, self._place / file.name)
                 durable.sync_folder(self._place)
         return tuple(self.out / file.name for file in files)

@@ -28,6 +28,7 @@ def machine() -> dict[str, str]:
     named = re.search(r"^model name\s*:\s*(.*\S)", text, re.MULTILINE)
     return {
         "processor": named[1] if named else platform.processor() or platform.machine(),
+        # Containers and job schedulers grant fewer cores than the machine has.
         "cores": str(len(os.sched_getaffinity(0))),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "arrays": array_device(),
@@ -78,6 +79,7 @@ def settings_words(settings: DoubleFrustum) -> list[str]:
 def _number(value: float) -> str:
     """Write a number as people do, and with all its digits where six are not it."""
     short = f"{value:g}"
+    # A printed command must give the same settings, bit for bit.
     return short if float(short) == value else repr(value)
 
 

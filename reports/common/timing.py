@@ -35,9 +35,11 @@ def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """
     ordered, count = sorted(values), len(values)
     outside, beyond = 0, 0
+    # Integers keep the binomial sum exact for any number of repetitions.
     while 2 * (beyond + comb(count, outside)) <= (1 - CONFIDENCE) * 2**count:
         beyond += comb(count, outside)
         outside += 1
+    # Few values allow no interval of this confidence: their extremes are the widest.
     outside = max(outside, 1)
     return ordered[outside - 1], ordered[count - outside]
 
@@ -104,6 +106,7 @@ def race(
             run()
             taken = clock() - begun
             done()
+            # The first turn warms caches and compiles shaders.
             if turn:
                 seconds[name].append(taken)
     return {name: Timing.from_values(values) for name, values in seconds.items()}

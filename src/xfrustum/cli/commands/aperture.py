@@ -53,6 +53,7 @@ def trace(request: _Trace) -> None:
         record = trace_alone(reference, chosen, request.out)
     else:
         who, transported = request.light.tracer(opened, request.tracer)
+        # Light paths may take hours: their duration is estimated before they begin.
         ahead = None if request.quiet else forecast(opened, transported=transported)
         if ahead is not None:
             options.note(ahead)
@@ -84,6 +85,7 @@ def raster(request: _Raster) -> None:
     settings = request.settings
     opened = request.light.applied(options.open_scene(request.scene))
     chosen = options.chosen_aperture(opened, request.aperture)
+    # Refused before OpenGL is loaded.
     settings.check_against(opened.frustum)
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.common.outputs import check_writable_image

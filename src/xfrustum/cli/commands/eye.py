@@ -73,6 +73,7 @@ def view(request: _Asked) -> None:
     renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
     """
     out = request.out
+    # A view has a single source of hogels: errors of two would mix.
     if sum(source is not None for source in (request.settings, request.plate, request.images)) > 1:
         raise click.UsageError(
             "--near, --plate and --images each name the hogels: give one of them"
@@ -84,10 +85,12 @@ def view(request: _Asked) -> None:
     from xfrustum.scenes.model.eye import Eye
 
     eyes = [Eye(position=place, **options.present(**request.film)) for place in request.places]
+    # A quilt has its own row of eyes around the given one, and is files alone.
     if request.quilt is not None and (out is None or len(eyes) > 1):
         raise click.UsageError("--quilt needs --out and one eye")
     options.warn_of(opened)
     source = request.source(opened)
+    # Rays of an eye pass one point of a hogel: there is no area to average over.
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
         options.note("views have one sample a pixel; the sampling of the scene is ignored")
     show = partial(
@@ -102,6 +105,7 @@ def view(request: _Asked) -> None:
         options.note("quilts are encoded in sRGB, as displays expect")
         request.tell(lambda: record, lambda: "\n".join(map(str, files)))
         return
+    # File names depend on the number of eyes and on a renderer.
     options.check_out(out, own.file_names(len(eyes), drawn=source is not None))
     seen = show(eyes)
     files = () if out is None else own.write_view(seen, out)
