@@ -103,13 +103,13 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     )
     scene.write_text(lens + part("box", 8.0, (0.0, 0.0, -15.0)))
     Image.new("RGB", (16, 12)).save(tmp_path / "1x1.png")
-    for words, status, told in (
+    for words, status, message in (
         (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0, "by the model of"),
         (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1, "by the model of"),
         (f"conformance judge {tmp_path / 'none'} --case L0-behind --json", 1, '"device_model":'),
     ):
         assert main([*words.split(), "--device", str(path), "--quiet"]) == status
-        assert re.search(rf'{told} "?NVIDIA H100\b', capsys.readouterr().out)
+        assert re.search(rf'{message} "?NVIDIA H100\b', capsys.readouterr().out)
 
 
 NO_MODELS: tuple[dict[str, Any], ...] = (
