@@ -71,27 +71,27 @@ def reason(report: PlanReport) -> str:
         cause, height = viewer.separation_limit
         side = "before" if height > 0 else "behind"
         parts.append(
-            f"Depths {abs(height):.3g} {units} {side} the plate are told apart from "
+            f"Depths {abs(height):.3g} {units} {side} the plate are distinguished from "
             f"{made.requirement.separation:.3g} {units} on ({cause})."
         )
     parts.append(f"Near may be up to {digits(largest)} {units}.")
     # Below the largest near every error has a margin; at it the binding one has none.
     if made.near != largest and made.outcome.best is not None:
         excess = made.outcome.best.excess
-        margin = (
-            f"{1 / excess:.2g}" if excess * ENOUGH_MARGIN > 1 else f"at least {ENOUGH_MARGIN:g}"
-        )
+        if excess * 1.05 > 1:  # "1 times smaller" would say nothing
+            margin = "keep to their limits"
+        elif excess * ENOUGH_MARGIN > 1:
+            margin = f"are {1 / excess:.2g} times smaller than their limits"
+        else:
+            margin = f"are at least {ENOUGH_MARGIN:g} times smaller than their limits"
         parts.append(
-            f"Near is {digits(made.near or 0.0)} {units}, for a margin: predicted errors are "
-            f"{margin} times "
-            "smaller than their limits."
+            f"Near is {digits(made.near or 0.0)} {units}, for a margin: predicted errors {margin}."
         )
     count, holding = len(made.requirement.buffers), made.outcome.holding
     if count > 1:
         parts.append(
             f"Of {count} depth buffers {holding} hold: {made.settings.depth_label} is the "
-            "cheapest, and "
-            "among the cheapest the most robust."
+            "cheapest, and among the cheapest the most robust."
         )
     if made.measured is not None and not made.requirement.met_by(made.measured):
         parts.append(

@@ -205,7 +205,7 @@ def equally_good_sentence(rows: Sequence[Measurement]) -> str:
     named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
     return (
         f"{len(good)} settings are equally good by error: {named}. "
-        "xfrustum cost tells their times apart."
+        "xfrustum cost compares their times."
     )
 
 

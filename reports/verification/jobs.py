@@ -191,7 +191,7 @@ def verify_on(
 
     Stopped at any moment and called again with the same folder it goes on where it was. A command
     whose hogels are all judged in this folder is judged anew, and so are blocks with hogels that
-    could not be had. Parts are kept in `out`, None for a folder of this machine's that is gone
+    are missing. Parts are kept in `out`, None for a folder of this machine's that is gone
     afterwards; `told` is called with notes in words. Returns None where other parts of a job array
     are not finished yet.
 
@@ -361,7 +361,7 @@ def _put_together(
         pictured = workers.ask(job, VerifySession.pictured, aperture.index, channels)
         if pictured is None:
             i, j = aperture.index
-            note(f"hogel {i},{j} could not be had once more, and has no pictures")
+            note(f"hogel {i},{j} is missing now, and has no pictures")
         else:
             kept.append(pictured)
     return Verification(

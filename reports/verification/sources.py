@@ -43,7 +43,7 @@ Renderer = Callable[[Scene, Aperture], HogelImage]
 
 
 class Problem(Exception):
-    """One hogel that could not be had, in words."""
+    """Sentence about one missing hogel."""
 
 
 @dataclass(kw_only=True, eq=False)

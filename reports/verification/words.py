@@ -429,7 +429,7 @@ def sentence(verification: Verification) -> str:
     if blind:
         parts.append(f"in {blind} of {count} {NOTHING_TO_JUDGE}")
     if missing:
-        parts.append(f"{missing} of {count} could not be had (--apertures names which to judge)")
+        parts.append(f"{missing} of {count} are missing (--apertures chooses the hogels to judge)")
     return f"Not right: {'; and '.join(parts)}."
 
 

@@ -120,9 +120,7 @@ def test_where_no_hogel_is_usable_page_and_junit_say_so_whatever_the_scene_is_ca
     line = ["verify", scene, "{i}x{j}.png", "--quiet", "--out", "out", "--junit", "junit.xml"]
     assert main(line) == 1
     page = Path("out/index.html").read_text()
-    assert (
-        "4 of 4 could not be had" in capsys.readouterr().out and "No hogel could be judged" in page
-    )
+    assert "4 of 4 are missing" in capsys.readouterr().out and "No hogel could be judged" in page
     assert "script-src 'none'" in policy_of(page)
     suite = ElementTree.parse("junit.xml").getroot()
     assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("4", "4", "0")
