@@ -78,7 +78,7 @@ def reason(report: PlanReport) -> str:
     # Below the largest near every error has a margin; at it the binding one has none.
     if made.near != largest and made.outcome.best is not None:
         excess = made.outcome.best.excess
-        if excess * 1.05 > 1:  # "1 times smaller" would say nothing
+        if excess * 1.05 > 1:  # no margin worth a number
             margin = "keep to their limits"
         elif excess * ENOUGH_MARGIN > 1:
             margin = f"are {1 / excess:.2g} times smaller than their limits"
