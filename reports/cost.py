@@ -83,7 +83,7 @@ class CostReport(NotebookRepr):
 
     @property
     def answer(self) -> str:
-        """Which option to take, in one sentence."""
+        """Recommended option, in one sentence."""
         return answer(self.options, self.tolerance_px)
 
     def _said(self) -> str:

@@ -55,7 +55,7 @@ TIES = ("left and bottom", "left and top", "right and bottom", "right and top")
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """How the depths that a device stored lie between a model's bounds."""
+    """Stored depths of a device between the bounds of a model."""
 
     pixels: int
     #: that lie between the bounds

@@ -59,7 +59,7 @@ class Orientation:
 
     @property
     def changes(self) -> int:
-        """How many decisions differ from upright."""
+        """Number of decisions that differ from upright."""
         return self.transpose + self.flip_x + self.flip_y
 
     @property

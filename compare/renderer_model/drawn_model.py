@@ -185,7 +185,7 @@ class Normals(StrEnum):
 
 
 class Recentering(StrEnum):
-    """How the cameras of a recentered frustum are sheared; a centered frustum has no shear."""
+    """Shear of the cameras of a recentered frustum; a centered frustum has none."""
 
     # in opposite directions with respect to the plate (paper, figure 6): both have shear k
     RIGHT = "right"
@@ -274,7 +274,7 @@ EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
 
 @dataclass(frozen=True, kw_only=True)
 class RendererModel:
-    """How a plate was drawn. Lengths are in scene units, pairs and triples along x, y and z."""
+    """Model of the renderer of a plate; lengths in scene units, pairs and triples along x, y, z."""
 
     # Transforms that bring its images upright, and its apertures in order.
     orientation: Orientation = UPRIGHT

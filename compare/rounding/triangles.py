@@ -21,7 +21,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 @dataclass(frozen=True, kw_only=True)
 class Precision:
-    """How exactly a device draws."""
+    """Precision of a device's drawing."""
 
     device: DeviceModel
     depth: DepthFormat

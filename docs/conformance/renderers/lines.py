@@ -1,4 +1,4 @@
-"""What the renderers of this folder share: the lines of pixels, and limits that are known beforehand."""
+"""Lines of pixels and limits known beforehand, shared by the renderers of this folder."""
 
 from pathlib import Path
 from typing import Any
