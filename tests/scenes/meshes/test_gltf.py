@@ -544,6 +544,43 @@ def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
         load_mesh(path)
 
 
+def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> None:
+    """A hundred primitives share 20,000 vertices."""
+    writer, count = Writer(), 20_000
+    points = np.random.default_rng(4).normal(size=(count, 3)).astype("<f4")
+    mesh = writer.mesh(points, attributes={"NORMAL": writer.array(points)})
+    [primitive] = writer.tree["meshes"][mesh].pop("primitives")
+    faces = np.arange(count - count % 3, dtype="<u4").reshape(-1, 3)[:, ::-1]
+    writer.tree["meshes"][mesh]["primitives"] = [
+        {**primitive, "indices": writer.array(own.ravel())} for own in np.array_split(faces, 100)
+    ]
+    writer.node(mesh=mesh)
+    with input_memory(1 << 26):
+        whole = read(writer, tmp_path)
+    assert len(whole.vertices) == faces.size
+    np.testing.assert_array_equal(corners(whole), points[faces])
+    assert whole.vertex_normals is not None
+    normals = points[faces] / np.linalg.norm(points[faces], axis=-1, keepdims=True)
+    np.testing.assert_allclose(whole.vertex_normals[whole.faces], normals, atol=1e-6)
+
+
+def test_a_texture_of_many_primitives_and_materials_is_one_picture(tmp_path: Path) -> None:
+    Image.new("RGB", (4, 4)).save(tmp_path / "0.png")
+    writer = Writer()
+    writer.add("images", uri="0.png")
+    writer.add("textures", source=0)
+    for _ in range(2):
+        writer.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    mesh = writer.tent(attributes={"TEXCOORD_0": writer.array(np.zeros((5, 2), "<f4"))})
+    [primitive] = writer.tree["meshes"][mesh]["primitives"]
+    primitives = [{**primitive, "material": material} for material in (0, 0, 1)]
+    writer.tree["meshes"][mesh]["primitives"] = primitives
+    writer.node(mesh=mesh)
+    whole = read(writer, tmp_path)
+    assert len(whole.textures) == 1
+    assert whole.texture_of_triangle is not None and not whole.texture_of_triangle.any()
+
+
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])
 def test_sparse_arrays_are_measured_before_they_are_made(name: str, tmp_path: Path) -> None:
     writer = skinned()
