@@ -338,6 +338,25 @@ def devices() -> list[Seed]:
     return [*seeds, *_also(seeds, "read", "read-device device.json", share=9)]
 
 
+def recordings() -> list[Seed]:
+    """Return a recording of one frame: as a whole, and member by member."""
+    numbers = np.zeros((12, 16), dtype=np.int32)
+    numbers[:, :8] = -1
+    device = {"vendor": "Mesa", "renderer": "llvmpipe", "version": "4.5", "subpixel_bits": "8"}
+    members = {"scene.toml": _SHAPE_SCENE}
+    for name, array in {
+        "device": np.array(json.dumps(device)),
+        "scene.toml|0.1|d24|standard|1,1": numbers,
+    }.items():
+        held = io.BytesIO()
+        np.save(held, array)
+        members[f"frames.npz/{name}.npy"] = held.getvalue()
+    line = "device --replay frames.npz --json --quiet"
+    whole = _seed("replay-whole", packed(members), "frames.npz", line)
+    inside = [name for name in members if name.startswith("frames.npz/")]
+    return [whole, *(_seed(f"replay-{n}", members, name, line) for n, name in enumerate(inside))]
+
+
 def archives() -> list[Seed]:
     """Return an archive of two conformance cases: as a whole, and member by member."""
     names = "L0-behind", "L0-colors"
@@ -440,6 +459,7 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "names": names,
     "parts": parts,
     "device": devices,
+    "replay": recordings,
     "archive": archives,
     "pattern": patterns,
     "environment": environments,
