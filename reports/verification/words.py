@@ -351,6 +351,8 @@ def check_words(check: Check) -> str:
     value = NOT_MEASURED if check.held is not False else "unknown"
     value = value if check.value is None else sized(check.value)
     limit = "no limit" if check.limit is None else f"limit {sized(check.limit)}"
+    if check.held and check.unit == "share" and (check.value or 0.0) > (check.limit or math.inf):
+        limit += ", and a single pixel"  # `Limits.checks` accepts it in any hogel
     return f"{check.figure} {value} ({limit})"
 
 
