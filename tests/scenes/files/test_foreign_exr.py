@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
-from xfrustum.scenes.files.exr import read_channels, read_image
+from xfrustum.scenes.files.exr import read_channels
 from xfrustum.scenes.files.exr_storage import uncertainty
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.plate.plate import Plate
@@ -258,13 +258,3 @@ def test_dwa_changes_no_value_by_more_than_is_derived(tmp_path: Path, level: flo
         assert bound is not None
         share = np.abs(read_planes["P.Y"] - values) / bound
         assert 0.05 < share.max() < 1
-
-
-def test_a_format_that_changed_colors_is_named(tmp_path: Path) -> None:
-    planes = vector("", 0.3 * WHITE, "RGB") | DATA[1]
-    for compression, storage in (
-        (OpenEXR.DWAA_COMPRESSION, "OpenEXR DWAA, lossy"),
-        (OpenEXR.ZIP_COMPRESSION, None),
-    ):
-        path = written(tmp_path / "a.exr", ("", planes), compression=compression)
-        assert read(path).storage == read_image(path, CAMERA).storage == storage

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
-from tests.scenes.meshes.soups import DATA, needs_data, written
+from tests.scenes.meshes.soups import written
 from tests.support.gltf_writer import Writer
 from tests.support.scene_file import film
 from xfrustum.cli.main import main
@@ -21,20 +20,6 @@ from xfrustum.scenes.geometry.shapes import place
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 Color = tuple[float, ...]
-
-
-@needs_data
-def test_triangles_of_placed_parts_are_numbered_as_the_contract_says() -> None:
-    truck = load_mesh(DATA / "CesiumMilkTruck.glb")
-    parts = trimesh.load_scene(str(DATA / "CesiumMilkTruck.glb"), process=False)
-    for geometry in parts.geometry.values():
-        geometry.visual = trimesh.visual.ColorVisuals()  # textures would be packed for a second
-    np.testing.assert_array_equal(truck.faces, parts.to_mesh().faces)
-    np.testing.assert_array_equal(truck.vertices, parts.to_mesh().vertices)
-    # A part used twice, the wheels, shares its texture.
-    assert [texture.shape for texture in truck.textures] == [(2048, 2048, 4)] * 2
-    assert np.bincount(truck.texture_of_triangle + 1).tolist() == [344, 1744, 1536]
-    assert np.isfinite(truck.uv[truck.faces[truck.texture_of_triangle >= 0]]).all()
 
 
 def test_a_placement_that_overflows_is_an_input_error(tmp_path: Path) -> None:

@@ -104,11 +104,6 @@ def test_a_fan_that_is_right_stays_as_trimesh_numbers_it() -> None:
     assert sizes_together(np.array([4, 5, 3, 4])).tolist() == [5, 0, 6, 1, 7, 2, 3, 4]
 
 
-def test_a_concave_quadrilateral_is_cut_by_its_other_diagonal() -> None:
-    points = np.array([[0.0, 0, 0], [4, -4, 0], [1, 0, 0], [4, 4, 0]])
-    assert cut(points, [1, 2, 3, 0]).tolist() == [[2, 3, 0], [0, 1, 2]]
-
-
 def test_a_bridge_to_a_hole_is_cut_along() -> None:
     ring = [(0, 0), (10, 0), (10, 10), (0, 10), (0, 0), (3, 3), (3, 6), (6, 6), (6, 3), (3, 3)]
     points = np.column_stack([np.array(ring, np.float64), np.zeros(10)])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
 from tests.scenes.meshes.soups import (
@@ -183,28 +182,7 @@ def test_coordinates_of_a_survey_keep_every_bit(name: str, tmp_path: Path) -> No
     assert_reads(written(tmp_path, name, UTM_FILES[name]), UTM[np.array(FACES)])
 
 
-#: Letter C with a corner on a straight side, in an oblique plane: no fan of it is right.
-LETTER: Floats = np.array(
-    [[0, 0], [3, 0], [6, 0], [6, 1], [1, 1], [1, 4], [6, 4], [6, 5], [0, 5]]
-) @ np.array([[2.0, 1, 2], [-2, 2, 1]]) + np.array([1000.0, -2000, 500])
 POLYGONS = (tuple(range(9)), (0, 1, 3), (3, 1, 0, 8))
-
-
-@pytest.mark.parametrize("kind", ["obj", "off", "text.ply", "little.ply"])
-def test_concave_polygons_are_cut_in_their_plane(kind: str, tmp_path: Path) -> None:
-    points = "".join("{!r} {!r} {!r}\n".format(*corner) for corner in LETTER.tolist())
-    faces = [" ".join(map(str, (len(polygon), *polygon))) for polygon in POLYGONS]
-    content: Content = f"OFF\n9 3 0\n{points}{faces[0]} 0.5 0.5 0.5\n{faces[1]}\n{faces[2]}\n"
-    if kind == "obj":
-        content = "".join(f"v {line}\n" for line in points.splitlines())
-        content += "".join(f"f {' '.join(str(k + 1) for k in polygon)}\n" for polygon in POLYGONS)
-    elif kind != "off":
-        content = ply(
-            "" if kind == "text.ply" else "<", ("float", "uchar", "int"), LETTER, POLYGONS
-        )
-    assert_reads(
-        written(tmp_path, f"a.{kind}", content), [LETTER[list(polygon)] for polygon in POLYGONS]
-    )
 
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -448,14 +426,3 @@ def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path:
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     order = [[0, 1, 3], [0, 2, 3], [0, 1, 2], [1, 2, 3]]
     np.testing.assert_array_equal(mesh.vertices[mesh.faces], corners[order])
-
-
-@needs_data
-@pytest.mark.parametrize("name", ["beetle-alt.obj", "teapot.obj"])
-def test_triangles_and_vertices_are_those_of_trimesh(name: str) -> None:
-    mesh, other = (
-        load_mesh(INPUTS.parent / name),
-        trimesh.load_mesh(str(INPUTS.parent / name), process=False),
-    )
-    np.testing.assert_array_equal(mesh.faces, other.faces)
-    np.testing.assert_array_equal(mesh.vertices, other.vertices)
