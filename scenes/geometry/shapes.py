@@ -86,11 +86,11 @@ def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
 
 def has_area(triangles: Floats) -> Mask:
     """Test (F,) which triangles (F, 3, 3) have an area beyond the rounding of doubles."""
-    edges = triangles[:, 1:] - triangles[:, :1]
+    edges = np.ascontiguousarray((triangles[:, 1:] - triangles[:, :1]).transpose(1, 2, 0))
     # Edges are scaled to at most one, so that areas neither underflow nor overflow.
-    size = np.abs(edges).max(axis=(1, 2), keepdims=True)
-    edges = edges / np.where(size > 0, size, 1.0)
-    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    size = np.abs(edges).max(axis=(0, 1))
+    edges /= np.where(size > 0, size, 1.0)
+    doubled = np.linalg.norm(np.cross(edges[0], edges[1], axis=0), axis=0)
     return np.asarray(
         doubled > 4 * np.finfo(np.float64).eps
     )  # three roundings of products of at most one
