@@ -64,6 +64,10 @@ class Reference:
             MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
         )
 
+    def build_tracer(self) -> Tracer:
+        """Build the acceleration structures now, so that no picture's time includes them."""
+        return self.tracer
+
     @cached_property
     def _triangles(self) -> Triangles:
         return Triangles(self.scene.triangles)

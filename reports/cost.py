@@ -189,7 +189,7 @@ def cost(
         for name, reference in tracers.items():
             begun = time.perf_counter()
             # Acceleration structures are built once per scene, and are no part of a picture's time.
-            reference.tracer  # noqa: B018 - built when first asked for
+            reference.build_tracer()
             upload_s[name] = time.perf_counter() - begun
         # Read while the contexts are open.
         device = drawers["auto"].device
