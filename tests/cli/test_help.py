@@ -153,12 +153,8 @@ FILES = {
 
 STRANGE_VALUES = (
     ("raster", "car", "--near", "0.1", "--depth", "d99", "--out", "x.exr"),
-    ("raster", "car", "--near", "-1", "--out", "x.exr"),
-    ("report", "car", "--depth", "d24:strange"),
     ("report", "car", "--supersample", "0"),
-    ("report", "car", "--fit", "nothing"),
     ("trace", "car", "--tracer", "strange", "--out", "x.exr"),
-    ("plate", "car", "--near", "0.1", "--color", "int7", "--out", "x.zarr"),
     ("plate", "car", "--near", "0.1", "--apertures", "a,b", "--out", "x.zarr"),
     ("verify", "car", "x.png", "--accept", "strange"),
     ("plan", "car", "--apertures", "none"),
