@@ -112,7 +112,7 @@ def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> Non
 @FRUSTA
 def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustum: Frustum) -> None:
     """An offset camera sees more than the truth: its hogels include the truth's, out of view."""
-    plate = Plate(size=(16.0, 16.0), hogels=(4, 4))
+    plate = Plate(size=(16.0, 16.0), hogels=(6, 6))
     drawn, only_drawn = 0, 0
     for corners in triangles(5, 4, 0.3):
         scene = Scene(name="one", plate=plate, frustum=frustum, objects=(scene_object(corners),))
