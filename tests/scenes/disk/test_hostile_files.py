@@ -1,6 +1,7 @@
 """Damaged files, or files that no honest program sends: one line that names them, nothing else."""
 
 import io
+import json
 import os
 import re
 import struct
@@ -71,6 +72,15 @@ def reordered(data: bytes) -> bytes:
     return before + name + b"\2\0\0\0" + b"\2\0" + after[5:]
 
 
+def gltf_of_gigabytes() -> str:
+    count = 150_000_000
+    accessors = [{"componentType": 5126, "type": "VEC3", "count": count}]
+    accessors.append({"componentType": 5125, "type": "SCALAR", "count": count})
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
+    tree = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    return json.dumps({**tree, "meshes": meshes, "accessors": accessors})
+
+
 def archive_of_megabytes() -> bytes:
     """Return a small archive of a mesh that is a thousand times as large."""
     held = io.BytesIO()
@@ -115,6 +125,7 @@ Content = str | bytes | Callable[[], bytes]
 DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.obj", "", "the mesh file is empty"),
     ("mesh.obj", CORNERS.replace("v 1 0 0", "v inf 0 0") + "f 1 2 3\n", "the first is number 1"),
+    ("mesh.gltf", gltf_of_gigabytes(), "--max-input-memory"),
     ("mesh.3mf", archive_of_megabytes, "unpacking"),
     ("mesh.bpt", "", "the patch file is empty"),
     ("mesh.bpt", "9" * 4400 + "\n", "number of patches must be at most"),

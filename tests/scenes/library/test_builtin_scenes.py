@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from xfrustum.scenes import open_scene
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import SHAPES, build_shape, refine
 from xfrustum.scenes.library import builtin
@@ -81,3 +83,18 @@ def test_shapes_are_closed_and_face_outward(name: str) -> None:
     assert all((b, a) in directed for a, b in directed), (
         "every edge is walked once in each direction"
     )
+
+
+# The shaded built-in scenes: closed forms that hold, and nothing symmetric that could hide a flip.
+
+SHADED = ("car-studio", "mirror-sphere", "grating")
+
+
+@pytest.mark.parametrize("name", [name for name in builtin.names() if name not in SHADED])
+def test_the_other_scenes_have_the_default_look_and_ask_for_nothing(name: str) -> None:
+    scene = open_scene(name)
+    assert scene.appearance.lights == (DEFAULT_LIGHT,)
+    assert scene.appearance.environment is None
+    assert (scene.sampling, scene.transport) == (Sampling(), Transport())
+    assert set(scene.materials) <= {DEFAULT_MATERIAL}
+    assert scene.surface.vertex_normals is None
