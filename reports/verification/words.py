@@ -300,12 +300,17 @@ def _units(low: float, high: float) -> str:
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
     """Return the sentence of a defect that explains too little, or makes right pixels wrong."""
     words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
-    would = f"would explain only {100 * share:.0f} % of what is wrong"
+    # Refuted guesses are parts of one correction: the last has the figures of all.
+    parts = [guess for guess in diagnosis.does_not_explain if guess.refuted]
+    if defect in parts[:-1]:
+        return words
+    together = "all of these together " if len(parts) > 1 and defect in parts else ""
+    would = f"{together}would explain only {100 * share:.0f} % of what is wrong"
     if defect.refuted and (rest := diagnosis.refutation) is not None:
         named = ", ".join(f"{i},{j}" for i, j in rest.failed[:MAX_NAMED])
         named += ", .." if len(rest.failed) > MAX_NAMED else ""
         would += (
-            f"; corrected for it, {rest.after:,} pixels of all judged hogels are wrong instead of "
+            f"; corrected, {rest.after:,} pixels of all judged hogels are wrong instead of "
             f"{rest.before:,}, and {len(rest.failed)} of {rest.judged} hogels do not pass: {named}"
         )
     elif share >= MIN_EXPLAINED_FRACTION:
