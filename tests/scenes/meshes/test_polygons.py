@@ -104,6 +104,11 @@ def test_a_fan_that_is_right_stays_as_trimesh_numbers_it() -> None:
     assert sizes_together(np.array([4, 5, 3, 4])).tolist() == [5, 0, 6, 1, 7, 2, 3, 4]
 
 
+def test_a_concave_quadrilateral_is_cut_by_its_other_diagonal() -> None:
+    points = np.array([[0.0, 0, 0], [4, -4, 0], [1, 0, 0], [4, 4, 0]])
+    assert cut(points, [1, 2, 3, 0]).tolist() == [[2, 3, 0], [0, 1, 2]]
+
+
 def test_a_bridge_to_a_hole_is_cut_along() -> None:
     ring = [(0, 0), (10, 0), (10, 10), (0, 10), (0, 0), (3, 3), (3, 6), (6, 6), (6, 3), (3, 3)]
     points = np.column_stack([np.array(ring, np.float64), np.zeros(10)])
@@ -126,15 +131,19 @@ def test_corners_on_one_line_stay_a_fan_without_area() -> None:
     assert len(cut(np.zeros((5, 3)), [0, 1, 2, 3, 4])) == 3
 
 
-CROSSED = {
-    "bow tie": [(0, 0), (1, 1), (1, 0), (0, 1)],
-    "there and back": [(0, 0), (1, 0), (1, 1), (1, 0)],
-    "spiral": [(0, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)],
-    "double corner": [(0, 0), (9, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)],
-}
-
-
-@pytest.mark.parametrize("ring", CROSSED.values(), ids=CROSSED)
+@pytest.mark.parametrize(
+    "ring",
+    [
+        pytest.param([(0, 0), (1, 1), (1, 0), (0, 1)], id="bow tie"),
+        pytest.param([(0, 0), (4, 4), (4, 0), (0, 4), (-3, 2)], id="crossed pentagon"),
+        pytest.param([(0, 0), (1, 0), (1, 1), (1, 0)], id="there and back"),
+        pytest.param([(0, 0), (1, 0), (0, 1)] * 2, id="twice around"),
+        pytest.param([(0, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)], id="spiral"),
+        pytest.param(
+            [(0, 0), (9, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)], id="double corner"
+        ),
+    ],
+)
 def test_a_polygon_that_crosses_itself_is_refused(ring: list[tuple[int, int]]) -> None:
     points = np.column_stack([np.array(ring, np.float64), np.zeros(len(ring))])
     with pytest.raises(InputError, match="polygon 1 crosses or covers itself"):
