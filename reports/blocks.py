@@ -362,33 +362,33 @@ class _Pool(Workers):
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        waiting, again, deaths = iter(items), deque[Item](), 0
-        running: dict[Future[Answer], Item] = {}
+        # An item, and how many workers have died while it was in work.
+        waiting, again = iter(items), deque[tuple[Item, int]]()
+        running: dict[Future[Answer], tuple[Item, int]] = {}
         try:
             while True:
                 # A death breaks the whole pool, and all blocks that were running are made again:
                 # once together, and after a second death one at a time, which shows the cause.
-                alone = deaths > 1 and bool(again)
-                free = (1 if alone else self.count) - len(running)
-                fresh = itertools.islice(waiting, max(0, free - len(again)))
+                alone = bool(again) and again[0][1] > 1
+                free = max(0, (1 if alone else self.count) - len(running))
                 repeated = [again.popleft() for _ in range(min(free, len(again)))]
-                for item in itertools.chain(repeated, fresh):
-                    running[self._submit(job, function, item)] = item
+                fresh = ((item, 0) for item in itertools.islice(waiting, free - len(repeated)))
+                for item, deaths in itertools.chain(repeated, fresh):
+                    running[self._submit(job, function, item)] = item, deaths
                 if not running:
                     return
                 try:
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
                         answer = future.result()
-                        yield running.pop(future), answer
+                        yield running.pop(future)[0], answer
                 except BrokenProcessPool as error:
-                    if alone:
+                    (item, deaths), *others = running.values()
+                    if deaths > 1 and not others:
                         raise WorkerLostError(
-                            f"{deaths + 1} worker processes died of it; --workers 1 shows why",
-                            running[future],
+                            f"{deaths + 1} worker processes died of it; --workers 1 shows why", item
                         ) from error
-                    again.extend(running.values())
+                    again.extend((item, deaths + 1) for item, deaths in running.values())
                     running.clear()
-                    deaths += 1
                     self.end()
         finally:
             if running:

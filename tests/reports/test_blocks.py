@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import signal
@@ -136,7 +137,15 @@ def test_a_killed_process_is_replaced_and_its_block_made_again(
 def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
     message = "block 5: 3 worker processes died of it"
     with pytest.raises(InputError, match=message):
-        run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
+        run(ToyJob.at(tmp_path, deadly={5: math.inf}), Engine(workers=2))
+
+
+@pytest.mark.slow
+def test_deaths_of_other_blocks_are_not_charged_to_a_block(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    run(ToyJob.at(tmp_path, deadly={1: 1, 5: 1, 9: 2}), Engine(workers=2))
+    assert parts_of(tmp_path) == undisturbed
 
 
 PROGRAM = """

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from xfrustum.reports.blocks import Job
 from xfrustum.reports.common.records import table_of
@@ -27,20 +28,18 @@ class ToyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ToyJob(Job):
-    """Blocks of a row each; block `deadly` kills its process, block `bad` raises."""
+    """Blocks of a row each; `deadly` ones kill so many of their processes, block `bad` raises."""
 
     parts: ParquetParts
     seconds: float = 0.0
-    deadly: int | None = None
+    deadly: Mapping[int, float] = field(default_factory=dict)
     bad: int | None = None
     draws = False
 
     @classmethod
-    def at(
-        cls, out: Path, seconds: float = 0.0, deadly: int | None = None, bad: int | None = None
-    ) -> ToyJob:
+    def at(cls, out: Path, **behavior: Any) -> ToyJob:
         """Return a job with its folder made."""
-        job = cls(parts=ParquetParts(out=out, name="toy"), seconds=seconds, deadly=deadly, bad=bad)
+        job = cls(parts=ParquetParts(out=out, name="toy"), **behavior)
         job.parts.open({"numbers": len(NUMBERS)})
         return job
 
@@ -68,7 +67,10 @@ class ToySession:
 
     def make(self, block: int) -> None:
         time.sleep(self._job.seconds)
-        if block == self._job.deadly:
+        deaths = self._job.parts.out / f"deaths-{block}"
+        before = deaths.stat().st_size if deaths.exists() else 0
+        if before < self._job.deadly.get(block, 0):
+            deaths.write_text("x" * (before + 1))
             os.kill(os.getpid(), signal.SIGKILL)
         if block == self._job.bad:
             raise InputError("a bad block; mend it")
