@@ -41,6 +41,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 from tqdm import tqdm
 
+from xfrustum.interrupts import delayed
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import InputError
 
@@ -353,11 +354,14 @@ class _Pool(Workers):
     ) -> Future[Answer]:
         if self._job is not job:
             self.end()
-        try:
-            return (self._executor or self._start(job)).submit(_in_process, function, item)
-        except BrokenProcessPool:  # an idle process was killed
-            self.end()
-            return self._start(job).submit(_in_process, function, item)
+        # The first submission starts the processes; interrupted, it would leave one that nothing
+        # joins, and that finds the semaphores of this process gone.
+        with delayed():
+            try:
+                return (self._executor or self._start(job)).submit(_in_process, function, item)
+            except BrokenProcessPool:  # an idle process was killed
+                self.end()
+                return self._start(job).submit(_in_process, function, item)
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
