@@ -47,7 +47,9 @@ def by_brute_force(scene: Scene) -> Floats:
         :, :2
     ].T
     met_twice = np.isfinite(second) & ~((first < 0) & (second > 0))
-    return np.subtract(second, first, out=np.full(len(first), np.inf), where=met_twice)
+    gaps = np.full(len(first), np.inf)
+    np.subtract(second, first, out=gaps, where=met_twice)
+    return gaps
 
 
 FRUSTA = [
