@@ -88,7 +88,7 @@ def report(request: _Report) -> None:
     )
     opened = request.light.applied(options.open_scene(request.scene))
     from xfrustum.reports.error_report.report import make_report
-    from xfrustum.reports.error_report.request import ReportOptions
+    from xfrustum.reports.error_report.sweep import ReportOptions
 
     chosen: AutoApertures | tuple[Aperture, ...]
     if isinstance(request.apertures, str):
