@@ -54,11 +54,10 @@ def drawn(
         return raster.render(scene.default_apertures()[-1], settings, **how)
 
 
-def beyond_snapping(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Floats:
+def beyond_snapping(scene: Scene, image: HogelImage) -> Floats:
     """Return the error of radiance (H, W, 3) beyond the device's snapping of vertices."""
-    off = np.abs(image.color - radiance_by_definition(scene, image, reflections=reflections))
-    moved = moved_by_snapping(scene, image, device_at_hand(), reflections=reflections)
-    return np.maximum(off - moved, 0.0)
+    off = np.abs(image.color - radiance_by_definition(scene, image))
+    return np.maximum(off - moved_by_snapping(scene, image, device_at_hand()), 0.0)
 
 
 @pytest.mark.parametrize(
