@@ -225,35 +225,36 @@ class Measured:
 
     def written_steps(self, depth: DepthFormat) -> Range:
         """Return lowest and highest stored minus written depth, in steps."""
+        wrote, kept = self._written(depth)
+        off = kept - wrote * LARGEST.get(depth, 1)
+        return _ends(off if depth in FIXED else off / FLOAT32_ROUNDING)
+
+    def _written(self, depth: DepthFormat) -> tuple[Floats, Floats]:
+        """Return written depths (N,), 0 to 1, and the stored values."""
         wrote, kept = self.fingerprint.written[depth]
         # Values beyond one are clamped; negative values and NaN are not depths.
         valid = (wrote >= 0) & (wrote <= 1)
-        if depth not in FIXED:
-            off = (kept[valid].astype(np.float64) - wrote[valid]) / FLOAT32_ROUNDING
-        else:
-            off = kept[valid].astype(np.float64) - wrote[valid].astype(np.float64) * LARGEST[depth]
-        return float(off.min()), float(off.max())
+        return wrote[valid].astype(np.float64), kept[valid].astype(np.float64)
 
     def interpolated_steps(self, depth: DepthFormat) -> Range:
         """Return lowest and highest stored minus interpolated depth, in steps."""
-        off = self._off_planes(snapped=self.snaps_depth, depth=depth)
-        return float(off.min()), float(off.max())
+        return _ends(self._off_planes(snapped=self.snaps_depth, depth=depth))
 
     def varyings(self) -> dict[str, float]:
         """Return the largest error of varyings that are equal at all corners, by interpolation."""
-        fingerprint, largest = self.fingerprint, {}
-        equal = np.asarray((fingerprint.varyings == fingerprint.varyings[:, :1]).all(axis=(1, 2)))
-        shown = fingerprint.drawn & equal[:, None, None]
-        corner = fingerprint.varyings[np.nonzero(shown)[0], 0]
+        corners, fragment = self.fingerprint.varyings, self.fingerprint.fragment
+        equal = (corners == corners[:, :1]).all(axis=(1, 2))
+        shown = self.fingerprint.drawn & equal[:, None, None]
         pictures = {
-            "smooth": fingerprint.fragment[..., 2:],
-            "noperspective": fingerprint.others[..., :2],
-            "flat": fingerprint.others[..., 2:],
+            "smooth": fragment[..., 2:],
+            "noperspective": self.fingerprint.others[..., :2],
+            "flat": self.fingerprint.others[..., 2:],
         }
-        for name, values in pictures.items():
-            off = np.abs(values[shown].astype(np.float64) - corner)
-            largest[name] = float(np.nanmax(off, initial=0.0))
-        return largest
+        expected = corners[np.nonzero(shown)[0], 0]
+        return {
+            name: float(np.nanmax(np.abs(values[shown].astype(np.float64) - expected), initial=0.0))
+            for name, values in pictures.items()
+        }
 
     def within(self, model: DeviceModel, depth: DepthFormat = DepthFormat.D32F) -> Within:
         """Compare the stored depths of all triangles with the bounds of a model."""
@@ -298,25 +299,24 @@ class Measured:
     @property
     def record(self) -> DeviceRecord:
         """The measurements, and the model by which pixels are explained."""
-        device, fingerprint = self.fingerprint.device, self.fingerprint
-        within = {depth.value: self.within(self.known, depth) for depth in DepthFormat}
-        within |= {
-            "varyings": self.varyings_within(self.known),
-            "filter": self.filtered_within(self.known),
+        fingerprint, model = self.fingerprint, self.known
+        within = {depth.value: self.within(model, depth) for depth in DepthFormat}
+        within["varyings"] = self.varyings_within(model)
+        within["filter"] = self.filtered_within(model)
+        steps = {
+            depth.value: DepthSteps(
+                written_steps=self.written_steps(depth),
+                interpolated_steps=self.interpolated_steps(depth),
+            )
+            for depth in DepthFormat
         }
         return DeviceRecord(
-            renderer=device["renderer"],
-            version=device["version"],
-            software=is_software(device["renderer"]),
+            renderer=fingerprint.device["renderer"],
+            version=fingerprint.device["version"],
+            software=is_software(fingerprint.device["renderer"]),
             subpixel_bits=self.subpixel_bits,
             snaps_depth=self.snaps_depth,
-            depth={
-                depth.value: DepthSteps(
-                    written_steps=self.written_steps(depth),
-                    interpolated_steps=self.interpolated_steps(depth),
-                )
-                for depth in DepthFormat
-            },
+            depth=steps,
             filter_bits=self.filter_bits,
             plane_noise=self.plane_noise if np.isfinite(self.plane_noise) else None,
             ties=self.ties,
@@ -334,7 +334,7 @@ class Measured:
                 "filtered": len(fingerprint.filtered),
             },
             within=within,
-            model=self.known.as_json(),
+            model=model.as_json(),
         )
 
     @cached_property
@@ -379,38 +379,19 @@ class Measured:
     def _off_planes(self, *, snapped: bool, depth: DepthFormat = DepthFormat.D32F) -> Floats:
         """Return stored minus exact depths of `_uncut` in steps, 2^-24 for D32F."""
         which, points, stored = self._stored(depth, self._uncut)
-        planes = self._snapped if snapped else self._planes
-        return np.asarray(
-            (stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING)
-        )
-
-    def off_by_slope(self, depth: DepthFormat, *, snapped: bool) -> Floats:
-        """Return (T, 2) slope of depth, steps a pixel, and largest stored minus exact depth, steps.
-
-        Planes run through corners that are snapped or not.
-        """
-        which, _, _ = self._stored(depth, self._uncut)
-        planes, largest = self._snapped if snapped else self._planes, np.zeros(len(self._uncut))
-        np.maximum.at(largest, which, np.abs(self._off_planes(snapped=snapped, depth=depth)))
-        slope = (
-            np.linalg.norm(planes.gradient[:, :2], axis=1)
-            * 2
-            / SIZE
-            / (STEP[depth] or FLOAT32_ROUNDING)
-        )
-        return np.stack((slope, largest), axis=1)[np.unique(which)]
+        exact = (self._snapped if snapped else self._planes).exact(which, points)
+        return np.asarray((stored - exact) / (STEP[depth] or FLOAT32_ROUNDING))
 
     def stored_range(self, depth: DepthFormat) -> Range:
         """Return the error range of stored float32 depths, to sixteenths of a step.
 
         The product with the number of steps is rounded in float32 first, which is no part of this.
         """
-        fragment = self.fingerprint.fragment[..., 0][self.fingerprint.drawn].astype(np.float64)
-        stored = self.fingerprint.stored[depth][self.fingerprint.drawn]
-        wrote, kept = self.fingerprint.written[depth]
-        valid = (wrote >= 0) & (wrote <= 1)
-        values = np.concatenate((fragment, wrote[valid].astype(np.float64)))
-        off = np.concatenate((stored, kept[valid])) - values * LARGEST[depth]
+        drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
+        values = np.concatenate((self.fingerprint.fragment[..., 0][drawn], wrote))
+        off = (
+            np.concatenate((self.fingerprint.stored[depth][drawn], kept)) - values * LARGEST[depth]
+        )
         product = FLOAT32_ROUNDING * values * LARGEST[depth]
         low, high = float((off + product).min()), float((off - product).max())
         # Rounded outward: the model must contain all measurements.
@@ -461,3 +442,7 @@ class Measured:
                 owns = np.where(up != 0, left, bottom)
                 covers[rule] = covers[rule] & ((side > 0) | ((side == 0) & owns))
         return covers
+
+
+def _ends(values: Floats) -> Range:
+    return float(values.min()), float(values.max())

@@ -58,51 +58,22 @@ class RecordedFrame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRecord:
-    """Record that `device --replay --json` prints."""
+class Replayed:
+    """Differences of recorded frames from exact cameras: the record of `device --replay --json`."""
 
     frames: int
-    #: pixels that differ from exact cameras; the next four are its parts
+    #: pixels that differ from exact cameras; the next four are its parts, by their cause
     wrong: int
     edge: int
     order: int
     lost: int
     unexplained: int
-    device: str
-    device_model: str
-    frames_unexplained: dict[str, int]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Replayed:
-    """Causes of the differences of recorded frames from their exact cameras."""
-
-    frames: int
     #: name of the device that drew
     device: str
-    #: model by which they were explained
-    model: DeviceModel
-    #: pixels by their heading
-    counts: dict[str, int]
-    #: pixels of each frame that has some
-    unexplained: dict[str, int]
-
-    @property
-    def wrong(self) -> int:
-        """Number of pixels that differ."""
-        return sum(self.counts.values())
-
-    @property
-    def record(self) -> ReplayRecord:
-        """The numbers without the model."""
-        return ReplayRecord(
-            frames=self.frames,
-            wrong=self.wrong,
-            **self.counts,
-            device=self.device,
-            device_model=self.model.name,
-            frames_unexplained=self.unexplained,
-        )
+    #: name of the model by which they were explained
+    device_model: str
+    #: unexplained pixels of each frame that has some
+    frames_unexplained: dict[str, int]
 
 
 class _Device(BaseModel):
@@ -157,14 +128,13 @@ def replay(
         opened = frame.scene, frame.triangle.shape
         # Building a reference takes longer than explaining a frame.
         if opened not in references:
-            scene, (height, width) = open_scene(frame.scene), frame.triangle.shape
-            frustum = replace(scene.frustum, resolution=(width, height))
+            scene = open_scene(frame.scene)
+            frustum = replace(scene.frustum, resolution=frame.triangle.shape[::-1])
             references[opened] = Reference(replace(scene, frustum=frustum))
         reference = references[opened]
         aperture, settings = frame.question(reference.scene)
-        if (most := int(frame.triangle.max(initial=NOTHING))) >= (
-            count := len(reference.scene.faces)
-        ):
+        most, count = frame.triangle.max(initial=NOTHING), len(reference.scene.faces)
+        if most >= count:
             raise InputError(
                 f"{frame.name} shows triangle {most}, and the scene has {count}: record it anew"
             )
@@ -180,10 +150,11 @@ def replay(
             unexplained[frame.name] = by_heading["unexplained"]
     return Replayed(
         frames=len(frames),
-        device=str(device["renderer"]),
-        model=model,
-        counts=dict(counts),
-        unexplained=unexplained,
+        wrong=counts.total(),
+        **counts,
+        device=device["renderer"],
+        device_model=model.name,
+        frames_unexplained=unexplained,
     )
 
 
@@ -205,11 +176,8 @@ def recorded_image(
     """
     camera = replace(expected.camera, settings=frame.question(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
-    objects, (rows, columns) = (
-        np.full(frame.triangle.shape, NOTHING),
-        np.nonzero(frame.triangle != NOTHING),
-    )
-    objects[rows, columns] = scene.object_of_triangle[frame.triangle[rows, columns]]
+    objects = scene.object_of_number[frame.triangle]
+    rows, columns = np.nonzero(frame.triangle != NOTHING)
     image = replace(
         expected, camera=camera, triangle=frame.triangle, object=objects, position=position
     )

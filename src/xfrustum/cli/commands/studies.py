@@ -230,9 +230,9 @@ def device(request: _Device) -> int:
     options.check_out(request.out, measuring.FILES)
     if request.replay is not None:
         replayed = measuring.replayed(request.replay, request.device, progress=request.progress)
-        request.tell(lambda: replayed.record, lambda: measuring.replay_table(replayed))
+        request.tell(lambda: replayed, lambda: measuring.replay_table(replayed))
         # An unexplained pixel refutes the model of the device.
-        return options.LIMIT_EXCEEDED if replayed.counts["unexplained"] else 0
+        return options.LIMIT_EXCEEDED if replayed.unexplained else 0
     # Listing opens contexts but draws nothing.
     if request.listed:
         result = measuring.listed()
@@ -241,5 +241,5 @@ def device(request: _Device) -> int:
     measured = measuring.measure_device()
     if request.out is not None:
         measuring.write_device(measured, request.out)
-    request.tell(lambda: measured.record, lambda: measuring.table(measured))
+    request.tell(lambda: measured, lambda: measuring.table(measured))
     return 0
