@@ -36,17 +36,18 @@ from xfrustum.scenes.arrays import Mask
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
+    """A truth, and a raster whose near offset of 1.5 moves points by some pixels."""
+
     reference: Reference
     truth: HogelImage
     drawn: HogelImage
 
-    def wrong(self, image: HogelImage) -> Mask:
-        return compare_images(self.truth, image, self.reference).maps.surface
+    def compared(self, image: HogelImage, truth: HogelImage | None = None) -> Comparison:
+        return compare_images(truth or self.truth, image, self.reference)
 
 
 @pytest.fixture
-def asymmetric(centered: World) -> Case:
-    """A truth, and a raster whose near offset of 1.5 moves points by some pixels."""
+def case(centered: World) -> Case:
     return Case(reference=centered.reference, truth=centered.truth(), drawn=centered.raster())
 
 
@@ -58,10 +59,11 @@ def changed(image: HogelImage, where: Mask, **values: Any) -> HogelImage:
     return replace(image, **arrays)
 
 
-def pixel(image: HogelImage, row: int, column: int) -> Mask:
-    mask = np.zeros(image.triangle.shape, dtype=np.bool_)
-    mask[row, column] = True
-    return mask
+def without(image: HogelImage, *names: str) -> HogelImage:
+    """Return the image without numbers (`NOTHING`) or positions (NaN)."""
+    everywhere = np.ones(image.triangle.shape, dtype=np.bool_)
+    empty = {name: np.nan if name == "position" else NOTHING for name in names}
+    return changed(image, everywhere, **empty)
 
 
 def some_pixel(mask: Mask) -> Mask:
@@ -71,28 +73,29 @@ def some_pixel(mask: Mask) -> Mask:
     return only
 
 
-def test_the_summary_is_the_contract_in_json(asymmetric: Case) -> None:
-    summary = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference).summary()
+EMPTY = {"triangle": NOTHING, "object": NOTHING, "position": np.nan}
+
+
+def test_the_summary_is_the_contract_in_json(case: Case) -> None:
+    summary = case.compared(case.drawn).summary()
     json.dumps(summary, allow_nan=False)
     assert summary["pixels"] == 64 * 48 == summary["judged"]
-    assert summary["covered"] == asymmetric.truth.covered.sum()
+    assert summary["covered"] == case.truth.covered.sum()
     for name in ("surface", "triangle"):
         assert summary[name]["fraction"] == summary[name]["wrong"] / summary["judged"]
     spread = summary["displacement_px"]
     assert 0 < spread["p50"] < spread["p95"] < spread["p99"] < spread["max"]
+    without_scene = compare_images(case.truth, case.drawn, None)
+    assert without_scene.maps.surface is None and without_scene.maps.outside is None
+    assert without_scene.summary() == summary | {"surface": None}
+    itself = case.compared(case.truth)
+    assert itself.surface_wrong == itself.triangle_wrong == itself.height.max == 0
+    assert itself.displacement_px.max < 1e-9
+    assert itself.certainty == {"proven": 64 * 48, "exact": 0, "tie": 0, "unexamined": 0}
 
 
-def test_the_truth_is_right_by_itself(asymmetric: Case) -> None:
-    comparison = compare_images(asymmetric.truth, asymmetric.truth, asymmetric.reference)
-    assert comparison.surface_wrong == comparison.triangle_wrong == 0
-    assert comparison.displacement_px is not None and comparison.displacement_px.max < 1e-9
-    assert comparison.height is not None and comparison.height.max == 0
-    assert comparison.certainty == {"proven": 64 * 48, "exact": 0, "tie": 0, "unexamined": 0}
-
-
-def test_heights_are_raster_minus_truth_where_both_show_one_triangle(asymmetric: Case) -> None:
-    truth, drawn = asymmetric.truth, asymmetric.drawn
-    comparison = compare_images(truth, drawn, asymmetric.reference)
+def test_heights_are_raster_minus_truth_where_both_show_one_triangle(case: Case) -> None:
+    truth, drawn, comparison = case.truth, case.drawn, case.compared(case.drawn)
     same = truth.covered & (truth.triangle == drawn.triangle)
     error = (drawn.height - truth.height)[same]
     np.testing.assert_array_equal(comparison.maps.height[same], error)
@@ -101,112 +104,76 @@ def test_heights_are_raster_minus_truth_where_both_show_one_triangle(asymmetric:
     assert comparison.height.max == np.abs(error).max()
 
 
-def test_without_a_reference_surface_is_unknown_and_the_rest_is_not(asymmetric: Case) -> None:
-    comparison = compare_images(asymmetric.truth, asymmetric.drawn, None)
-    known = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
-    assert (
-        comparison.surface_wrong is None
-        and comparison.maps.surface is None
-        and comparison.maps.outside is None
-    )
-    assert comparison.summary() == known.summary() | {"surface": None}
+def test_a_missing_an_unexpected_and_another_objects_surface_are_wrong(case: Case) -> None:
+    truth = case.truth
+    for where, values in (
+        (some_pixel(truth.covered), EMPTY),
+        (
+            some_pixel(~truth.covered),
+            {"triangle": 0, "object": 0, "position": truth.position[truth.covered][0]},
+        ),
+        (some_pixel(truth.object == 2), {"object": 3}),
+    ):
+        wrong = case.compared(changed(truth, where, **values)).maps.surface
+        np.testing.assert_array_equal(wrong, where)
 
 
-def test_a_hit_against_a_miss_is_wrong_both_ways(asymmetric: Case) -> None:
-    truth = asymmetric.truth
-    nothing = {"triangle": NOTHING, "object": NOTHING, "position": np.nan}
-    hole = some_pixel(truth.covered)
-    np.testing.assert_array_equal(asymmetric.wrong(changed(truth, hole, **nothing)), hole)
-    speck = some_pixel(~truth.covered)
-    shown = {"triangle": 0, "object": 0, "position": truth.position[truth.covered][0]}
-    np.testing.assert_array_equal(asymmetric.wrong(changed(truth, speck, **shown)), speck)
-
-
-def test_an_image_that_names_objects_alone_is_judged_by_them(asymmetric: Case) -> None:
-    truth = asymmetric.truth
-    named = replace(
-        truth,
-        triangle=np.full_like(truth.triangle, NOTHING),
-        position=np.full_like(truth.position, np.nan),
-        certainty=None,
-    )
-    assert compare_images(truth, named, asymmetric.reference).surface_wrong == 0
-    emptied = replace(named, object=np.full_like(truth.object, NOTHING))
-    judged = truth.covered & (truth.certainty != Certainty.TIE)
-    assert compare_images(truth, emptied, asymmetric.reference).surface_wrong == judged.sum()
-
-
-def test_another_object_is_wrong_another_triangle_of_it_is_not(asymmetric: Case) -> None:
-    truth = asymmetric.truth
-    where = some_pixel(truth.object == 2)
-    np.testing.assert_array_equal(asymmetric.wrong(changed(truth, where, object=3)), where)
-    inside = truth.object == 2
-    neighbor = some_pixel(
-        inside & np.roll(inside, -1, 1) & (truth.triangle != np.roll(truth.triangle, -1, 1))
-    )
+def test_another_triangle_of_an_object_displaces_the_picture_and_is_no_wrong_surface(
+    case: Case,
+) -> None:
+    truth, inside = case.truth, case.truth.object == 2
+    other = truth.triangle != np.roll(truth.triangle, -1, 1)
+    neighbor = some_pixel(inside & np.roll(inside, -1, 1) & other)
     row, column = np.argwhere(neighbor)[0]
-    displaced = changed(
-        truth,
-        neighbor,
-        triangle=truth.triangle[row, column + 1],
-        position=truth.position[row, column + 1],
-    )
-    comparison = compare_images(truth, displaced, asymmetric.reference)
-    assert comparison.surface_wrong == 0, "a picture merely displaced is not a wrong surface"
+    shown = {name: getattr(truth, name)[row, column + 1] for name in ("triangle", "position")}
+    comparison = case.compared(changed(truth, neighbor, **shown))
+    assert comparison.surface_wrong == 0
     np.testing.assert_array_equal(comparison.maps.triangle, neighbor)
     np.testing.assert_allclose(comparison.maps.displacement[row, column], [1, 0], atol=1e-9)
 
 
-def test_a_hidden_point_is_wrong_on_either_side_of_the_plate(asymmetric: Case) -> None:
+def test_a_hidden_point_is_wrong_on_either_side_of_the_plate(case: Case) -> None:
     """A far side drawn for the near one is wrong, though object and pixel agree."""
-    reference, truth = asymmetric.reference, asymmetric.truth
-    scene = reference.scene
-    d = truth.position / -truth.height[..., None]
+    scene, truth = case.reference.scene, case.truth
     for number, sign in ((2, 1), (3, -1)):
         where = truth.object == number
         assert (np.sign(truth.height[where]) == sign).all() and where.sum() > 20
         mask = some_pixel(where)
-        row, column = np.argwhere(mask)[0]
+        (height,), (point,) = truth.height[mask], truth.position[mask]
+        d = point / -height
         # Where the pixel's line leaves the object again: the largest s on its triangles.
-        candidates = []
+        leaves = []
         for triangle in np.flatnonzero(scene.object_of_triangle == number):
             a, b, c = scene.triangles[triangle]
-            matrix = np.column_stack([b - a, c - a, -d[row, column]])
+            matrix = np.column_stack([b - a, c - a, -d])
             if abs(np.linalg.det(matrix)) > 1e-12:
                 first, second, s = np.linalg.solve(matrix, -a)
-                if first >= 0 and second >= 0 and first + second <= 1:
-                    candidates.append((s, triangle))
-        s, triangle = max(candidates)
-        assert s > -truth.height[row, column] + 1
-        far_side = changed(truth, mask, triangle=triangle, position=s * d[row, column])
-        surface = compare_images(truth, far_side, reference).maps.surface
-        np.testing.assert_array_equal(surface, mask)
+                if min(first, second, 1 - first - second) >= 0:
+                    leaves.append((s, triangle))
+        s, triangle = max(leaves)
+        assert s > 1 - height
+        far_side = changed(truth, mask, triangle=triangle, position=s * d)
+        np.testing.assert_array_equal(case.compared(far_side).maps.surface, mask)
 
 
-def test_ties_are_not_judged(asymmetric: Case) -> None:
-    assert asymmetric.truth.certainty is not None
-    where = some_pixel(asymmetric.truth.covered)
-    tied = changed(asymmetric.truth, where, certainty=Certainty.TIE)
-    wrong = changed(tied, where, triangle=NOTHING, object=NOTHING, position=np.nan)
-    comparison = compare_images(tied, wrong, asymmetric.reference)
-    assert comparison.judged == comparison.pixels - 1
-    np.testing.assert_array_equal(comparison.maps.judged, ~where)
-    assert comparison.surface_wrong == comparison.triangle_wrong == 0
-    assert comparison.certainty["tie"] == 1
-    for kind in (Certainty.PROVEN, Certainty.EXACT, Certainty.UNEXAMINED):
-        judged = changed(asymmetric.truth, where, certainty=kind)
-        assert compare_images(judged, wrong, asymmetric.reference).surface_wrong == 1
+def test_ties_are_not_judged(case: Case) -> None:
+    where = some_pixel(case.truth.covered)
+    for kind in Certainty:
+        truth = changed(case.truth, where, certainty=kind)
+        comparison = case.compared(changed(truth, where, **EMPTY), truth)
+        tie = kind is Certainty.TIE
+        assert comparison.judged == comparison.pixels - tie
+        np.testing.assert_array_equal(comparison.maps.judged, ~where | (not tie))
+        assert comparison.surface_wrong == comparison.triangle_wrong == (0 if tie else 1)
+        assert comparison.certainty["tie"] == tie
 
 
-def test_points_in_the_plate_are_counted_and_not_displaced(asymmetric: Case) -> None:
-    truth = asymmetric.truth
-    where = some_pixel(truth.covered)
-    flat = changed(truth, where, position=[3.0, 2.0, 0.0])
-    comparison = compare_images(truth, flat, asymmetric.reference)
+def test_points_in_the_plate_are_counted_and_not_displaced(case: Case) -> None:
+    where = some_pixel(case.truth.covered)
+    comparison = case.compared(changed(case.truth, where, position=[3.0, 2.0, 0.0]))
     assert comparison.at_plate == 1
     assert np.isnan(comparison.maps.displacement[where]).all()
-    # The truth shows something else there: only a surface in the aperture itself is seen in the
-    # plate.
+    # Only a surface in the aperture itself is seen in the plate.
     assert comparison.surface_wrong == 1
 
 
@@ -215,15 +182,12 @@ def test_a_surface_through_the_aperture_is_right_when_both_show_it() -> None:
     frustum = Frustum(resolution=(8, 8), reach=(9.0, 9.0), fov=(1.0, 1.0))
     reference = Reference(soup(tilted, frustum))
     truth = reference.trace(at(0.0, 0.0))
-    assert (truth.height == 0).all()
     comparison = compare_images(truth, truth, reference)
     assert comparison.at_plate == comparison.covered == 64
-    assert comparison.surface_wrong == 0
-    assert comparison.displacement_px is None
-    assert comparison.summary()["displacement_px"] is None
+    assert comparison.surface_wrong == 0 and comparison.summary()["displacement_px"] is None
 
 
-def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> None:
+def test_a_spread_has_the_order_statistics_and_no_overflow() -> None:
     assert Spread.from_values(np.zeros(0)) is None
     values = np.arange(101.0)
     spread = Spread.from_values(values)
@@ -232,64 +196,50 @@ def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> N
     assert Spread.from_values(np.full(2, 1e300)).rms == pytest.approx(1e300)
 
 
-def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> None:
-    truth, drawn, scene = asymmetric.truth, asymmetric.drawn, asymmetric.reference.scene
-    smaller = Reference(view("asymmetric", (48, 48))).trace(scene.plate.middle)
+def test_images_of_different_requests_are_not_compared(case: Case) -> None:
+    truth, drawn, scene = case.truth, case.drawn, case.reference.scene
+    smaller = Reference(view("asymmetric", (48, 36))).trace(scene.plate.middle)
     other = replace(drawn, camera=replace(drawn.camera, scene_hash="0" * 64))
-    moved = asymmetric.reference.trace(scene.plate.aperture(0, 3))
+    moved = case.reference.trace(scene.plate.aperture(0, 3))
     for expected, image, message in (
-        (truth, smaller, r"64 x 48.*48 x 48"),
+        (truth, smaller, r"64 x 48.*48 x 36"),
         (truth, moved, r"aperture.*0,3"),
         (truth, other, "different scenes"),
         (drawn, truth, "traced image first"),
     ):
         with pytest.raises(InputError, match=message):
-            compare_images(expected, image, asymmetric.reference)
+            case.compared(image, expected)
 
 
-def test_a_quantity_that_an_image_does_not_have_is_unknown_and_neither_right_nor_wrong(
-    asymmetric: Case,
-) -> None:
-    truth, drawn, reference = asymmetric.truth, asymmetric.drawn, asymmetric.reference
-    whole = compare_images(truth, drawn, reference).summary()
-    nameless = replace(drawn, object=np.full_like(drawn.object, NOTHING))
-    assert compare_images(truth, nameless, reference).summary() == whole, "triangles name objects"
-    numberless = replace(drawn, triangle=np.full_like(drawn.triangle, NOTHING))
-    summary = compare_images(truth, numberless, reference).summary()
-    assert summary["triangle"] is None and summary["height"] is None
-    assert (
-        summary["surface"] == whole["surface"]
-        and summary["displacement_px"] == whole["displacement_px"]
-    )
-    placeless = replace(drawn, position=np.full_like(drawn.position, np.nan))
-    summary = compare_images(truth, placeless, reference).summary()
+def test_a_channel_that_an_image_lacks_is_unknown_and_neither_right_nor_wrong(case: Case) -> None:
+    truth, drawn = case.truth, case.drawn
+    whole = case.compared(drawn).summary()
+    assert case.compared(without(drawn, "object")).summary() == whole, "triangles name objects"
+    summary = case.compared(without(drawn, "triangle")).summary()
+    unknown = {"triangle": None, "height": None}
+    assert summary == whole | unknown | {"radiance": summary["radiance"]}
+    summary = case.compared(without(drawn, "position")).summary()
     assert summary["displacement_px"] is None and summary["triangle"] is not None
+    named = replace(without(truth, "triangle", "position"), certainty=None)
+    assert case.compared(named).surface_wrong == 0, "objects alone"
+    assert case.compared(without(named, "object")).surface_wrong == truth.covered.sum()
 
 
-NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: near offsets as fractions of the reach
+NEARS = (1e-1, 1e-3, 1e-6, 1e-8)  #: near offsets as fractions of the reach
 MOST_PX = 1e-3
 """Largest 99th percentile of measured minus predicted displacement on meshes, px."""
 
 MESHES = [
     ("car", (40, 30)),
-    ("car", (12, 50)),
     ("car-recentered", (0, 0)),
     ("asymmetric", (25, 41)),
-    ("asymmetric-recentered", (0, 0)),
     ("asymmetric-recentered", (80, 60)),
     ("beetle", (40, 30)),
-    ("bunny-transfer", (150, 50)),
     ("bunny-transfer", (299, 99)),
     ("teapot-recentered", (119, 79)),
-    ("teapot-recentered", (60, 40)),
     ("truck", (50, 30)),
 ]
-OTHERS = [
-    ("crossing", (40, 30)),
-    ("crossing", (31, 17)),
-    ("large-triangles", (40, 30)),
-    ("sheets", (40, 30)),
-]
+OTHERS = [("crossing", (31, 17)), ("large-triangles", (40, 30)), ("sheets", (40, 30))]
 
 
 def closed_form(image: HogelImage, near: float) -> np.ndarray:
@@ -303,36 +253,30 @@ def closed_form(image: HogelImage, near: float) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize(("name", "index"), thinned(MESHES + OTHERS, 5))
+@pytest.mark.parametrize(("name", "index"), thinned(MESHES + OTHERS, 4))
 def test_displacement_measured_pixel_by_pixel_is_the_closed_form(
     name: str, index: tuple[int, int]
 ) -> None:
+    """Within the rounding of stored points, 16 times 2^-24 of a triangle's largest coordinate."""
     assert POSITION_ROUNDINGS <= 16
     scene = view(name, (256, 192))
-    aperture = scene.plate.aperture(*index)
-    reference = Reference(scene)
+    aperture, reference = scene.plate.aperture(*index), Reference(scene)
     truth = reference.trace(aperture)
-    largest_coordinate = np.abs(scene.triangles).max(axis=(1, 2))
-    half_extent = np.array(truth.camera.half_extent)
-    seen = 0
+    rounding = POSITION_ROUNDINGS * 2.0**-24 * np.abs(scene.triangles).max(axis=(1, 2))
+    half_extent, seen = np.array(truth.camera.half_extent), 0
     with Rasterizer(scene) as raster:
         for near in np.array(NEARS) * scene.frustum.longest_reach:
             drawn = raster.render(aperture, reversed_d32f(float(near)), normals=False, color=False)
             measured = compare_images(truth, drawn, reference).maps.displacement
             shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
-            np.testing.assert_array_equal(
-                np.isfinite(measured), np.repeat(shown[..., None], 2, axis=2)
-            )
-            with np.errstate(divide="ignore", invalid="ignore"):
-                off = np.abs(measured - closed_form(drawn, float(near)))[shown]
-            z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
+            assert (np.isfinite(measured) == shown[..., None]).all()
             # The points are computed on the drawn triangles: these must have been drawn there.
             assert not misplaced(scene, drawn, raster.model).any()
-            known = (
-                POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
-            )
-            bound = known * np.array([256, 192]) / (2 * z * half_extent)
-            assert (off <= bound).all()
+            with np.errstate(divide="ignore", invalid="ignore"):
+                off = np.abs(measured - closed_form(drawn, float(near)))[shown]
+            z = np.abs(drawn.height[shown]).astype(np.float64)
+            size = (rounding[drawn.triangle[shown]] / z)[:, None]
+            assert (off <= size * np.array([256, 192]) / (2 * half_extent)).all()
             seen += len(off)
             if len(off) and (name, index) in MESHES:
                 assert np.percentile(off.max(axis=1), 99) <= MOST_PX
