@@ -8,40 +8,29 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import time
-import xml.etree.ElementTree as ET
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 CHECKOUT = Path(__file__).resolve().parents[1]
-RECORDED = CHECKOUT.parent / "shared" / "data" / "devices"
+RECORDED = "../shared/data/devices/h100-frames.npz"
 REPORT = "build/device-report.md"
 LIMIT_S = 470.0  #: total: later work is skipped, and running work is ended
-FAILED = "  - failed: "  #: begins the line of a test that failed
-MOST_LISTED = (
-    30  #: of failures, or of tests skipped for their own reasons, in a group of tests: one page
-)
+MOST_LISTED = 30  #: lines of failed and skipped tests of a group
 
-TESTS = (
-    (
-        "devices, and what was drawn before",
-        "tests/cli/test_device_command.py tests/raster/test_history.py",
-    ),
-    (
-        "rounding and causes",
-        "tests/compare/rounding tests/compare/device tests/compare/attribution",
-    ),
-    ("rasterizer and plate", "tests/raster --ignore tests/raster/test_history.py"),
-    ("shares of wrong depth", "tests/compare/prediction/test_depth.py"),
-)
-CUDA_TESTS = ("the truth on CUDA", "tests/reference")
-"""Groups of tests by their names, those that matter most first."""
+TESTS = {
+    "devices and history": "tests/cli/test_device_command.py tests/raster/test_history.py",
+    "rounding and causes": "tests/compare/rounding tests/compare/device tests/compare/attribution",
+    "rasterizer and plate": "tests/raster --ignore tests/raster/test_history.py",
+    "shares of wrong depth": "tests/compare/prediction/test_depth.py",
+}
+CUDA_TESTS = {"truth on CUDA": "tests/reference"}
+"""Groups of tests by their names, the most important first."""
 
 TRUTH = """
 import hashlib, json
@@ -56,197 +45,117 @@ print(json.dumps({name: digest(getattr(image, name)) for name in names}))
 
 @dataclass
 class Session:
-    """The lines of the report so far, and what there is no time left for."""
+    """Lines of the report so far, and skipped work."""
 
-    limit_s: float = LIMIT_S
+    limit_s: float
     begun: float = field(default_factory=time.monotonic)
     lines: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     failed: bool = False  #: whether a test failed, or a pixel stayed unexplained
 
-    @property
-    def left_s(self) -> float:
-        """Seconds until the limit."""
-        return self.limit_s - (time.monotonic() - self.begun)
-
-    def run(
-        self, name: str, *words: str, **environment: str
-    ) -> subprocess.CompletedProcess[str] | None:
-        """Run this Python with some words; None, and a line of the page, if there is no time."""
-        _say(f"{self.limit_s - self.left_s:5.0f} s  {name}")
-        ended = "there was no time left"
+    def run(self, name: str, *words: str, **environment: str) -> tuple[int, str]:
+        """Run this Python; return exit status and output, status -1 with a skipped line."""
+        left_s = self.limit_s - (time.monotonic() - self.begun)
+        sys.stdout.write(f"{self.limit_s - left_s:5.0f} s  {name}\n")
+        sys.stdout.flush()
         try:
-            if self.left_s > 1:
-                return subprocess.run(
-                    [sys.executable, *words],
-                    cwd=CHECKOUT,
-                    env=os.environ | environment,
-                    capture_output=True,
-                    text=True,
-                    timeout=self.left_s,
-                    check=False,
-                )
-        except subprocess.TimeoutExpired:
-            ended = "it was ended when the time was over"
-        self.skip(name, ended)
-        return None
-
-    def run_json(self, name: str, *words: str, **environment: str) -> Any:
-        """Return a program's JSON output; None, and a line with its last words, if it fails."""
-        done = self.run(name, *words, **environment)
-        if done is None:
-            return None
-        try:
-            return json.loads(done.stdout)
-        except json.JSONDecodeError:
-            self.skip(
-                name, (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+            done = subprocess.run(
+                [sys.executable, *words],
+                cwd=CHECKOUT,
+                env=os.environ | environment,
+                capture_output=True,
+                text=True,
+                timeout=max(left_s, 1.0),
+                check=False,
             )
-            return None
+        except subprocess.TimeoutExpired:
+            self.skipped.append(f"- {name}: no time was left")
+            return -1, ""
+        if not done.stdout:
+            last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+            self.skipped.append(f"- {name}: {last}")
+            return -1, ""
+        return done.returncode, done.stdout
 
-    def command(self, words: str) -> Any:
-        """Return the JSON of a command of xfrustum."""
-        return self.run_json(
-            f"xfrustum {words}", "-m", "xfrustum", *words.split(), "--json", "--quiet"
-        )
-
-    def skip(self, name: str, why: str) -> None:
-        """Report skipped work."""
-        _say(f"         skipped: {name}: {why}")
-        self.skipped.append(f"- {name}: {why}")
+    def json(self, words: str) -> Any:
+        """Return the JSON of a command of xfrustum; None where it prints none."""
+        arguments = ("-m", "xfrustum", *words.split(), "--json", "--quiet")
+        _, text = self.run(f"xfrustum {words}", *arguments)
+        return json.loads(text) if text else None
 
     def section(self, title: str, lines: Iterable[str]) -> None:
         """Add a part of the report."""
         self.lines += [f"\n## {title}\n", *lines]
 
-    def text(self) -> str:
-        """Return the whole report."""
-        self.section("Not done", self.skipped or ["Nothing was skipped."])
-        return "\n".join(
-            [f"# Device report of xfrustum, {time.strftime('%Y-%m-%d')}", *self.lines, ""]
-        )
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
-
 
 def device(session: Session, out: Path) -> bool:
     """Add how the device draws; return whether it is a card."""
-    listed = session.command("device --list") or {"devices": [], "overlooked": None}
+    listed = session.json("device --list") or {"devices": [], "overlooked": None}
     rows = [
         f"- EGL {d['index']}: {d['renderer'] or 'none'}, {d['version']}" for d in listed["devices"]
     ]
     session.section("Devices", [*rows, *filter(None, [listed["overlooked"]])])
-    # The table is what people read, device.json what programs do.
-    table = session.run("xfrustum device", "-m", "xfrustum", "device", "--quiet", "--out", str(out))
-    if table is None or table.returncode:
-        session.skip("xfrustum device", table.stderr.strip() if table else "no time")
+    arguments = ("-m", "xfrustum", "device", "--quiet", "--out", str(out))
+    status, table = session.run("xfrustum device", *arguments)
+    if status != 0:
         return False
-    session.section("How it rounds", ["```", table.stdout.strip(), "```"])
+    session.section("How it rounds", ["```", table.strip(), "```"])
     return not json.loads((out / "device.json").read_text(encoding="utf-8"))["software"]
 
 
 def pictures(session: Session) -> None:
     """Add how many pixels of recorded and of new frames stay unexplained."""
-    lines, frames = [], RECORDED / "h100-frames.npz"
-    if not frames.exists():
-        session.skip(
-            "replay of recorded frames", "../shared/data/devices is not beside the checkout"
-        )
-    elif answer := session.command(f"device --replay {os.path.relpath(frames, CHECKOUT)}"):
-        session.failed |= answer["unexplained"] > 0
-        lines.append(
-            f"- {answer['frames']} frames recorded on {answer['device']}, by its model: "
-            f"{answer['wrong']:,} "
-            f"pixels differ from exact cameras, {answer['unexplained']:,} unexplained"
-        )
+    counts = {}
+    if (CHECKOUT / RECORDED).exists():
+        if answer := session.json(f"device --replay {RECORDED}"):
+            name = f"{answer['frames']} frames of {answer['device']}, {answer['wrong']:,} wrong"
+            counts[name] = answer["unexplained"]
+    else:
+        session.skipped.append(f"- replay of recorded frames: no {RECORDED} beside the checkout")
     for scene in ("large-triangles", "car"):
-        if answer := session.command(f"report {scene} --out build/device/{scene}"):
-            wrong = sum(row["unexplained"] for row in answer["rows"])
-            session.failed |= wrong > 0
-            lines.append(
-                f"- report {scene}: {wrong:,} unexplained pixels in {len(answer['rows'])} rows"
-            )
-    session.section("Pictures", lines or ["None."])
+        if answer := session.json(f"report {scene} --out build/device/{scene}"):
+            counts[f"report {scene}"] = sum(row["unexplained"] for row in answer["rows"])
+    session.failed |= any(counts.values())
+    session.section("Unexplained pixels", [f"- {name}: {n:,}" for name, n in counts.items()])
 
 
 def tests(session: Session, *, card: bool) -> None:
-    """Run the tests; add how many pass, and which fail or are skipped, and why."""
-    if missing := [name for name in ("pytest", "hypothesis") if find_spec(name) is None]:
-        return session.skip("all tests", f"{' and '.join(missing)} not installed here")
-    groups: list[tuple[str, str, dict[str, str]]] = [(*group, {}) for group in TESTS]
-    if card:
-        groups.append((*CUDA_TESTS, {"XFRUSTUM_DEVICE": "cuda"}))
-    else:
-        session.skip(f"tests of {CUDA_TESTS[0]}", "the device that draws is no card")
-    lines: list[str] = []
-    for name, words, environment in groups:
-        log = CHECKOUT / "build" / "device-tests.xml"
-        log.unlink(missing_ok=True)
-        session.run(
-            f"pytest {words}",
-            "-m",
-            "pytest",
-            "-q",
-            *words.split(),
-            f"--junitxml={log}",
-            **environment,
+    """Add how many tests pass, and which fail or are skipped, with the reasons."""
+    lines = []
+    for name, words in (TESTS | (CUDA_TESTS if card else {})).items():
+        environment = {"XFRUSTUM_DEVICE": "cuda"} if name in CUDA_TESTS else {}
+        status, text = session.run(
+            f"pytest {words}", "-m", "pytest", "-q", "-rfEs", *words.split(), **environment
         )
-        if log.exists():
-            lines += counted(name, log)
-    session.failed |= any(line.startswith(FAILED) for line in lines)
-    session.section("Tests", lines or ["None."])
-    return None
+        session.failed |= status > 0
+        listed = re.findall(r"^(?:FAILED|ERROR|SKIPPED) .*", text, re.MULTILINE)
+        lines += [f"- {name}: {text.strip().splitlines()[-1] if text else 'not run'}"]
+        lines += [f"  - {line}" for line in listed[:MOST_LISTED]]
+    session.section("Tests", lines)
 
 
-def counted(name: str, log: Path) -> list[str]:
-    """Return the lines of one group of tests."""
-    cases = list(ET.parse(log).iter("testcase"))
-    failed, reasons = [], Counter[str]()
-    for case in cases:
-        if (skipped := case.find("skipped")) is not None:
-            reasons[skipped.get("message", "")] += 1
-        for problem in (*case.findall("failure"), *case.findall("error")):
-            message = problem.get("message", "").split("\n")[0][:160]
-            failed.append(f"{FAILED}{case.get('classname')}::{case.get('name')}: {message}")
-    passed = len(cases) - len(failed) - reasons.total()
-    head = f"- {name}: {passed} passed, {len(failed)} failed, {reasons.total()} skipped"
-    listed = [*failed, *(f"  - skipped {count}: {why}" for why, count in reasons.items())]
-    return [head, *listed[:MOST_LISTED]]
-
-
-def truth(session: Session, *, card: bool) -> None:
+def truth(session: Session) -> None:
     """Add whether the truth has the same bits on the card and on the processors."""
-    if not card:
-        return session.skip(
-            "bits of the truth on CUDA and LLVM", "the device that draws is no card"
-        )
-    digests = {
-        d: session.run_json(f"truth on {d}", "-c", TRUTH, XFRUSTUM_DEVICE=d)
-        for d in ("cuda", "llvm")
-    }
-    if all(digests.values()):
-        differ = [
-            name for name in digests["llvm"] if digests["llvm"][name] != digests["cuda"][name]
-        ]
-        verdict = (
-            f"differs in {', '.join(differ)}" if differ else "has the same bits in all channels"
-        )
-        session.section("Truth", [f"The car's truth {verdict} on CUDA and on LLVM."])
-    return None
+    cuda, llvm = (
+        session.run(f"truth on {arrays}", "-c", TRUTH, XFRUSTUM_DEVICE=arrays)[1]
+        for arrays in ("cuda", "llvm")
+    )
+    if cuda and llvm:
+        same = json.loads(cuda) == json.loads(llvm)
+        session.failed |= not same
+        verdict = "the same bits" if same else f"different bits: {cuda} {llvm}"
+        session.section("Truth", [f"The car's truth on CUDA and on LLVM has {verdict}."])
 
 
 def speeds(session: Session) -> None:
     """Add a few speeds."""
     lines = []
-    if answer := session.command("bench plate car --resolution 256 --repeat 1"):
+    if answer := session.json("bench plate car --resolution 256 --repeat 1"):
         lines.append(f"- hogels a second, car at 256 x 256: {medians(answer['hogels_per_second'])}")
-    if answer := session.command("bench truth car --resolution 512 --repeat 3"):
+    if answer := session.json("bench truth car --resolution 512 --repeat 3"):
         rates = medians(answer["races"][0]["mpixel_per_s"])
         lines.append(f"- million pixels a second, truth of the car at 512 x 512: {rates}")
-    session.section("Speed", lines or ["None."])
+    session.section("Speed", lines)
 
 
 def medians(rates: dict[str, dict[str, float]]) -> str:
@@ -259,21 +168,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=CHECKOUT / "build" / "device")
     parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="seconds, for slow machines")
-    run_json = parser.parse_args()
-    out: Path = run_json.out
-    out.mkdir(parents=True, exist_ok=True)
-    session = Session(limit_s=run_json.limit_s)
-    card = device(session, out)
-    steps: tuple[Callable[[], None], ...] = (
-        lambda: pictures(session),
-        lambda: truth(session, card=card),
-        lambda: tests(session, card=card),
-        lambda: speeds(session),
-    )
-    for step in steps:
-        step()
-    (CHECKOUT / REPORT).write_text(text := session.text(), encoding="utf-8")
-    _say(text)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    session = Session(limit_s=options.limit_s)
+    card = device(session, options.out)
+    pictures(session)
+    if card:
+        truth(session)
+    else:
+        session.skipped.append("- bits of the truth on CUDA and LLVM: the device is no card")
+    tests(session, card=card)
+    speeds(session)
+    session.section("Not done", session.skipped or ["Nothing was skipped."])
+    head = f"# Device report of xfrustum, {time.strftime('%Y-%m-%d')}"
+    text = "\n".join([head, *session.lines, ""])
+    (CHECKOUT / REPORT).parent.mkdir(exist_ok=True)
+    (CHECKOUT / REPORT).write_text(text, encoding="utf-8")
+    sys.stdout.write(text)
     return int(session.failed)
 
 
