@@ -44,21 +44,16 @@ def scouted(ball_behind_a_plate: Scene) -> PlateScan:
     return scout(ball_behind_a_plate)
 
 
-def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: PlateScan) -> None:
-    """A third of the 1,200 hogels is looked through; the worst are those right over the ball."""
+def test_the_worst_aperture_lies_over_the_surface_nearest_to_the_plate(
+    scouted: PlateScan, ball_behind_a_plate: Scene
+) -> None:
+    """A third of the hogels is looked through, corners and middle always; small plates whole."""
     worst = scouted.worst(1)[0]
     assert max(abs(worst.aperture.column - OVER[0]), abs(worst.aperture.row - OVER[1])) <= 1
     assert GAP <= worst.nearest < 1.2 * GAP
-    assert len(scouted.looks) < 1200
-
-
-def test_corners_and_the_middle_are_always_looked_through(
-    scouted: PlateScan, ball_behind_a_plate: Scene
-) -> None:
-    """A plate of few hogels is looked at whole."""
     indices = {aperture.index for aperture in scouted.apertures}
     assert {(0, 0), (39, 0), (0, 29), (39, 29), scouted.scene.plate.middle.index} <= indices
-    assert len(indices) == len(scouted.looks)
+    assert len(indices) == len(scouted.looks) < 1200
     small = replace(ball_behind_a_plate, plate=Plate(size=(40.0, 30.0), hogels=(8, 6)))
     assert len(scout(small).looks) == 48
 
@@ -94,7 +89,9 @@ def test_the_coarse_film_shows_what_the_truth_shows(scouted: PlateScan) -> None:
     np.testing.assert_array_equal(look.height, np.where(truth.covered, truth.height, np.nan))
 
 
-def test_displacement_is_scouted_to_a_factor_of_two(scouted: PlateScan) -> None:
+def test_displacement_is_scouted_to_a_factor_of_two_and_grows_with_small_nears(
+    scouted: PlateScan,
+) -> None:
     """The closed form over the coarse film agrees with the same over the film in full."""
     scene, settings = scouted.scene, DoubleFrustum(near=0.01)
     reference = Reference(scene)
@@ -104,13 +101,9 @@ def test_displacement_is_scouted_to_a_factor_of_two(scouted: PlateScan) -> None:
         radius = np.hypot(*np.meshgrid(np.arange(128) - 63.5, np.arange(96) - 47.5))[truth.covered]
         expected = np.percentile(radius * 0.01 / (z + 0.01), 99)
         assert expected / 2 < look.displacement_p99_px(settings, scene) < expected * 2
-
-
-def test_for_small_nears_displacement_grows_in_proportion(scouted: PlateScan) -> None:
-    near = 1e-6
     for look in scouted.looks:
-        moved = look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene)
-        assert moved == pytest.approx(look.pixels_per_near * near, rel=1e-4)
+        moved = look.displacement_p99_px(DoubleFrustum(near=1e-6), scene)
+        assert moved == pytest.approx(look.pixels_per_near * 1e-6, rel=1e-4)
 
 
 def test_what_is_seen_on_each_side_is_told_apart_and_nothing_seen_displaces_nothing(
@@ -143,53 +136,45 @@ def both_sides() -> PlateScan:
     return scout(replace(scene, plate=Plate(size=scene.plate.size, hogels=(6, 4))))
 
 
-def only(both_sides: PlateScan, *looks: CoarseView) -> AutoApertures:
-    return AutoApertures.from_scan(replace(both_sides, looks=looks))
+def chosen_of(scan: PlateScan, *looks: CoarseView) -> AutoApertures:
+    return AutoApertures.from_scan(replace(scan, looks=looks))
 
 
-def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(
+def test_the_middle_comes_first_and_each_other_one_is_the_worst_by_some_criterion(
     both_sides: PlateScan,
 ) -> None:
-    auto = AutoApertures.from_scan(both_sides)
-    assert auto.apertures[0] == both_sides.scene.plate.middle
+    auto, looks = AutoApertures.from_scan(both_sides), both_sides.looks
+    middle = both_sides.scene.plate.middle
+    assert auto.apertures[0] == middle
     assert 2 <= len(auto.chosen) <= 4 and len(set(auto.apertures)) == len(auto.chosen)
     criteria = {choice.aperture: choice.criteria for choice in auto.chosen}
     for worst, criterion in (
-        (max(both_sides.looks, key=lambda look: look.pixels_per_near), Criterion.DISPLACEMENT),
-        (min(both_sides.looks, key=lambda look: look.nearest), Criterion.NEAREST),
-        (max(both_sides.looks, key=lambda look: look.outline_widths), Criterion.OUTLINES),
+        (max(looks, key=lambda look: look.pixels_per_near), Criterion.DISPLACEMENT),
+        (min(looks, key=lambda look: look.nearest), Criterion.NEAREST),
+        (max(looks, key=lambda look: look.outline_widths), Criterion.OUTLINES),
     ):
         assert criterion in criteria[worst.aperture]
+    same = {"height": looks[0].height, "outline_widths": looks[0].outline_widths}
+    alike = [replace(look, **same) for look in looks]
+    assert chosen_of(both_sides, *alike).apertures == (middle,)
 
 
 def test_a_middle_that_sees_nothing_is_left_out_unless_nothing_is_seen_at_all(
     both_sides: PlateScan,
 ) -> None:
     middle = both_sides.scene.plate.middle
-    dark = [
-        replace(look, height=np.full_like(look.height, np.nan)) if look.aperture == middle else look
-        for look in both_sides.looks
-    ]
-    assert middle not in only(both_sides, *dark).apertures
-    assert only(both_sides, *(look for look in dark if look.aperture == middle)).apertures == (
-        middle,
-    )
+    (seeing,) = (look for look in both_sides.looks if look.aperture == middle)
+    dark = replace(seeing, height=np.full_like(seeing.height, np.nan))
+    others = [look for look in both_sides.looks if look is not seeing]
+    assert middle not in chosen_of(both_sides, dark, *others).apertures
+    assert chosen_of(both_sides, dark).apertures == (middle,)
 
 
-def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_no_other(
+def test_an_aperture_that_a_surface_passes_through_is_chosen_only_where_there_is_no_other(
     both_sides: PlateScan,
 ) -> None:
     first, *others = both_sides.looks
     blocked = replace(first, height=np.zeros_like(first.height))
-    auto = only(both_sides, blocked, *others)
+    auto = chosen_of(both_sides, blocked, *others)
     assert auto.blocked == 1 and blocked.aperture not in auto.apertures
-    assert only(both_sides, blocked).apertures == (blocked.aperture,)
-
-
-def test_where_all_apertures_see_alike_the_middle_is_enough(both_sides: PlateScan) -> None:
-    seen = both_sides.looks[0]
-    alike = [
-        replace(look, height=seen.height, outline_widths=seen.outline_widths)
-        for look in both_sides.looks
-    ]
-    assert only(both_sides, *alike).apertures == (both_sides.scene.plate.middle,)
+    assert chosen_of(both_sides, blocked).apertures == (blocked.aperture,)

@@ -63,15 +63,19 @@ def printed(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) ->
     return result
 
 
-def drawn_anew(folder: Path) -> list[dict[str, Any]]:
+@pytest.fixture
+def drawn(folder: Path) -> list[dict[str, Any]]:
+    """Return the losses of two eyes by hogels that were drawn on demand."""
     eyes: list[dict[str, Any]] = json.loads((folder / "fly" / "view.json").read_text())["eyes"]
     return eyes
 
 
-def test_view_keeps_the_contract_and_writes_all_its_files(folder: Path) -> None:
-    eyes, out = drawn_anew(folder), folder / "fly"
-    assert [eye["eye"] for eye in eyes] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
-    for eye in eyes:
+def test_view_keeps_the_contract_and_writes_all_its_files(
+    folder: Path, drawn: list[dict[str, Any]]
+) -> None:
+    out = folder / "fly"
+    assert [eye["eye"] for eye in drawn] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
+    for eye in drawn:
         for loss in (eye["display"], eye["renderer"]):
             assert loss["fraction"] == loss["wrong"] / loss["judged"]
             assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
@@ -100,7 +104,10 @@ def test_only_the_display_is_judged_without_hogels(
 
 
 def test_a_stored_plate_has_the_pixels_of_hogels_drawn_on_demand(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path,
+    drawn: list[dict[str, Any]],
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     source, out = f"--plate={folder / 'plate.zarr'}", tmp_path / "out"
     stored = printed(capfd, folder, EYES, RESOLUTION, source, f"--out={out}")
@@ -109,19 +116,19 @@ def test_a_stored_plate_has_the_pixels_of_hogels_drawn_on_demand(
         for item in (folder / "fly", out)
     ]
     assert len(pixels[0]) == 2 and pixels[0] == pixels[1]
-    assert stored["eyes"] == drawn_anew(folder)
+    assert stored["eyes"] == drawn
     assert json.loads((out / "view.json").read_text()) == stored
 
 
 @pytest.mark.parametrize("encoding", ["rgb", "triangle-id"])
 def test_image_files_are_judged_by_the_channels_that_they_have(
-    encoding: str, folder: Path, capfd: pytest.CaptureFixture[str]
+    encoding: str, folder: Path, drawn: list[dict[str, Any]], capfd: pytest.CaptureFixture[str]
 ) -> None:
     pattern = folder / ("{i}x{j}.exr" if encoding == "rgb" else "{i}x{j}.png")
     files = printed(
         capfd, folder, EYES, RESOLUTION, f"--images={pattern}", f"--encoding={encoding}"
     )
-    for item, other in zip(files["eyes"], drawn_anew(folder), strict=True):
+    for item, other in zip(files["eyes"], drawn, strict=True):
         result, expected = item["renderer"], other["renderer"]
         if encoding == "rgb":
             assert result["wrong"] == expected["wrong"]
