@@ -7,16 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xfrustum.compare.planning.limits import BufferLimit
 from xfrustum.compare.planning.plan import Cause, PlateResult
-from xfrustum.compare.planning.requirement import Quality, Requirement
+from xfrustum.compare.planning.requirement import (
+    CRACK,
+    SMALLEST_PER_REACH,
+    STEREO,
+    NearLimit,
+    Quality,
+    Requirement,
+)
 from xfrustum.compare.planning.search import (
     ENOUGH_MARGIN,
     MAX_CUTS,
     SEPARATION_MARGIN,
-    SMALLEST_PER_REACH,
+    BufferLimit,
 )
-from xfrustum.compare.planning.viewer import CRACK, STEREO, NearLimit
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG

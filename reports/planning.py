@@ -19,18 +19,19 @@ from xfrustum.compare.eye.noticeable import (
     blur_arcmin,
     eyes_apart,
 )
-from xfrustum.compare.planning.limits import BufferLimit
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, plan_apertures
-from xfrustum.compare.planning.requirement import Quality, Requirement
-from xfrustum.compare.planning.viewer import (
+from xfrustum.compare.planning.requirement import (
     CRACK,
     STEREO,
     NearLimit,
+    Quality,
+    Requirement,
     ViewZone,
     binding,
     view_zone,
     with_viewer,
 )
+from xfrustum.compare.planning.search import BufferLimit
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, PlateScan, scout
@@ -218,7 +219,7 @@ class PlanReport(NotebookRepr):
             **{f"{name}_arcmin": blur for name, blur in blurs.items()},
             "rays_per_pupil": rays,
             "limits": () if limits is None else limits.eyes,
-            "limits_with_cuts": eyes.limits_with(settings) if settings and settings.slabs else None,
+            "limits_with_cuts": eyes.limits(settings) if settings and settings.slabs else None,
             "binding": self.eye_limit and self.eye_limit.name,
             "stereo_change_arcsec": noticed[STEREO][0] if STEREO in noticed else None,
             "crack_arcmin": noticed[CRACK][0] if CRACK in noticed else None,

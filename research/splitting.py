@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, surface_errors
-from xfrustum.compare.planning.measure import SheetFilm, SheetPair
+from xfrustum.compare.planning.views import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS as BY_FRAGMENT

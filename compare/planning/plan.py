@@ -7,26 +7,38 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
 
 import numpy as np
 
-from xfrustum.compare.planning.limits import COMPARED_BUFFERS, Limits, near_limits
-from xfrustum.compare.planning.measure import HogelResult, hogel_results, measured
-from xfrustum.compare.planning.requirement import Quality, Requirement, worst_errors
-from xfrustum.compare.planning.search import (
+from xfrustum.compare.planning.requirement import (
     SMALLEST_PER_REACH,
+    Quality,
+    Requirement,
+    worst_errors,
+)
+from xfrustum.compare.planning.search import (
+    COMPARED_BUFFERS,
+    Limits,
     Outcome,
     Search,
+    near_limits,
 )
-from xfrustum.compare.planning.views import Done, View, Views, displacement_bound
+from xfrustum.compare.planning.views import (
+    Done,
+    HogelResult,
+    View,
+    Views,
+    displacement_bound,
+    hogel_results,
+    measured,
+)
 from xfrustum.compare.run import Evaluator
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, sample_hogels, share_at_most
 from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 from xfrustum.tolerances import MAX_WRONG
 
 #: largest number of samples: each further one follows one that disproved a plan
@@ -134,9 +146,6 @@ class Plan:
     limits: Limits | None = None
     #: search that led to it; None where none was made
     outcome: Outcome | None = None
-    in_aperture: tuple[Index, float] | None = (
-        None  #: aperture of `IN_APERTURE`, share of its pixels
-    )
     #: name of the model of the device that measured it
     device_model: str | None = None
 
@@ -159,12 +168,9 @@ def predicted_plan(views: Views, requirement: Requirement) -> Plan:
     outcome = Search(views, requirement).best()
     if outcome.best is None:
         depth, mapping = requirement.buffers[0] if len(requirement.buffers) == 1 else (None, None)
+        cause = _cause_of_failure(outcome, views, requirement)
         return Plan(
-            requirement=requirement,
-            cause=_cause_of_failure(outcome, views, requirement),
-            depth=depth,
-            mapping=mapping,
-            outcome=outcome,
+            requirement=requirement, cause=cause, depth=depth, mapping=mapping, outcome=outcome
         )
     settings = outcome.best.settings
     return Plan(
@@ -186,9 +192,12 @@ def _cause_of_failure(outcome: Outcome, views: Views, requirement: Requirement) 
         return Cause.TOO_MANY_CUTS
     if not requirement.pixels_count:
         return Cause.EYES
-    smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
-    in_aperture = math.isinf(views.displaced(DoubleFrustum(near=smallest)))
-    return Cause.IN_APERTURE if in_aperture else Cause.AT_PLATE
+    undefined = math.isinf(views.displaced(_smallest_near(views.scene.frustum)))
+    return Cause.IN_APERTURE if undefined else Cause.AT_PLATE
+
+
+def _smallest_near(frustum: Frustum) -> DoubleFrustum:
+    return DoubleFrustum(near=SMALLEST_PER_REACH * frustum.longest_reach)
 
 
 def with_limits(made: Plan, views: Views, scan: PlateScan | None = None) -> Plan:
@@ -196,9 +205,9 @@ def with_limits(made: Plan, views: Views, scan: PlateScan | None = None) -> Plan
     buffers = made.requirement.buffers
     compared = [*(COMPARED_BUFFERS if len(buffers) > MAX_COMPARED else buffers)]
     if (settings := made.settings) is not None:
-        own = settings.depth, settings.mapping
-        compared += [] if own in compared else [own]
-    return replace(made, limits=near_limits(views, made.requirement, compared, scan))
+        compared.append((settings.depth, settings.mapping))
+    limits = near_limits(views, made.requirement, list(dict.fromkeys(compared)), scan)
+    return replace(made, limits=limits)
 
 
 def plan_apertures(
@@ -221,6 +230,36 @@ def plan_apertures(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class PlateViews:
+    """Traced apertures of a plate that some near fits, and the apertures that none fits.
+
+    An aperture that no near fits is either excluded before a sample is drawn, which then speaks for
+    all other hogels, or a hogel of a sample, which counts in the share of its sample.
+    """
+
+    views: Views
+    #: apertures that the scan excludes, by its own film or by a trace of a suspected one
+    excluded: frozenset[Index]
+    #: hogels of samples
+    sampled: frozenset[Index] = frozenset()
+
+    @property
+    def infeasible(self) -> frozenset[Index]:
+        """Apertures at which no near keeps the tolerance."""
+        return self.excluded | self.sampled
+
+    @property
+    def known(self) -> frozenset[Index]:
+        """Apertures for which a sample need not speak."""
+        return _indices(self.views.views) | self.excluded
+
+    @property
+    def any_surface(self) -> bool:
+        """Visibility of a surface through an aperture that some near fits."""
+        return any(view.truth.covered.any() for view in self.views.views)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlatePlanner:
     """Planner for a scanned plate; `done` is called for each hogel that it makes."""
 
@@ -231,81 +270,80 @@ class PlatePlanner:
 
     def plan(self, sample: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
-        if not self._feasible and any(math.isfinite(look.nearest) for look in self.scan.looks):
-            plate = self._plate_result(self._infeasible)
+        chosen = self.first_views()
+        if chosen.excluded and not chosen.any_surface:
+            plate = self._plate_result(chosen)
             return Plan(requirement=self.requirement, cause=Cause.EVERY_APERTURE, plate=plate)
-        views, infeasible = self.first_views(), self._infeasible
         for last in (False,) * (MAX_SAMPLES - 1) + (True,):
-            views, made = self._settled(views)
+            chosen, made = self._settled(chosen)
             if made.settings is None:
-                made = replace(made, plate=self._plate_result(infeasible))
+                made = replace(made, plate=self._plate_result(chosen))
                 break
-            results = self._sampled(views, made.settings, sample)
-            missed = self._missed(results)
+            results = self._sampled(chosen, made.settings, sample)
+            missed = [result.aperture for result in results if self.requirement.missed_by(result)]
+            joining, infeasible = self._traced(missed)
             # Kept from sample to sample: a later one need not have these hogels.
-            infeasible |= _indices(view for view in missed if self._is_infeasible(view))
-            joining = [view for view in missed if view.aperture.index not in infeasible]
+            chosen = replace(chosen, sampled=chosen.sampled | infeasible)
             if not joining or last:
-                made = self._measured(made, views, results, infeasible)
+                made = self._measured(made, chosen, results)
                 break
-            views, sample = replace(views, views=(*views.views, *joining)), sample.next()
-        return with_limits(made, views, self.scan)
+            chosen = replace(chosen, views=chosen.views.joined(joining))
+            sample = sample.next()
+        return with_limits(made, chosen.views, self.scan)
 
-    @cached_property
-    def _infeasible(self) -> frozenset[Index]:
-        """Scanned apertures at which not even the smallest near keeps the tolerance."""
-        moved = self.scan.displacements(self._smallest)
-        pairs = zip(self.scan.apertures, moved, strict=True)
-        return frozenset(aperture.index for aperture, px in pairs if px > self.requirement.limit_px)
+    def first_views(self) -> PlateViews:
+        """Trace the middle, the worst apertures, and those that see farthest, where a near fits.
 
-    @cached_property
-    def _feasible(self) -> bool:
-        """Visibility of any drawable surface through a scanned aperture."""
-        seeing = (look for look in self.scan.looks if math.isfinite(look.nearest))
-        return any(look.aperture.index not in self._infeasible for look in seeing)
-
-    def _is_infeasible(self, view: View) -> bool:
-        frustum, tolerance = self.reference.scene.frustum, self.requirement.limit_px
-        return displacement_bound(view.truth, frustum, self._smallest) > tolerance
-
-    @property
-    def _smallest(self) -> DoubleFrustum:
-        return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
-
-    def first_views(self) -> Views:
-        """Trace the middle, the worst feasible apertures, and those that see farthest."""
-        scan, middle = self.scan, self.reference.scene.plate.middle
-        worst = [look.aperture for look in scan.worst(len(scan.looks))]
-        worst = [aperture for aperture in worst if aperture.index not in self._infeasible][
-            :WORST_VIEWS
+        The next worst follow until a surface is visible through one of them.
+        """
+        scan, limit = self.scan, self.requirement.limit_px
+        moved = scan.displacements(_smallest_near(self.reference.scene.frustum))
+        excluded = _indices(scan.looks[k] for k in np.flatnonzero(moved > limit))
+        worst = [
+            look for look in scan.worst(len(scan.looks)) if look.aperture.index not in excluded
         ]
-        farthest = [scan.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
-        chosen = [
-            *(aperture for aperture in scan.apertures if aperture == middle),
-            *worst,
-            *farthest,
-        ]
-        feasible = [
-            aperture for aperture in dict.fromkeys(chosen) if aperture.index not in self._infeasible
-        ]
-        return self._traced(feasible)
+        seeing = [look.aperture for look in worst if math.isfinite(look.nearest)]
+        none = Views(reference=self.reference, views=(), device=self.requirement.device)
+        chosen = PlateViews(views=none, excluded=excluded)
+        joining = []
+        if seeing or not excluded:
+            middle = [a for a in scan.apertures if a == self.reference.scene.plate.middle]
+            farthest = [scan.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
+            joining = [*middle, *(look.aperture for look in worst[:WORST_VIEWS]), *farthest]
+        while joining and not chosen.any_surface:
+            unknown = [a for a in dict.fromkeys(joining) if a.index not in chosen.known]
+            chosen = self._joined(chosen, unknown)
+            joining = [a for a in seeing if a.index not in chosen.known][:WORST_VIEWS]
+        return chosen
 
-    def _traced(self, apertures: Sequence[Aperture]) -> Views:
-        return Views.traced(self.reference, apertures, self.done, self.requirement.device)
+    def _joined(self, chosen: PlateViews, apertures: Sequence[Aperture]) -> PlateViews:
+        """Trace apertures that the scan suspects: they join, or are excluded."""
+        joining, infeasible = self._traced(apertures)
+        views, excluded = chosen.views.joined(joining), chosen.excluded | infeasible
+        return replace(chosen, views=views, excluded=excluded)
 
-    def _settled(self, views: Views) -> tuple[Views, Plan]:
+    def _traced(self, apertures: Sequence[Aperture]) -> tuple[tuple[View, ...], frozenset[Index]]:
+        """Trace apertures; return the views that some near fits, and the indices of the others.
+
+        Every trace is tested: the coarse film of a scan may miss a surface in the aperture.
+        """
+        frustum = self.reference.scene.frustum
+        traced = Views.traced(self.reference, apertures, self.done).views
+        settings, limit = _smallest_near(frustum), self.requirement.limit_px
+        bounds = [displacement_bound(view.truth, frustum, settings) for view in traced]
+        views = tuple(view for view, px in zip(traced, bounds, strict=True) if px <= limit)
+        return views, _indices(traced) - _indices(views)
+
+    def _settled(self, chosen: PlateViews) -> tuple[PlateViews, Plan]:
         """Return a plan, and its views, that the scan suspects at no further aperture."""
         for _ in range(MAX_ROUNDS):
-            made = predicted_plan(views, self.requirement)
-            known = _indices(views.views) | self._infeasible
-            suspected = [
-                aperture for aperture in self._suspected(made) if aperture.index not in known
-            ]
+            made = predicted_plan(chosen.views, self.requirement)
+            known = chosen.known | chosen.sampled
+            suspected = [a for a in self._suspected(made) if a.index not in known]
             if not suspected:
                 break
-            joining = self._traced(suspected[:MAX_SUSPECTED]).views
-            views = replace(views, views=(*views.views, *joining))
-        return views, made
+            chosen = self._joined(chosen, suspected[:MAX_SUSPECTED])
+        return chosen, made
 
     def _suspected(self, made: Plan) -> list[Aperture]:
         """Return scanned apertures whose errors may exceed a limit, the worst first."""
@@ -317,73 +355,58 @@ class PlatePlanner:
         return [self.scan.apertures[k] for k in worst_first if excess[k] > SUSPECTED_EXCESS]
 
     def _sampled(
-        self, views: Views, settings: DoubleFrustum, sample: RandomSample
+        self, chosen: PlateViews, settings: DoubleFrustum, sample: RandomSample
     ) -> list[HogelResult]:
-        """Draw and judge random hogels, out of those that are neither views nor infeasible."""
+        """Draw and judge random hogels of the unknown ones."""
         scene, results = self.reference.scene, []
-        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._infeasible]
-        chosen = sample_hogels(scene.plate, sample, known)
+        known = [scene.plate.aperture(*index) for index in chosen.known]
+        apertures = sample_hogels(scene.plate, sample, known)
         with Evaluator(scene, reference=self.reference) as judge:
-            for result in hogel_results(judge, chosen, settings):
+            for result in hogel_results(judge, apertures, settings):
                 results.append(result)
                 self.done(1)
         return results
 
-    def _missed(self, results: Sequence[HogelResult]) -> tuple[View, ...]:
-        """Trace the hogels of a sample that exceed a limit."""
-        return self._traced(
-            [result.aperture for result in results if self.requirement.missed_by(result)]
-        ).views
-
-    def _measured(
-        self,
-        made: Plan,
-        views: Views,
-        sample: Sequence[HogelResult],
-        found_infeasible: frozenset[Index],
-    ) -> Plan:
+    def _measured(self, made: Plan, chosen: PlateViews, sample: Sequence[HogelResult]) -> Plan:
         """Return a plan with its measures at its views and at a sample of all other hogels."""
         assert made.settings is not None
-        chosen, sheets, device = measured(views, made.settings, self.requirement, self.done)
+        views, sheets, device = measured(chosen.views, made.settings, self.requirement, self.done)
         limit, hogels = self.requirement.tolerance_px, math.prod(self.reference.scene.plate.hogels)
-        beyond, chosen_beyond = (
-            sum(result.beyond(limit) for result in some) for some in (sample, chosen)
-        )
-        known = len(chosen) + len(self._infeasible)
-        everything = known + len(sample) == hogels
+        beyond = sum(result.beyond(limit) for result in sample)
+        unfit = len(chosen.excluded) + sum(result.beyond(limit) for result in views)
         # The sample speaks for the hogels of which nothing was known.
+        others = hogels - len(chosen.known)
+        everything = len(sample) == others
         share = share_at_most(beyond, len(sample), EACH)
         if everything:
             share = beyond / max(len(sample), 1)
         drawable = [
-            result for result in (*chosen, *sample) if result.aperture.index not in found_infeasible
+            result for result in (*views, *sample) if result.aperture.index not in chosen.infeasible
         ]
         worst = max(
             drawable, key=lambda result: (self.requirement.excess(result), result.surface_fraction)
         )
         quality = replace(sheets, **worst_errors(drawable))
-        infeasible = self._infeasible | found_infeasible
-        unfit = chosen_beyond + len(self._infeasible)
         plate = replace(
-            self._plate_result(infeasible),
-            measured=len(chosen) + len(sample),
+            self._plate_result(chosen),
+            measured=len(views) + len(sample),
             sampled=len(sample),
             beyond=beyond,
             empty=sum(not (result.covered or result.beyond(limit)) for result in sample),
             worst=worst,
             worst_by=self.requirement.worst_measure(worst),
-            share_beyond_at_most=(unfit + share * (hogels - known)) / hogels,
+            share_beyond_at_most=(unfit + share * others) / hogels,
             confidence=1.0 if everything else CONFIDENCE,
         )
-        within = self.requirement.met_by(quality) and not infeasible
+        within = self.requirement.met_by(quality) and not chosen.infeasible
         return replace(made, measured=quality, within=within, plate=plate, device_model=device)
 
-    def _plate_result(self, infeasible: frozenset[Index]) -> PlateResult:
+    def _plate_result(self, chosen: PlateViews) -> PlateResult:
         return PlateResult(
             hogels=math.prod(self.reference.scene.plate.hogels),
-            scouted=len(_indices(self.scan.looks) | infeasible),
-            infeasible=len(infeasible),
-            infeasible_apertures=tuple(sorted(infeasible)[:MAX_LISTED_APERTURES]),
+            scouted=len(_indices(self.scan.looks) | chosen.infeasible),
+            infeasible=len(chosen.infeasible),
+            infeasible_apertures=tuple(sorted(chosen.infeasible)[:MAX_LISTED_APERTURES]),
         )
 
 

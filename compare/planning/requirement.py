@@ -1,31 +1,44 @@
-"""Limits that a picture must keep, and errors that are held against them."""
+"""Limits that a plan must keep: of pixels, of depth buffers, and of a viewer's eyes.
+
+Lengths of a plan have three digits, so that they can be read and typed; a plan is then also the
+same for meshes that differ by rounding alone, such as a refined one.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
+from xfrustum.compare.eye import noticeable
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.scout import PlateScan
+from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from xfrustum.compare.planning.viewer import ViewerRequirement
-
 #: default separation of ordered sheets, share of the longest reach
 SEPARATION_PER_REACH = 1e-3
 
+#: Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside
+#: it.
+SMALLEST_PER_REACH = 1e-8
+
+#: Names of visible effects of near: change of disparity, and the crack at the plate.
+STEREO, CRACK = "stereo", "crack"
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
+Interval = tuple[float, float]
 
 
 def depth_buffers(
@@ -33,6 +46,50 @@ def depth_buffers(
 ) -> tuple[DepthBuffer, ...]:
     """Return the depth buffers of a format and a mapping; None for all formats, or all mappings."""
     return tuple(product([depth] if depth else DepthFormat, [mapping] if mapping else DepthMapping))
+
+
+# Lengths of three digits
+# -------------------------------------------------------------------------------------------------
+
+
+def round_number(index: int) -> float:
+    """Return a length of three digits; successive indices give successive ones, index 0 gives 1."""
+    decade, place = divmod(index, 900)
+    # Parsed, not multiplied: the float nearest to the digits.
+    return float(f"{100 + place}e{decade - 2}")
+
+
+def index_below(length: float, *, strictly: bool = False) -> int:
+    """Return the index of the largest length of three digits up to a positive one, or below it."""
+    decade = math.floor(math.log10(length))
+    # Logarithms and quotients round: begin above, and come down.
+    index = decade * 900 + int(length / float(f"1e{decade}") * 100) - 98
+    while round_number(index) > length or (strictly and round_number(index) == length):
+        index -= 1
+    return index
+
+
+def indices_of(frustum: Frustum) -> tuple[int, int]:
+    """Return the indices of the smallest and of the largest length of near and of cuts."""
+    reach = frustum.longest_reach
+    return index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
+
+
+def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
+    """Return the largest index in low..high up to which a condition holds; None for none."""
+    first_failure = bisect_left(
+        range(low, high + 1), True, key=lambda index: not holds(round_number(index))
+    )
+    return low + first_failure - 1 if first_failure else None
+
+
+def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
+    """Return the smallest index in low..high from which on a condition holds; else `high`."""
+    return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
+
+
+# Errors and limits
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,11 +110,8 @@ class Errors:
 
 def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
     """Return the worst of each error of some hogels, by the name of its field."""
-    some = list(results)
-    return {
-        measure.name: max(getattr(errors, measure.name) for errors in some)
-        for measure in fields(Errors)
-    }
+    some, names = list(results), (field.name for field in fields(Errors))
+    return {name: max(getattr(errors, name) for errors in some) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +123,83 @@ class Quality(Errors):
     #: smallest separation of which at most `MAX_MISORDERED_FRACTION` is wrong, scene units; 0
     #: where no two surfaces can be misordered
     separation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearLimit:
+    """Largest near offset whose effect of one kind stays unnoticed."""
+
+    #: `STEREO` or `CRACK`
+    name: str
+    #: three digits; None where every near is unnoticed, 0 where none is
+    largest_near: float | None
+    #: arc seconds of disparity, or arc minutes of a crack's width
+    allowed: float
+    #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
+    hidden_by: str
+
+
+def binding(limits: Iterable[NearLimit]) -> NearLimit | None:
+    """Return the limit with the smallest near; None where every near is unnoticed."""
+    noticed = [limit for limit in limits if limit.largest_near is not None]
+    return min(noticed, key=lambda limit: limit.largest_near or 0.0, default=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerRequirement:
+    """Limits of a viewer straight before the plate."""
+
+    viewer: noticeable.Viewer
+    display: noticeable.Display
+    content: noticeable.Content
+    #: cause of the limit on depth resolution, and its height z; None where the separation was
+    #: stated
+    separation_limit: tuple[str, float] | None = None
+
+    def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
+        """Return amount, limit and masking cause of each visible effect of settings, by its name.
+
+        Disparity is left out where the scene's unit has no known length, the crack where no surface
+        meets the plate.
+        """
+        effects = {}
+        if self.display.millimeters is not None:
+            change = noticeable.stereo_change_arcsec(
+                self.content, self.viewer, self.display, settings
+            )
+            effects[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
+        if self.content.through:
+            cause, allowed, width = noticeable.resolved_crack(self.viewer, self.display, settings)
+            effects[CRACK] = width, allowed, cause
+        return effects
+
+    def excess(self, settings: DoubleFrustum) -> float:
+        """Return the largest ratio of a visible effect of settings to its limit."""
+        effects = self.noticed(settings).values()
+        return max((amount / allowed for amount, allowed, _ in effects), default=0.0)
+
+    def limits(self, settings: DoubleFrustum | None = None) -> tuple[NearLimit, ...]:
+        """Return the largest unnoticed near of each effect, with the cuts and pivot of settings."""
+        low, high = indices_of(self.display.frustum)
+        # Near makes sense up to the first cut, or to less than the reach.
+        cuts = () if settings is None else settings.slabs
+        end = cuts[0] if cuts else round_number(high)
+        usual = settings or DoubleFrustum(near=end)
+
+        def limit(name: str) -> NearLimit:
+            def unnoticed(near: float) -> bool:
+                amount, allowed, _ = self.noticed(replace(usual, near=near))[name]
+                return amount / allowed <= 1
+
+            largest, at = None, end
+            if not unnoticed(end):
+                index = largest_index(low, index_below(end), unnoticed)
+                largest = 0.0 if index is None else round_number(index)
+                at = largest or round_number(low)
+            _, allowed, cause = self.noticed(replace(usual, near=at))[name]
+            return NearLimit(name=name, largest_near=largest, allowed=allowed, hidden_by=cause)
+
+        return tuple(map(limit, self.noticed(usual)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,11 +224,11 @@ class Requirement:
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
         separation = None if self.separation is None else real(self.separation)
-        if not (math.isfinite(tolerance) and tolerance > 0):
+        if not 0 < tolerance < math.inf:
             raise InputError(
                 f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}"
             )
-        if separation is not None and not (math.isfinite(separation) and separation > 0):
+        if separation is not None and not 0 < separation < math.inf:
             raise InputError(f"separation must be a positive length, not {self.separation!r}")
         if not 0 < share < 1:
             raise InputError(
@@ -121,13 +252,13 @@ class Requirement:
 
     def ratios(self, errors: Errors) -> dict[str, float]:
         """Return the ratio of each error to its limit, by the name of its field."""
-        return {
-            "displacement_p99_px": errors.displacement_p99_px / self.tolerance_px
-            if self.pixels_count
-            else 0.0,
-            "surface_fraction": errors.surface_fraction / MAX_WRONG if self.pixels_count else 0.0,
-            "depth_wrong": errors.depth_wrong / self.max_wrong,
+        ratios = {
+            "displacement_p99_px": errors.displacement_p99_px / self.tolerance_px,
+            "surface_fraction": errors.surface_fraction / MAX_WRONG,
         }
+        # Without a limit in pixels an infinite displacement is no excess either.
+        counted = ratios if self.pixels_count else dict.fromkeys(ratios, 0.0)
+        return {**counted, "depth_wrong": errors.depth_wrong / self.max_wrong}
 
     def worst_measure(self, errors: Errors) -> str:
         """Return the name of the error with the largest ratio to its limit."""
@@ -151,3 +282,93 @@ class Requirement:
     def met_by(self, quality: Quality) -> bool:
         """Return whether measured errors keep all limits."""
         return not self.missed_by(quality) and quality.misordered <= MAX_MISORDERED_FRACTION
+
+
+# Viewers and plates
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewZone:
+    """Places along x and y, at a distance before the plate, to which films of hogels send rays.
+
+    Rays leave from the centers of hogels; from the edges of their cells they reach half a pitch
+    farther.
+    """
+
+    #: from the plate, scene units
+    distance: float
+    #: x and y of eyes that see at least one hogel
+    some: tuple[Interval, ...]
+    #: x and y of eyes that see every hogel; None for none
+    every: tuple[Interval, ...] | None
+
+    @property
+    def some_eyes_apart(self) -> float:
+        """Largest distance of two eyes that see some hogels, scene units; 0 for none."""
+        return _eyes_within(self.some)
+
+    @property
+    def all_eyes_apart(self) -> float:
+        """Largest distance of two eyes that see every hogel, scene units; 0 for none."""
+        return 0.0 if self.every is None else _eyes_within(self.every)
+
+
+def _eyes_within(zone: Sequence[Interval]) -> float:
+    """Return the largest distance of two eyes straight before the plate's middle within a zone."""
+    (left, right), (low, high) = zone
+    return max(0.0, 2 * min(-left, right)) if low < 0 < high else 0.0
+
+
+def view_zone(scene: Scene, distance: float) -> ViewZone:
+    """Return the view zone of a plate at a distance; its ends are linear in aperture position."""
+    columns, rows = scene.plate.hogels
+    lows, highs = [], []
+    for aperture in (scene.plate.aperture(0, 0), scene.plate.aperture(columns - 1, rows - 1)):
+        shear, half_extent = np.array(film_window(scene.frustum, aperture))
+        middle, half = (aperture.x, aperture.y) - distance * shear, distance * half_extent
+        lows.append(middle - half)
+        highs.append(middle + half)
+
+    def zone(first: np.ufunc, last: np.ufunc) -> tuple[Interval, ...]:
+        return tuple(zip(first(*lows).tolist(), last(*highs).tolist(), strict=True))
+
+    every = zone(np.maximum, np.minimum)
+    seen = all(low < high for low, high in every)
+    some = zone(np.minimum, np.maximum)
+    return ViewZone(distance=distance, some=some, every=every if seen else None)
+
+
+def seen_content(scan: PlateScan) -> noticeable.Content:
+    """Return the depths that a plate shows, as a scan has seen them."""
+    heights = np.concatenate([look.height.ravel() for look in scan.looks])
+
+    def depths(side: float) -> Interval | None:
+        seen = (side * heights)[side * heights >= 0]
+        return (float(seen.min()), float(seen.max())) if seen.size else None
+
+    through = noticeable.runs_through_plate(scan.scene)
+    return noticeable.Content(before=depths(1.0), behind=depths(-1.0), through=through)
+
+
+def with_viewer(
+    requirement: Requirement, scan: PlateScan, viewer: noticeable.Viewer
+) -> Requirement:
+    """Return a requirement with the limits of a viewer's eyes at a scanned plate.
+
+    Without a stated separation, the smallest separation that viewer or display resolves is
+    required. InputError for a length unit without a physical size, or for a surface behind the
+    viewer.
+    """
+    display, content = noticeable.Display.from_scene(scan.scene), seen_content(scan)
+    noticeable.eyes_apart(viewer, display)
+    noticeable.require_before_viewer(scan.scene, content, viewer)
+    finest = noticeable.finest_separation(content.farthest, viewer, display)
+    separation, limit = requirement.separation, None
+    if separation is None and finest is not None:
+        limit = finest[0], finest[2]
+        separation = min(finest[1], scan.scene.frustum.longest_reach)
+    eyes = ViewerRequirement(
+        viewer=viewer, display=display, content=content, separation_limit=limit
+    )
+    return replace(requirement, separation=separation, viewer=eyes)

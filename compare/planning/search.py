@@ -7,27 +7,34 @@ only helps the next slab, which then ends sooner and holds nothing farther. So e
 takes as much as it may, and no other k cuts have a smaller z1.
 
 Displacement grows with n, and errors of depth grow as n falls: the near that is planned is the one
-farthest from both limits, for apertures that no scan has traced.
-
-Lengths have three digits, so that they can be read and typed; a plan is then also the same for
-meshes that differ by rounding alone, such as a refined one.
+farthest from both limits, for apertures that no scan has traced. The ranges of near that pixels and
+depth buffers each allow by themselves are searched in the same way.
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from xfrustum.compare.planning.requirement import DepthBuffer, Quality, Requirement
+import numpy as np
+
+from xfrustum.compare.planning.requirement import (
+    DepthBuffer,
+    NearLimit,
+    Quality,
+    Requirement,
+    index_below,
+    indices_of,
+    largest_index,
+    round_number,
+    smallest_index,
+)
 from xfrustum.compare.planning.views import Views
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, DepthRange
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DoubleFrustum
+from xfrustum.compare.scout import CoarseView, PlateScan
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Frustum
-
-#: Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside
-#: it.
-SMALLEST_PER_REACH = 1e-8
 
 #: Factor within which predicted and measured smallest separations agree: predictions must order
 #: sheets that are this many times closer than required.
@@ -50,41 +57,12 @@ BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 #: scanned.
 ENOUGH_MARGIN = 10.0
 
-
-def round_number(index: int) -> float:
-    """Return a length of three digits; successive indices give successive ones, index 0 gives 1."""
-    decade, place = divmod(index, 900)
-    # Parsed, not multiplied: the float nearest to the digits.
-    return float(f"{100 + place}e{decade - 2}")
-
-
-def index_below(length: float, *, strictly: bool = False) -> int:
-    """Return the index of the largest length of three digits up to a positive one, or below it."""
-    decade = math.floor(math.log10(length))
-    # Logarithms and quotients round: begin above, and come down.
-    index = decade * 900 + int(length / float(f"1e{decade}") * 100) - 98
-    while round_number(index) > length or (strictly and round_number(index) == length):
-        index -= 1
-    return index
-
-
-def indices_of(frustum: Frustum) -> tuple[int, int]:
-    """Return the indices of the smallest and of the largest length of near and of cuts."""
-    reach = frustum.longest_reach
-    return index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
-
-
-def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
-    """Return the largest index in low..high up to which a condition holds; None for none."""
-    first_failure = bisect_left(
-        range(low, high + 1), True, key=lambda index: not holds(round_number(index))
-    )
-    return low + first_failure - 1 if first_failure else None
-
-
-def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
-    """Return the smallest index in low..high from which on a condition holds; else `high`."""
-    return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
+#: The cheapest depth buffer, the usual one, and the finest whose depth no fragment writes.
+COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +104,7 @@ class Outcome:
     #: whether any depth buffer orders the required separation, however it is cut
     able: bool
     #: depth buffers that hold with the fewest cuts
-    holding: int
+    holding: int = 0
     #: cheapest attempt with the largest margin
     best: Attempt | None = None
     #: largest near that holds with the cuts and buffer of `best`
@@ -143,9 +121,10 @@ class Search:
         self._views, self.requirement = views, requirement
         self.separation = requirement.separation_in(frustum)
         self.lowest, self.highest = indices_of(frustum)
-        self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
+        self._reaches = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
         self.judged = cache(self._judged)
         self._near_holds = cache(self._holds_in_closed_form)
+        # Offset cameras round nothing: their traces hold for every depth buffer.
         self._traced = cache(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
@@ -157,28 +136,26 @@ class Search:
             for buffer in self.requirement.buffers
             if self._finest(buffer) * SEPARATION_MARGIN <= self.separation
         ]
-        outcome = Outcome(holding=0, able=bool(able))
-        lowest = round_number(self.lowest)
+        lowest, failed = round_number(self.lowest), None
         if not able or not self._near_holds(lowest, (lowest,)):
-            return outcome
+            return Outcome(able=bool(able))
         for cuts in range(MAX_CUTS + 1):
             attempts = [self.attempt(buffer, cuts) for buffer in able]
             holding = [attempt for attempt in attempts if attempt.holds]
-            if holding:
-                cheapest = min(attempt.price for attempt in holding)
-                pairs = [
-                    (self._with_margin(attempt), attempt)
-                    for attempt in holding
-                    if attempt.price == cheapest
-                ]
-                best, largest = min(
-                    pairs, key=lambda pair: (pair[0].missing, -pair[0].settings.near)
-                )
-                return replace(
-                    outcome, holding=len(holding), best=best, largest_near=largest.settings.near
-                )
-            outcome = replace(outcome, failed=min(attempts, key=lambda attempt: attempt.excess))
-        return outcome
+            if not holding:
+                failed = min(attempts, key=lambda attempt: attempt.excess)
+                continue
+            cheapest = min(attempt.price for attempt in holding)
+            pairs = [
+                (self._with_margin(attempt), attempt.settings.near)
+                for attempt in holding
+                if attempt.price == cheapest
+            ]
+            best, near = min(pairs, key=lambda pair: (pair[0].missing, -pair[0].settings.near))
+            return Outcome(
+                able=True, holding=len(holding), best=best, largest_near=near, failed=failed
+            )
+        return Outcome(able=True, failed=failed)
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
         """Return up to `count` heights, ascending, as near to the plate as a separation allows."""
@@ -197,59 +174,52 @@ class Search:
 
     def separation_between(self, buffer: DepthBuffer, low: float, high: float | None) -> float:
         """Return the smallest separation at the farthest visible surface between two heights."""
-        ends = [(camera, low, min(high or reach, reach)) for camera, reach in self._sides]
-        return self._separation_in(buffer, ends)
+        return max(
+            self._separation_in(buffer, camera, low, min(high or reach, reach))
+            for camera, reach in self._reaches.items()
+        )
 
     def _finest(self, buffer: DepthBuffer) -> float:
         """Return the smallest separation at each camera's farthest surface, in a separate slab."""
-        ends = []
-        for camera, reach in self._sides:
+        separations = [0.0]
+        for camera, reach in self._reaches.items():
             if (far := self._views.farthest(camera)) > 0:
                 index = index_below(far, strictly=True)
-                ends.append((camera, round_number(index), min(round_number(index + 2), reach)))
-        return self._separation_in(buffer, ends)
-
-    def _separation_in(
-        self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]
-    ) -> float:
-        settings, separations = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
-        for camera, low, high in ends:
-            # Outside of the first slab cameras stand in the aperture.
-            if low < high:
-                slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
-                separations.append(self._views.separation_in(slab, settings))
+                low, high = round_number(index), min(round_number(index + 2), reach)
+                separations.append(self._separation_in(buffer, camera, low, high))
         return max(separations)
+
+    def _separation_in(self, buffer: DepthBuffer, camera: Camera, low: float, high: float) -> float:
+        """Return the smallest separation in a slab beyond the first; 0 in none."""
+        if low >= high:
+            return 0.0
+        # Outside of the first slab cameras stand in the aperture.
+        slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
+        return self._views.separation_in(slab, _settings(buffer, 1.0))
 
     def attempt(self, buffer: DepthBuffer, cuts: int) -> Attempt:
         """Return the attempt with a number of cuts and the largest near, or the best failure."""
         failures, target = list[Attempt](), self.separation / SEPARATION_MARGIN
         for _ in range(MAX_TARGETS if cuts else 1):
             heights = self.cuts(buffer, cuts, target)
+            trial = self.judged(_settings(buffer, heights[0], heights)) if heights else None
             # Depth precision grows with near: cuts that fail at the largest near need no search.
-            trial = self._depth_alone(buffer, heights)
-            candidate = self._with_largest_near(buffer, heights) if trial <= 1 else None
-            if candidate is not None and candidate.holds:
-                return candidate
-            failures.append(candidate or self.judged(self._settings(buffer, heights[0], heights)))
+            if trial is None or trial.depth_excess <= 1:
+                trial = self._with_largest_near(buffer, heights)
+                if trial.holds:
+                    return trial
+            failures.append(trial)
             # Shallower outer slabs help pixels wrong by depth alone, at the cost of the first slab.
-            if failures[-1].predicted.depth_wrong <= self.requirement.max_wrong:
+            if trial.predicted.depth_wrong <= self.requirement.max_wrong:
                 break
             target *= TARGET_RATIO
         return min(failures, key=lambda candidate: candidate.depth_excess)
-
-    def _depth_alone(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> float:
-        """Return the excess of depth with near at the first cut; 0 without cuts."""
-        if not heights:
-            return 0.0
-        settings = self._settings(buffer, heights[0], heights)
-        wrong = self._views.depth_wrong(settings) / self.requirement.max_wrong
-        return max(wrong, self._separation_excess(self._views.separation(settings)))
 
     def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
         """Return the attempt whose near is the largest that pixels and eyes allow."""
 
         def judged(near: float) -> Attempt:
-            return self.judged(self._settings(buffer, near, heights))
+            return self.judged(_settings(buffer, near, heights))
 
         highest = index_below(heights[0]) if heights else self.highest
         index = largest_index(
@@ -275,8 +245,16 @@ class Search:
         moved, wrong = self._traced(settings.near, settings.slabs)
         moved = max(predicted.displacement_p99_px, moved)
         wrong += predicted.depth_wrong
-        return self._attempt(
-            settings, replace(predicted, displacement_p99_px=moved, surface_fraction=wrong)
+        traced = replace(predicted, displacement_p99_px=moved, surface_fraction=wrong)
+        return self._attempt(settings, traced)
+
+    def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
+        wrong = predicted.depth_wrong / self.requirement.max_wrong
+        return Attempt(
+            settings=settings,
+            predicted=predicted,
+            near_excess=self.requirement.near_excess(predicted, settings),
+            depth_excess=max(wrong, predicted.separation * SEPARATION_MARGIN / self.separation),
         )
 
     def _with_margin(self, largest: Attempt) -> Attempt:
@@ -301,26 +279,109 @@ class Search:
                 low = middle + 1
         return best
 
-    def _settings(
-        self, buffer: DepthBuffer, near: float, heights: tuple[float, ...]
-    ) -> DoubleFrustum:
-        return DoubleFrustum(near=near, slabs=heights, depth=buffer[0], mapping=buffer[1])
-
-    def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
-        wrong = predicted.depth_wrong / self.requirement.max_wrong
-        return Attempt(
-            settings=settings,
-            predicted=predicted,
-            near_excess=self.requirement.near_excess(predicted, settings),
-            depth_excess=max(wrong, self._separation_excess(predicted.separation)),
-        )
-
-    def _separation_excess(self, separation: float) -> float:
-        return separation * SEPARATION_MARGIN / self.separation
-
     def _holds_in_closed_form(self, near: float, first_cut: tuple[float, ...]) -> bool:
         """Return whether displacement and eyes allow a near, regardless of depth and outer cuts."""
         settings = DoubleFrustum(near=near, slabs=first_cut)
         viewer, tolerance = self.requirement.viewer, self.requirement.limit_px
         unnoticed = viewer is None or viewer.excess(settings) <= 1
         return unnoticed and self._views.displaced(settings, tolerance) <= tolerance
+
+
+def _settings(buffer: DepthBuffer, near: float, heights: tuple[float, ...] = ()) -> DoubleFrustum:
+    return DoubleFrustum(near=near, slabs=heights, depth=buffer[0], mapping=buffer[1])
+
+
+# Ranges of near, for one pair of frusta
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class BufferLimit:
+    """Smallest near with which a depth buffer orders all that is seen, in one pair of frusta."""
+
+    depth: DepthFormat
+    mapping: DepthMapping
+    #: scene units, three digits; None where no near is enough
+    smallest_near: float | None = None
+    #: displacement by that near at the worst view, pixels
+    displacement_p99_px: float | None = None
+    #: whether it is the smallest near of all
+    any_near: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limits:
+    """Ranges of near of all judges, closed forms for one pair of frusta."""
+
+    #: largest near within the tolerance at all views; None where none is
+    pixels: float | None
+    buffers: tuple[BufferLimit, ...]
+    eyes: tuple[NearLimit, ...]
+    #: (A,) largest near of each scanned aperture; see `hogel_limits`
+    hogels: Floats
+
+
+def near_limits(
+    views: Views,
+    requirement: Requirement,
+    buffers: Sequence[DepthBuffer],
+    scan: PlateScan | None,
+) -> Limits:
+    """Return the range of near that each judge allows at some views."""
+    tolerance, viewer = requirement.tolerance_px, requirement.viewer
+    pixels = _largest_near(
+        views.scene.frustum, lambda near: views.displaced(near, tolerance) <= tolerance
+    )
+    return Limits(
+        pixels=pixels or None,
+        buffers=tuple(buffer_limit(views, requirement, buffer) for buffer in buffers),
+        eyes=() if viewer is None else viewer.limits(),
+        hogels=np.zeros(0) if scan is None else hogel_limits(scan, tolerance),
+    )
+
+
+def buffer_limit(views: Views, requirement: Requirement, buffer: DepthBuffer) -> BufferLimit:
+    """Return the smallest near with which a depth buffer keeps the limits of depth.
+
+    Sheets at the farthest visible surface are ordered, and few pixels are wrong by depth, at all of
+    the views; both improve as near grows.
+    """
+    low, high = indices_of(views.scene.frustum)
+    allowed = requirement.separation_in(views.scene.frustum) / SEPARATION_MARGIN
+
+    def enough(near: float) -> bool:
+        settings = _settings(buffer, near)
+        ordered = views.separation(settings) <= allowed
+        return ordered and views.depth_wrong(settings) <= requirement.max_wrong
+
+    index = smallest_index(low, high, enough)
+    near, limit = round_number(index), BufferLimit(depth=buffer[0], mapping=buffer[1])
+    if not enough(near):
+        return limit
+    moved = views.displaced(DoubleFrustum(near=near))
+    return replace(limit, smallest_near=near, displacement_p99_px=moved, any_near=index == low)
+
+
+def hogel_limits(scan: PlateScan, tolerance_px: float) -> Floats:
+    """Return (A,) the largest near of each scanned aperture by closed form, scene units.
+
+    It keeps 99 % of the visible surface within the tolerance: 0 where a surface lies too close
+    to the aperture for any near, and NaN where nothing is visible.
+    """
+
+    def largest(look: CoarseView) -> float:
+        if not math.isfinite(look.nearest):
+            return math.nan
+        return _largest_near(
+            scan.scene.frustum,
+            lambda settings: look.displacement_p99_px(settings, scan.scene) <= tolerance_px,
+        )
+
+    return np.array([largest(look) for look in scan.looks])
+
+
+def _largest_near(frustum: Frustum, holds: Callable[[DoubleFrustum], bool]) -> float:
+    """Return the largest near for which a condition holds; 0 where it never does."""
+    low, high = indices_of(frustum)
+    index = largest_index(low, high, lambda near: holds(DoubleFrustum(near=near)))
+    return 0.0 if index is None else round_number(index)

@@ -310,7 +310,7 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
     """
     # Deferred: measures of eyes load the ray tracers, and `check` without a viewer needs none.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415
-    from xfrustum.compare.planning.viewer import (  # noqa: PLC0415
+    from xfrustum.compare.planning.requirement import (  # noqa: PLC0415
         CRACK,
         STEREO,
         ViewerRequirement,
@@ -321,7 +321,7 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
     content = noticeable.surface_content(scene)
     noticeable.require_before_viewer(scene, content, viewer)
     requirement = ViewerRequirement(viewer=viewer, display=display, content=content)
-    limits, noticed = requirement.limits_with(settings), requirement.noticed(settings)
+    limits, noticed = requirement.limits(settings), requirement.noticed(settings)
     binds = binding(limits)
     return {
         "limits": noticeable.display_limits(scene, viewer),

@@ -16,8 +16,8 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.judging.verdict import Limits
 from xfrustum.compare.metrics.error_maps import Spread
-from xfrustum.compare.planning.measure import HogelResult
 from xfrustum.compare.planning.requirement import Requirement
+from xfrustum.compare.planning.views import HogelResult
 from xfrustum.compare.sampling import (
     GrowingSample,
     RandomSample,

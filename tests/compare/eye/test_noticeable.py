@@ -29,7 +29,7 @@ from xfrustum.compare.eye.noticeable import (
     scene_length,
     stereo_change_arcsec,
 )
-from xfrustum.compare.planning.viewer import CRACK
+from xfrustum.compare.planning.requirement import CRACK
 from xfrustum.reports.scene_check.effects import viewer_record
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Pivot, Scene
 from xfrustum.scenes.arrays import Floats

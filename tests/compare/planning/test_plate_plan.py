@@ -16,11 +16,11 @@ from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.planning.limits import hogel_limits
-from xfrustum.compare.planning.measure import hogel_results
-from xfrustum.compare.planning.plan import Plan, PlatePlanner
+from xfrustum.compare.planning import plan as plate_plan
+from xfrustum.compare.planning.plan import Cause, Plan, PlatePlanner
 from xfrustum.compare.planning.requirement import Requirement
-from xfrustum.compare.planning.views import Views
+from xfrustum.compare.planning.search import hogel_limits
+from xfrustum.compare.planning.views import Views, hogel_results
 from xfrustum.compare.run import Evaluator
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scout import PlateScan, scout
@@ -124,17 +124,48 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
+def tilted(aperture: Aperture) -> SceneObject:
+    """Return a small square through an aperture, which no near draws there."""
+    square = np.array([(-0.5, -0.4, -0.3), (0.5, -0.4, -0.3), (0.5, 0.4, 0.3), (-0.5, 0.4, 0.3)])
+    corners = square + np.array([aperture.x, aperture.y, 0.0])
+    return SceneObject(name="tilted", vertices=corners, faces=np.array([(0, 1, 2), (0, 2, 3)]))
+
+
 def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
-    near_ball: Scene, scouted: PlateScan, monkeypatch: pytest.MonkeyPatch
+    near_ball: Scene, blind: PlateScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first sample has such a hogel, and another one that joins; the second has neither."""
-    pair = [near_ball.plate.aperture(0, 0), near_ball.plate.aperture(1, 1)]
-    lost, joining = Views.traced(Reference(near_ball), pair).views
-    missed = iter([(lost, joining), ()])
-    monkeypatch.setattr(PlatePlanner, "_missed", lambda *_: next(missed))
-    monkeypatch.setattr(PlatePlanner, "_is_infeasible", lambda _, view: view is lost)
-    made = planner(near_ball, scouted).plan(RandomSample(hogels=1))
-    assert made.plate.infeasible_apertures == ((0, 0),) and not made.within
+    lost, over, other = (near_ball.plate.aperture(*index) for index in ((1, 1), OVER, (0, 0)))
+    samples = iter([[lost, over], [other]])
+    monkeypatch.setattr(plate_plan, "sample_hogels", lambda *_: next(samples))
+    unaware = replace(blind, looks=tuple(look for look in blind.looks if look.aperture != lost))
+    scene = replace(near_ball, objects=(*near_ball.objects, tilted(lost)))
+    made = planner(scene, unaware).plan(RandomSample(hogels=2))
+    assert made.near is not None and not made.within and made.plate is not None
+    assert made.plate.infeasible_apertures == ((1, 1),)
+    assert (made.plate.sampled, made.plate.beyond) == (1, 0)
+
+
+@pytest.mark.parametrize(("columns", "share"), [((1,), 1 / 3), ((0, 1, 2), 1.0)])
+def test_apertures_in_a_surface_that_the_scan_missed_are_left_out(
+    columns: tuple[int, ...], share: float
+) -> None:
+    """A wall before the plate has a slit that each film shows, and no line of the coarse films."""
+    half = 2 * math.atan(0.6)
+    # At the wall pixels are 0.25 wide, with centers at 0.125, and lines of the scan pass at 0.5.
+    frustum = Frustum(resolution=(96, 96), fov=(half, half), reach=(30.0, 30.0))
+    plate = Plate(size=(6.0, 2.0), hogels=(3, 1))
+    sides = [card((x + 0.125, 0.0, 20.0), (99.9, 100.0)) for x in (-50.05, 50.05)]
+    bodies = [tilted(plate.aperture(column, 0)) for column in columns]
+    scene = replace(lit(*sides, *bodies, frustum=frustum), plate=plate)
+    scan = scout(scene)
+    assert all(look.nearest > 1 for look in scan.looks)
+    made = planner(scene, scan).plan(RandomSample(hogels=3))
+    assert made.plate is not None and made.plate.infeasible_apertures == tuple(
+        (column, 0) for column in columns
+    )
+    assert made.plate.share_beyond_at_most == pytest.approx(share)
+    assert (made.cause is Cause.EVERY_APERTURE) == (made.near is None) == (len(columns) == 3)
 
 
 @pytest.mark.slow

@@ -9,8 +9,15 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
-from xfrustum.compare.planning.requirement import Errors, Requirement
-from xfrustum.compare.planning.viewer import CRACK, STEREO, ViewerRequirement, binding, view_zone
+from xfrustum.compare.planning.requirement import (
+    CRACK,
+    STEREO,
+    Errors,
+    Requirement,
+    ViewerRequirement,
+    binding,
+    view_zone,
+)
 from xfrustum.reports.planning import seen_view_zone
 from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
 
@@ -36,9 +43,9 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     required = requirement(scene, Viewer(distance=600.0))
     # Hogels of 5 mm would hide any crack.
     required = replace(required, display=replace(required.display, pitch=0.5))
-    stereo, crack = required.limits
+    stereo, crack = required.limits()
     assert (stereo.name, crack.name) == (STEREO, CRACK)
-    assert binding(required.limits) == stereo
+    assert binding(required.limits()) == stereo
     near = stereo.largest_near
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
     assert required.excess(DoubleFrustum(near=near)) <= 1
@@ -53,11 +60,11 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
     fine = replace(
         requirement(scene, viewer), display=replace(Display.from_scene(scene), pitch=0.1)
     )
-    binds = binding(fine.limits)
+    binds = binding(fine.limits())
     assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
     # Without a surface at the plate nothing is noticed at any near.
     apart = replace(fine, content=replace(fine.content, through=False))
-    assert binding(apart.limits) is None and len(apart.limits) == 1
+    assert binding(apart.limits()) is None and len(apart.limits()) == 1
 
 
 def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
@@ -72,16 +79,16 @@ def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) 
     scene = open_scene(scene_file)
     required = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
     assert required.excess(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach)) > 1
-    stereo, crack = required.limits
+    stereo, crack = required.limits()
     assert stereo.largest_near == 0.0
     assert crack.largest_near != 0.0
-    assert binding(required.limits) == stereo
+    assert binding(required.limits()) == stereo
 
 
 def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str) -> None:
     required = requirement(open_scene(scene_file), Viewer(distance=600.0))
     cut = DoubleFrustum(near=0.2, slabs=(0.4,))
-    (without, _), (with_cuts, _) = required.limits, required.limits_with(cut)
+    (without, _), (with_cuts, _) = required.limits(), required.limits(cut)
     assert with_cuts.largest_near is None or with_cuts.largest_near > without.largest_near
 
 

@@ -19,7 +19,7 @@ from tests.support.long_tail import thinned
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
-from xfrustum.compare.planning.measure import SheetFilm, SheetPair
+from xfrustum.compare.planning.views import SheetFilm, SheetPair
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     MAX_ORDER_FACTOR,
