@@ -1,15 +1,12 @@
 """Mesh files as scene objects: each feature is read right, listed as unread, or refused.
 
-mesh_file            One mesh file as one object: reader by suffix, checks of all formats
-content              Result of a reader: parts and unread features; placing of normals
-gltf                 glTF: nodes, instances, morph targets and skins at rest
-gltf_data            Document, buffers and accessors of a glTF file
-gltf_materials       Base colors and textures of glTF
-obj, obj_materials   Wavefront OBJ and its material libraries
-off, ply, stl        OFF, PLY and STL
-package              Zip packages of XML parts, and placing of their objects
-polygons             Polygons cut into triangles
-text_lines           Lines of a text as arrays of numbers; errors name the line
-textures             Pictures of base colors, decoded once each
-threemf, threedxml   3MF and 3DXML, packages of XML
+mesh_file       One mesh file as one object: reader by suffix, checks of all formats
+content         Result of a reader: parts, unread features, textures; placing of normals
+gltf            glTF: nodes, instances, morph targets and skins at rest, base colors
+gltf_data       Document, buffers and accessors of a glTF file
+obj             Wavefront OBJ and its material libraries
+off, ply, stl   OFF, PLY and STL
+packages        3MF and 3DXML: zip packages of XML parts, and placing of their objects
+polygons        Polygons cut into triangles
+text_lines      Lines of a text as arrays of numbers; errors name the line
 """

@@ -1,23 +1,38 @@
-"""Content of a mesh file: its parts, in its own coordinates, and features not honoured."""
+"""Content of a mesh file: its parts, in its own coordinates, their textures, decoded once each."""
 
 from __future__ import annotations
 
+import io
+import struct
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from trimesh.visual.color import srgb_to_linear
 
-from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
+from xfrustum.scenes.disk.input_files import check_picture_size, open_image, read_input
+from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
+
+#: Errors of Pillow at damage and at variants without a decoder; its plugins differ.
+_DAMAGED = (
+    ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError,
+    ValueError,
+    struct.error,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshPart:
     """Placed triangles of one mesh of a file; parts of one picture share a texture."""
 
-    name: str
     vertices: Floats  #: (V, 3) double precision
     faces: Indices  #: (F, 3) int64 indices into `vertices`
+    name: str = ""
     uv: Floats | None = None  #: (V, 2), v up
     color: Floats | None = None  #: (V, 3) or (3,) linear RGB
     #: (V, 3) unit normals on the winding's side, NaN where there is none
@@ -65,3 +80,90 @@ def carried(
         return placed, None
     sides = np.where(mirrored, -1.0, 1.0)[:, None, None]
     return placed, normals @ (cofactors(matrices) * sides)
+
+
+def decode_textures(
+    path: Path, parts: Sequence[MeshPart]
+) -> tuple[tuple[Bytes, ...], Numbers | None, list[UnreadFeature]]:
+    """Return decoded textures of parts, their numbers by triangle, and unread textures.
+
+    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are
+    `UNTEXTURED` where a triangle has none, and None where there are no pictures. Unread are
+    textures that the file names and that are not shown, such as a damaged one.
+    """
+    pictures: list[Bytes] = []
+    unread: list[UnreadFeature] = []
+    numbers: dict[tuple[int, str | None, bool], int] = {}
+    # Parts of one picture share it: a texture of thousands of primitives is decoded once.
+    keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
+    for key, part in dict(zip(keys, parts, strict=True)).items():
+        picture, name = part.picture, part.texture
+        pixels = None if picture is None or part.uv is None else _pixels(path, picture)
+        numbers[key] = UNTEXTURED if pixels is None else len(pictures)
+        if pixels is not None:
+            pictures.append(pixels)
+        elif name is not None:
+            there = name.startswith("in image") or file_beside(path, name) is not None
+            lost = f"{'cannot be read' if there else 'is missing'}; the surface is drawn without it"
+            if picture is not None and part.uv is None:
+                lost = "is not shown: there are no coordinates"
+            unread.append(UnreadFeature(f"texture {name}", lost))
+    if not pictures:
+        return (), None, unread
+    counts = [len(part.faces) for part in parts]
+    of_part = np.array([numbers[key] for key in keys], np.int32)
+    return tuple(pictures), np.repeat(of_part, counts), unread
+
+
+def _pixels(path: Path, picture: Any) -> Bytes | None:
+    """Return the pixels (H, W, 4) of a Pillow image; None where it is damaged, or of 32 bits."""
+    check_picture_size(path, *picture.size)  # pictures within glTF files too
+    with suppress(*_DAMAGED):  # Pillow decodes, and finds damage, only here
+        if picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
+            gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
+            return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
+        if picture.mode not in ("I", "F"):  # 32 bits a pixel have any scale
+            return np.array(picture.convert("RGBA"), dtype=np.uint8)
+    return None
+
+
+def file_beside(path: Path, name: str) -> Path | None:
+    """Return the file of a name in a mesh file's folder or below it; None without one."""
+    name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
+    # Exporters write absolute paths of their own machine: the last part of such a path is tried.
+    for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
+        with suppress(ValueError, OSError):  # no name of a file
+            file = (folder / candidate).resolve()
+            if candidate and file.is_relative_to(folder) and file.exists():
+                return file
+    return None
+
+
+def open_picture(path: Path, name: str) -> Any:
+    """Return the undecoded Pillow image of a texture; None where it cannot be opened."""
+    file = file_beside(path, name)
+    if file is None or not file.is_file() or not file.stat().st_size:
+        return None
+    return opened(read_input(file, "texture"))
+
+
+def opened(data: bytes) -> Any:
+    """Return the undecoded Pillow image of some bytes; None where it cannot be opened."""
+    with suppress(*_DAMAGED):
+        return open_image(io.BytesIO(data))
+    return None
+
+
+def linear_colors(stored: NDArray[Any]) -> Floats:
+    """Return (V, 3) linear RGB of stored sRGB, alpha ignored.
+
+    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1,
+    as some exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
+    """
+    color = stored[:, :3].astype(np.float64)
+    if stored.dtype in (np.uint8, np.uint16):
+        color = color / (255.0 if stored.dtype == np.uint8 else 65535.0)
+    else:
+        color = np.where(np.isfinite(color), color, 0.0)
+        color = np.clip(color / (255.0 if (color > 1).any() else 1.0), 0.0, 1.0)
+    return np.asarray(srgb_to_linear(color), dtype=np.float64)

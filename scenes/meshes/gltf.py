@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from trimesh.transformations import quaternion_matrix
@@ -20,17 +21,28 @@ from trimesh.transformations import quaternion_matrix
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, cofactors, unit_normals
-from xfrustum.scenes.meshes.gltf_data import Attributes, Gltf, Node, Primitive, open_gltf
-from xfrustum.scenes.meshes.gltf_materials import (
-    MaterialLook,
-    look_of,
-    picture_of,
-    unread_extension,
+from xfrustum.scenes.meshes.content import (
+    MeshContent,
+    MeshPart,
+    carried,
+    cofactors,
+    open_picture,
+    opened,
+    unit_normals,
+)
+from xfrustum.scenes.meshes.gltf_data import (
+    Attributes,
+    Gltf,
+    Node,
+    Primitive,
+    Sampler,
+    TextureTransform,
+    open_gltf,
 )
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _TRIANGLES, _STRIP = 4, 5
+_REPEAT = 10497  # wrap mode of samplers
 _DRACO = "KHR_draco_mesh_compression"
 _HONOURED = {
     _DRACO, "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_mesh_quantization",
@@ -52,7 +64,7 @@ _MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
 #: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the
 #: sum and one that does not differ by more than a part per thousand of a vertex's position.
 _WEIGHT_TOLERANCE = 1e-3
-_NO_TRIANGLES = UnreadFeature(feature="points and lines", consequence="are not shown")
+_NO_TRIANGLES = UnreadFeature("points and lines", "are not shown")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +76,7 @@ class _Local:
     normals: Floats | None
     uv: Floats | None
     color: Floats | None
-    look: MaterialLook
+    look: _Look
     joints: tuple[tuple[Indices, Floats], ...]  #: numbers of joints and their weights, (V, 4) each
 
 
@@ -72,7 +84,7 @@ def read_gltf(path: Path) -> MeshContent:
     """Read a .gltf or .glb file; InputError at a broken format or a feature not read."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
-    look = cache(partial(look_of, gltf, cache(partial(picture_of, gltf))))
+    look = cache(partial(_look_of, gltf, cache(partial(_picture_of, gltf))))
     tree, parts = gltf.tree, []
 
     @cache
@@ -115,11 +127,9 @@ def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
                 f"{gltf.path}: the extension {name} is not read, and may change the geometry; "
                 "export the mesh without it"
             )
-    unread = [unread_extension(name) for name in names if name not in _HONOURED]
+    unread = [_unread_extension(name) for name in names if name not in _HONOURED]
     if tree.animations:
-        unread.append(
-            UnreadFeature(feature="animations", consequence="are not played: all is at rest")
-        )
+        unread.append(UnreadFeature("animations", "are not played: all is at rest"))
     return unread
 
 
@@ -257,7 +267,7 @@ def _local(
     gltf: Gltf,
     primitive: Primitive,
     weights: Sequence[float],
-    look_of: Callable[[int], MaterialLook],
+    look_of: Callable[[int], _Look],
     skinned: bool,
 ) -> _Local | None:
     """Return the triangles of a primitive and their vertices; None for points and lines."""
@@ -291,7 +301,7 @@ def _local(
         used[:] = False
         used[faces] = True
         faces = (np.cumsum(used) - 1)[faces]
-    look = MaterialLook() if primitive.material is None else look_of(primitive.material)
+    look = _Look() if primitive.material is None else look_of(primitive.material)
     uv = None if primitive.material is None else attribute(look.coordinates, 2)
     joints: list[tuple[Indices, Floats]] = []
     while skinned and (name := f"JOINTS_{len(joints)}") in names:
@@ -411,7 +421,6 @@ def _part(
 ) -> MeshPart:
     uv, color = local.uv, local.color
     return MeshPart(
-        name="",
         vertices=vertices,
         faces=faces,
         uv=None if uv is None else np.tile(uv, (places, 1)),
@@ -420,3 +429,100 @@ def _part(
         picture=local.look.picture,
         texture=local.look.texture,
     )
+
+
+# Materials (glTF 2.0, sections 3.8 and 3.9)
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Look:
+    """Color of the surfaces of one material."""
+
+    base_color: Floats | None = None  #: (3,) linear RGB, None where white
+    texture: str | None = None  #: name of the base color texture
+    picture: Any = None  #: Pillow image, opened and not yet decoded
+    coordinates: str = "TEXCOORD_0"  #: attribute that places the texture
+    transform: TextureTransform | None = None
+    unread: tuple[UnreadFeature, ...] = ()
+
+    def colors(self, stored: Floats | None) -> Floats | None:
+        """Return (V, 3) or (3,) linear RGB of vertex colors (V, 3 or 4) times the base color."""
+        if stored is None:
+            return self.base_color
+        finite = np.where(np.isfinite(stored[:, :3]), stored[:, :3], 0.0)
+        colors = np.clip(finite, 0.0, 1.0)
+        return colors if self.base_color is None else colors * self.base_color
+
+    def placed(self, uv: Floats) -> Floats:
+        """Return texture coordinates with v up, the transform of the texture applied."""
+        if self.transform is not None:
+            sine, cosine = np.sin(self.transform.rotation), np.cos(self.transform.rotation)
+            turn = np.array([[cosine, sine], [-sine, cosine]])
+            uv = (uv * self.transform.scale) @ turn.T + self.transform.offset
+        return np.column_stack([uv[:, 0], 1.0 - uv[:, 1]])
+
+
+def _unread_extension(name: str) -> UnreadFeature:
+    """Return the entry of an extension that is not honoured."""
+    if name == "KHR_materials_pbrSpecularGlossiness":
+        return UnreadFeature(name, "is not shown: colors are those of the core material")
+    if "_materials_" in name:
+        return UnreadFeature(name, "is not shown: materials are those of the scene file")
+    return UnreadFeature(name, "is not read")
+
+
+def _look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> _Look:
+    """Return the look of a material of a file, its textures as of `picture_of`."""
+    material = gltf.entry(gltf.tree.materials, index, "material")
+    rough = material.pbr_metallic_roughness
+    factor, info = rough.base_color_factor[:3], rough.base_color_texture
+    look = _Look(base_color=None if factor == (1.0, 1.0, 1.0) else np.array(factor))
+    unread = [_unread_extension(name) for name in material.extensions]
+    if material.alpha_mode != "OPAQUE":
+        opaque = "is not applied: surfaces are opaque"
+        unread.append(UnreadFeature(f"alphaMode {material.alpha_mode}", opaque))
+    unread += [
+        UnreadFeature(f"{name}Texture", "is not shown")
+        for name in ("normal", "occlusion", "emissive")
+        if getattr(material, f"{name}_texture") is not None
+    ]
+    if info is not None:
+        texture, sampler = gltf.entry(gltf.tree.textures, info.index, "texture"), Sampler()
+        if texture.sampler is not None:
+            sampler = gltf.entry(gltf.tree.samplers, texture.sampler, "sampler")
+        if (sampler.wrap_s, sampler.wrap_t) != (_REPEAT, _REPEAT):
+            repeated = "is not applied: textures repeat"
+            unread.append(UnreadFeature("wrap mode of a sampler", repeated))
+        chosen = None if info.transform is None else info.transform.tex_coord
+        name, picture = picture_of(info.index)
+        look = replace(
+            look,
+            texture=name,
+            picture=picture,
+            coordinates=f"TEXCOORD_{info.tex_coord if chosen is None else chosen}",
+            transform=info.transform,
+        )
+    return replace(look, unread=tuple(unread))
+
+
+def _picture_of(gltf: Gltf, index: int) -> tuple[str, Any]:
+    """Return name and image of a texture; no image where it is missing or cannot be opened."""
+    texture = gltf.tree.textures[index]
+    source = texture.source
+    if texture.webp is not None and texture.webp.source is not None:
+        source = texture.webp.source
+    if source is None:
+        return f"number {index} without an image", None
+    image = gltf.entry(gltf.tree.images, source, "image")
+    name = f"in image {source} of the file itself"
+    if image.buffer_view is not None:
+        data = bytes(gltf.view(image.buffer_view))
+    elif image.uri is None:
+        return name, None
+    elif image.uri.startswith("data:"):
+        data = gltf.resource(image.uri, 0)
+    else:
+        name = unquote(image.uri)
+        return name, open_picture(gltf.path, name)
+    return name, opened(data)

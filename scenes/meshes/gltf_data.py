@@ -24,7 +24,7 @@ from pydantic.alias_generators import to_camel
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.meshes.textures import file_beside
+from xfrustum.scenes.meshes.content import file_beside
 
 #: First word of a binary file, and types of its chunks.
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942

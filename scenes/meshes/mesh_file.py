@@ -14,15 +14,13 @@ from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.geometry.shapes import has_area
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, decode_textures
 from xfrustum.scenes.meshes.gltf import read_gltf
 from xfrustum.scenes.meshes.obj import read_obj
 from xfrustum.scenes.meshes.off import read_off
+from xfrustum.scenes.meshes.packages import read_3dxml, read_3mf
 from xfrustum.scenes.meshes.ply import read_ply
 from xfrustum.scenes.meshes.stl import read_stl
-from xfrustum.scenes.meshes.textures import decode_textures
-from xfrustum.scenes.meshes.threedxml import read_3dxml
-from xfrustum.scenes.meshes.threemf import read_3mf
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 from xfrustum.scenes.representation import counted
 
@@ -103,9 +101,7 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
 def _without_area(triangles: Floats) -> list[UnreadFeature]:
     flat = np.count_nonzero(~has_area(triangles))
     share = f"{flat:,} of {counted(len(triangles), 'triangle')}"
-    return (
-        [UnreadFeature(feature=share, consequence="have no area and are not seen")] if flat else []
-    )
+    return [UnreadFeature(share, "have no area and are not seen")] if flat else []
 
 
 def _reader(path: Path) -> Callable[[Path], MeshContent]:

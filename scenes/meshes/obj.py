@@ -5,10 +5,10 @@ Triangles are numbered as trimesh numbers them: materials from the last one to t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,14 @@ from trimesh.visual.texture import unmerge_faces
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
-from xfrustum.scenes.meshes.obj_materials import MaterialTexture, read_libraries
+from xfrustum.scenes.meshes.content import (
+    MeshContent,
+    MeshPart,
+    file_beside,
+    linear_colors,
+    open_picture,
+    unit_normals,
+)
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import (
     TextLines,
@@ -28,7 +34,6 @@ from xfrustum.scenes.meshes.text_lines import (
     starts_of,
     word_starts,
 )
-from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.representation import counted
 
@@ -43,47 +48,15 @@ _NO_OBJ: Final = {
     b"<": "XML or HTML, and no OBJ; export the mesh as OBJ, or save the file itself, "
     "not its web page",
 }
-_CURVES: Final = frozenset(
-    [
-        "curv",
-        "curv2",
-        "vp",
-        "cstype",
-        "deg",
-        "bmat",
-        "step",
-        "parm",
-        "trim",
-        "hole",
-        "scrv",
-        "sp",
-        "end",
-        "con",
-        "ctech",
-        "stech",
-        "res",
-        "cdc",
-    ]
-)
+_CURVES: Final = {
+    "curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp",
+    "end", "con", "ctech", "stech", "res", "cdc",
+}  # fmt: skip
 #: Names, groups and hints for other renderers, which place nothing.
-_NAMES: Final = frozenset(
-    [
-        "o",
-        "g",
-        "mg",
-        "lod",
-        "bevel",
-        "c_interp",
-        "d_interp",
-        "shadow_obj",
-        "trace_obj",
-        "maplib",
-        "usemap",
-        "mtllib",
-        "usemtl",
-        "s",
-    ]
-)
+_NAMES: Final = {
+    "o", "g", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "maplib",
+    "usemap", "mtllib", "usemtl", "s",
+}  # fmt: skip
 #: Statements that are listed as unread, because they have no surface.
 _FLAT: Final = {"lines (l)": {"l"}, "points (p)": {"p"}, "free-form curves": _CURVES}
 _DRAWN: Final = ("v", "vt", "vn", "f")
@@ -134,7 +107,7 @@ def read_obj(path: Path) -> MeshContent:
     # The material of a polygon is the last one named before its line.
     used = np.searchsorted(changes, polygons.lines, side="right")
     material_of_polygon = np.array([names.index(name) for name in in_use])[used]
-    looks, not_read = read_libraries(
+    looks, not_read = _read_libraries(
         path,
         [_value(lines, line) for line in named.get("mtllib", [])],
         {names[number] for number in np.unique(material_of_polygon).tolist()},
@@ -179,7 +152,7 @@ def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[Unr
             raise lines.error(first, reason)
     consequence = "are not drawn: they have no surface"
     return [
-        UnreadFeature(feature=feature, consequence=consequence)
+        UnreadFeature(feature, consequence)
         for feature, words in _FLAT.items()
         if not words.isdisjoint(named)
     ]
@@ -189,7 +162,7 @@ def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
     if all(_value(lines, line).lower() in ("off", "0") for line in statements):
         return []
     flat = "are not applied: faces without normals are flat; set smooth = true in the scene file"
-    return [UnreadFeature(feature="smoothing groups (s)", consequence=flat)]
+    return [UnreadFeature("smoothing groups (s)", flat)]
 
 
 def _rows(values: Floats, counts: Indices, width: int) -> Floats:
@@ -213,7 +186,7 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
         colors[colored] = linear_colors(rows[colored, 3:])
         if not colored.all():
             few = f"have none and are white: {np.count_nonzero(~colored):,} of {len(colored):,}"
-            uncolored = [UnreadFeature(feature="colors at vertices", consequence=few)]
+            uncolored = [UnreadFeature("colors at vertices", few)]
     values, counts = lines.numbers(kinds["vt"], skip=2)
     right = (counts >= 1) & (counts <= 3)
     lines.check(kinds["vt"], right, "texture coordinates (vt) are one to three numbers")
@@ -295,7 +268,7 @@ def _corner_indices(
     return table
 
 
-def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | None) -> MeshPart:
+def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) -> MeshPart:
     """Return the triangles of a material by corners (T, 3, 3): vertex, coordinates, normal."""
     # A vertex of the file is split where its corners have other coordinates or normals.
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
@@ -317,3 +290,106 @@ def _part(name: str, corners: Indices, tables: _Tables, look: MaterialTexture | 
         picture=None if look is None else look.picture,
         texture=None if look is None else look.texture,
     )
+
+
+# Material libraries
+# -------------------------------------------------------------------------------------------------
+
+#: Statements that show a surface in another color, or not at all, and the value that changes
+#: nothing.
+_NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
+_MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
+_MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # values of an option of a map
+
+
+@dataclass(kw_only=True)
+class _Material:
+    """Base color texture of one material; the scene file has colors and lights."""
+
+    texture: str | None = None  #: name of the texture
+    picture: Any = None  #: Pillow image, opened and not yet decoded
+    not_honoured: list[str] = field(default_factory=list)  #: other statements
+
+
+def _read_libraries(
+    path: Path, statements: Sequence[str], used: set[str]
+) -> tuple[dict[str, _Material], list[UnreadFeature]]:
+    """Return used materials by name, and features not honoured.
+
+    Parameters
+    ----------
+    path : OBJ file
+    statements : names of libraries, as each `mtllib` statement lists them
+    used : names of materials of which something is not honoured
+    """
+    looks: dict[str, _Material] = {}
+    unread: dict[str, str] = {}  # consequences by feature
+    for statement in dict.fromkeys(statements):
+        whole = _library(path, statement)
+        for name in [statement] if whole is not None else statement.partition("#")[0].split():
+            library = _library(path, name)
+            if library is None:
+                lost = "is missing or cannot be read; textures that it may name are not shown"
+                unread[f"material library {name}"] = lost
+            # The first material of a name counts.
+            looks = (library or {}) | looks
+    for name in sorted(used - looks.keys() - {""}):
+        plain = name.partition("#")[0].strip()  # a comment, or part of a name
+        if plain in looks:
+            looks[name] = looks[plain]
+        elif looks:
+            lost = "is in no library; its surfaces are drawn without it"
+            unread[f"material {name}"] = lost
+    own = {name: looks[name] for name in used if name in looks}
+    if others := {word for look in own.values() for word in look.not_honoured}:
+        lost = "are not applied: colors and lights are those of the scene file"
+        unread[f"statements {', '.join(sorted(others))} of materials"] = lost
+    return own, [UnreadFeature(name, lost) for name, lost in unread.items()]
+
+
+def _library(path: Path, name: str) -> dict[str, _Material] | None:
+    """Return the materials of a library beside an OBJ file; None where it cannot be read."""
+    library = file_beside(path, name)
+    try:
+        content = None if library is None else read_input(library, "material library")
+    except InputError:
+        content = None
+    if content is None:
+        return None
+    looks, look = dict[str, _Material](), _Material()
+    for line in join_continued(plain_text(content)).decode("utf-8", "replace").split("\n"):
+        word, *values = line.split() or [""]
+        key = word.lower()
+        if key == "newmtl":
+            look = looks.setdefault(" ".join(values), _Material())
+        elif key == "map_kd" and values:
+            options, skipped = _options(values)
+            look.texture = line.split(None, 1 + skipped)[-1].strip()
+            look.picture = open_picture(path, look.texture)
+            look.not_honoured += [f"map_Kd {option}" for option in options]
+        elif key.startswith("map_") or key in _MAPS or not _is_neutral(key, values):
+            look.not_honoured.append(word)
+    return looks
+
+
+def _is_neutral(key: str, values: Sequence[str]) -> bool:
+    """Return whether a statement changes nothing: another statement, or its neutral value."""
+    return key not in _NEUTRAL or all(_number(value) == _NEUTRAL[key] for value in values)
+
+
+def _options(values: Sequence[str]) -> tuple[list[str], int]:
+    """Return the options before a texture's name, and how many words they take."""
+    options, place, last = list[str](), 0, len(values) - 1
+    while place < last and values[place].startswith("-") and values[place][1:2].isalpha():
+        options.append(values[place].lower())
+        most = _MOST_NUMBERS.get(options[-1], 1)
+        numbers = [_number(value) is not None for value in values[place + 1 : place + 1 + most]]
+        place += 1 + (max(1, (*numbers, False).index(False)) if most > 1 else 1)
+    return options, min(place, last)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None

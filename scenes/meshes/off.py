@@ -10,10 +10,9 @@ import numpy as np
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart, linear_colors, unit_normals
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text, ranges, starts_of
-from xfrustum.scenes.meshes.textures import linear_colors
 from xfrustum.scenes.model.scene import UnreadFeature
 
 _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BINARY)?")
@@ -71,13 +70,12 @@ def read_off(path: Path) -> MeshContent:
     cut = cut_polygons(points, corners, of_face[drawn], refuse)
     colors = vertices[:, after + 3 * normals :]
     part = MeshPart(
-        name="",
         vertices=points,
         faces=corners[cut][sizes_together(of_face[drawn])],
         normals=unit_normals(vertices[:, after : after + 3]) if normals else None,
         color=linear_colors(colors) if colored else None,
     )
-    unread = [UnreadFeature(feature=f, consequence=c) for (f, c), there in reasons.items() if there]
+    unread = [UnreadFeature(f, c) for (f, c), there in reasons.items() if there]
     return MeshContent(parts=(part,), unread=tuple(unread))
 
 

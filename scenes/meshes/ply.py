@@ -19,10 +19,15 @@ from trimesh.visual.texture import unmerge_faces
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk.input_files import read_input
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes.content import MeshContent, MeshPart, unit_normals
+from xfrustum.scenes.meshes.content import (
+    MeshContent,
+    MeshPart,
+    linear_colors,
+    open_picture,
+    unit_normals,
+)
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import TextLines, plain_text, ranges, starts_of
-from xfrustum.scenes.meshes.textures import linear_colors, open_picture
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.representation import counted
 
@@ -274,7 +279,6 @@ def _content(
     # Faces may choose among several textures by a number, which has no standard name.
     single = textures[0] if len(textures) == 1 else None
     part = MeshPart(
-        name="",
         vertices=points[chosen],
         faces=faces,
         uv=uv,
@@ -349,4 +353,4 @@ def _unread(
     for name, element in elements.items():
         if element.count and name not in ("vertex", "face"):
             features[f"element {name}"] = "is not drawn: it has no faces"
-    return [UnreadFeature(feature=name, consequence=text) for name, text in features.items()]
+    return [UnreadFeature(name, text) for name, text in features.items()]

@@ -71,7 +71,7 @@ def _content(path: Path, corners: Floats, unread: tuple[UnreadFeature, ...]) -> 
             f"{path}: the mesh has no triangles: it says so itself; export the mesh again"
         )
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
-    part = MeshPart(name="", vertices=corners.reshape(-1, 3), faces=faces)
+    part = MeshPart(vertices=corners.reshape(-1, 3), faces=faces)
     return MeshContent(parts=(part,), unread=unread)
 
 
@@ -80,7 +80,7 @@ def _unread(corners: Floats, normals: Floats, colored: bool) -> tuple[UnreadFeat
     unread = []
     if colored:
         consequence = "are not shown: some programs store colors there"
-        unread.append(UnreadFeature(feature="attributes of facets", consequence=consequence))
+        unread.append(UnreadFeature("attributes of facets", consequence))
     with np.errstate(over="ignore", invalid="ignore"):
         winding = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         along = np.einsum("fx,fx->f", winding, normals)
@@ -88,5 +88,5 @@ def _unread(corners: Floats, normals: Floats, colored: bool) -> tuple[UnreadFeat
         turned = np.count_nonzero(along < -_COSINE * size)
     if turned:
         consequence = f"are not read: {turned:,} oppose the order of the corners, which decides"
-        unread.append(UnreadFeature(feature="normals of facets", consequence=consequence))
+        unread.append(UnreadFeature("normals of facets", consequence))
     return tuple(unread)

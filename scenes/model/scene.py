@@ -53,7 +53,7 @@ class NormalsMade(StrEnum):
     ALL = "all"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class UnreadFeature:
     """Feature of a mesh file that changes looks alone and is not honoured.
 
