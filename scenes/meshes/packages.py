@@ -202,7 +202,7 @@ class _Model:
             child = self._node(*key), self.package.matrix(named.get("transform"), "transform")
             groups.setdefault(key, []).append(child)
         # trimesh walks the scene graph depth first and puts children on a stack: the first one,
-        # then the others from the last one on, and those of one object together.
+        # then the others from the last one on; places of one object come together.
         placed = list(chain.from_iterable(groups.values()))
         return [*placed[:1], *placed[:0:-1]]
 
