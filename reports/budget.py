@@ -21,11 +21,11 @@ from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reports.common import pictures as images
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
+from xfrustum.reports.common.pictures import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.common.provenance import aperture_option, scene_command, settings_words
 from xfrustum.reports.common.templates_environment import address, html_page, png
-from xfrustum.reports.error_report import images
-from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.heat_map import why
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as png_of

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.reference import Reference
+from xfrustum.reports.common import pictures as images
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import unexamined_truth
-from xfrustum.reports.error_report import images
 from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import image_size, read_image
 

@@ -22,12 +22,10 @@ from xfrustum.reports.common.figure_style import INK, Figure, look, styled
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
-from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
-from xfrustum.reports.error_report.words import where_it_lies
 from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.text import aligned
+from xfrustum.reports.text import DISPLACEMENT_TIE_PX, aligned, displacement_words
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -514,7 +512,7 @@ def _described(option: Option) -> str:
     spread = f" ({low:.3g} to {high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
     return (
         f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
-        f"{where_it_lies(option.displacement_p99_px)}, "
+        f"{displacement_words(option.displacement_p99_px)}, "
         f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
     )
 

@@ -13,8 +13,8 @@ import numpy as np
 from xfrustum.compare.judging.judged import Figures
 from xfrustum.compare.metrics.error_maps import displacement, judged_pixels, lengths
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
+from xfrustum.reports.common import pictures as images
 from xfrustum.reports.common.templates_environment import address, html_page
-from xfrustum.reports.error_report import images
 from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.notebook import by_height, map_of, png
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene

@@ -4,10 +4,10 @@ An eye has three pictures: A, the true view of the scene; B, the replay of true 
 replay of a renderer's hogels.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -38,9 +38,9 @@ from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
+from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
-from xfrustum.scenes.representation import counted, digits, percent
+from xfrustum.scenes.representation import counted
 
 PAGE, DATA = "index.html", "view.json"
 
@@ -61,109 +61,85 @@ CONE_DEGREES = 40.0
 MAX_TILES = 1 << 10
 
 
-class Source(Protocol):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Source:
     """Hogels of a scene by any renderer."""
 
     #: renderer, or place of its files, for people
     name: str
     #: cameras of the hogels; None where unknown
     settings: DoubleFrustum | None
+    #: function that yields the hogels of some parts in order; pixels outside of the parts have no
+    #: meaning
+    hogels: Callable[[loss.FilmParts], Iterator[loss.DrawnHogel]]
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
-        """Yield the hogels of `parts` in order; only pixels in a hogel's part have a meaning."""
-        ...
 
+def drawing(
+    scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] | None = None
+) -> Source:
+    """Return hogels drawn on demand, one sample a pixel; `effects` None: all that the scene needs.
 
-class Drawing:
-    """Hogels drawn on demand, one sample a pixel; `effects` None: all that the scene needs."""
+    InputError where the settings make no sense for the scene's frustum.
+    """
+    settings.check_against(scene.frustum)
+    once = replace(scene, sampling=Sampling())
+    content = PlateContent(color=loss.DEFAULT_COLOR, ids=True, effects=effects)
 
-    settings: DoubleFrustum | None
-
-    def __init__(
-        self, scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] | None = None
-    ) -> None:
-        settings.check_against(scene.frustum)
-        self.settings = self._settings = settings
-        self.name = f"near {settings.near:g} {scene.units}, {settings.depth_label}"
-        self._scene = replace(scene, sampling=Sampling())
-        self._content = PlateContent(color=loss.DEFAULT_COLOR, ids=True, effects=effects)
-
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
-        """Draw the hogels."""
-        with PlateRenderer(self._scene, self._settings, self._content) as renderer:
+    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+        with PlateRenderer(once, settings, content) as renderer:
             yield from loss.drawn_hogels(renderer, parts)
 
+    name = f"near {settings.near:g} {scene.units}, {settings.depth_label}"
+    return Source(name=name, settings=settings, hogels=hogels)
 
-class StoredPlate:
-    """Plate drawn by `xfrustum plate` from a scene; InputError unless there is one at the path."""
 
-    def __init__(self, path: Path, scene: Scene) -> None:
-        self.name = path.name
-        try:
-            plate = PlateReader(path)
-            drawn = plate.description["scene"]
-            drawn_from = drawn["hash"], drawn["look"]
-            kind: TypeAdapter[DoubleFrustum | None] = TypeAdapter(DoubleFrustum | None)
-            self.settings = kind.validate_python(plate.description.get("settings"))
-        except InputError as error:
-            raise InputError(f"--plate {error}") from error
-        except (KeyError, TypeError, ValidationError) as error:
-            raise InputError(
-                f"--plate {path}: its description is damaged; draw the plate again"
-            ) from error
-        # Equal geometry with other materials makes other colors: both hashes count.
-        if drawn_from != (scene.content_hash, look_hash(scene)):
-            raise InputError(
-                f"--plate {path}: was drawn from another scene; draw it again with xfrustum plate"
-            )
-        self._path, self._scene, self._plate = path, scene, plate
-        self._names = [name for name in (TRIANGLE, COLOR) if name in plate.arrays]
-        shape = (*scene.plate.hogels[::-1], *scene.frustum.resolution[::-1])
-        if COLOR not in self._names or any(
-            plate.arrays[name].shape[:4] != shape for name in self._names
-        ):
-            raise InputError(f"--plate {path}: its arrays are damaged; draw the plate again")
+def stored_plate(path: Path, scene: Scene) -> Source:
+    """Return the hogels of a plate drawn by `xfrustum plate`; InputError for another scene's."""
+    plate = PlateReader(path)
+    try:
+        drawn = plate.description["scene"]
+        drawn_from = drawn["hash"], drawn["look"]
+        kind: TypeAdapter[DoubleFrustum | None] = TypeAdapter(DoubleFrustum | None)
+        settings = kind.validate_python(plate.description.get("settings"))
+    except (KeyError, TypeError, ValidationError) as error:
+        raise InputError(f"{path}: its description is damaged; draw the plate again") from error
+    # Equal geometry with other materials makes other colors: both hashes count.
+    if drawn_from != (scene.content_hash, look_hash(scene)):
+        raise InputError(f"{path}: was drawn from another scene; draw it again with xfrustum plate")
+    names = [name for name in (TRIANGLE, COLOR) if name in plate.arrays]
+    if COLOR not in names:
+        raise InputError(f"{path}: has no color; draw the plate again with color")
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
-        """Read the hogels; InputError where one is missing or unreadable."""
-        # Refuse before the first view is computed.
-        missing = [i for i in parts if not self._plate.finished(self._scene.plate.aperture(*i))]
-        if missing:
+    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+        # Missing hogels are refused before the first view is computed.
+        if missing := [i for i in parts if not plate.finished(scene.plate.aperture(*i))]:
             raise InputError(
-                f"--plate {self._path}: {len(missing)} of {len(parts)} hogels in the eyes' view "
-                f"are missing, such as {missing[0][0]},{missing[0][1]}; draw them with "
-                "xfrustum plate"
+                f"{path}: {len(missing)} of {len(parts)} hogels in the eyes' view are missing, "
+                f"such as {missing[0][0]},{missing[0][1]}; draw them with xfrustum plate"
             )
         for index in parts:
-            try:
-                arrays = {name: self._plate.image(name, *index) for name in self._names}
-            except InputError as error:
-                raise InputError(f"--plate {error}") from error
+            arrays = {name: plate.image(name, *index) for name in names}
             yield loss.DrawnHogel(index=index, color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
 
+    return Source(name=path.name, settings=settings, hogels=hogels)
 
-class Images:
-    """Image files by any renderer, as in `verify`; {i} in a name is the column, {j} the row."""
 
-    settings: DoubleFrustum | None = None
+def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -> Source:
+    """Return files by any renderer, as in `verify`; {i} in a name is the column, {j} the row."""
+    files = Files(pattern=pattern, reference=Reference(scene), encoding=encoding)
 
-    def __init__(self, pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -> None:
-        self.name, self._scene = pattern, scene
-        self._files = Files(pattern=pattern, reference=Reference(scene), encoding=encoding)
-
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
-        """Read the files; InputError where one is missing or unreadable."""
-        apertures = [self._scene.plate.aperture(*index) for index in parts]
-        self._files.check(apertures)
+    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+        apertures = [scene.plate.aperture(*index) for index in parts]
+        files.check(apertures)
         for aperture in apertures:
             try:
-                image = self._files.image(aperture)
+                image = files.image(aperture)
             except Problem as error:
                 raise InputError(str(error)) from error
-            if image.triangle.max(initial=-1) >= len(self._scene.faces):
+            if image.triangle.max(initial=NOTHING) >= len(scene.faces):
                 raise InputError(
-                    f"{self._files.path(aperture)}: names a triangle that the scene does not "
-                    "have; `xfrustum verify` detects how its numbers were stored"
+                    f"{files.path(aperture)}: names a triangle that the scene does not have; "
+                    "`xfrustum verify` detects how its numbers were stored"
                 )
             # A picture of colors names no surface anywhere.
             named = image.color is None or bool(
@@ -176,6 +152,8 @@ class Images:
                 object=image.object if named else None,
                 position=image.position,
             )
+
+    return Source(name=pattern, settings=None, hogels=hogels)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,10 +210,20 @@ class SceneView(NotebookRepr):
         every = {name: getattr(self.views[number], name) for name in NAMES}
         return {name: image for name, image in every.items() if image is not None}
 
+    @property
+    def top(self) -> float:
+        """Largest height of the scene: eyes below it lie within the scene."""
+        return float(self.scene.vertices[:, 2].max())
+
+    def sentences(self) -> list[str]:
+        """Return the largest loss of any eye by each cause, and the gap at the plate."""
+        return plain_text("view-sentences.txt.j2", {"found": self}).splitlines()
+
     def _said(self) -> str:
         hogels = counted(self.record.hogels, "hogel")
         seen = f"{self.scene.name!r}, seen by {counted(len(self.views), 'eye')} through {hogels}"
-        return " ".join([f"{seen}.", *sentences(self)[: 1 + bool(self.renderer)]]).removesuffix(".")
+        losses = self.sentences()[: 1 + bool(self.renderer)]
+        return " ".join([f"{seen}.", *losses]).removesuffix(".")
 
     def _figures(self) -> Sequence[Figure]:
         return [
@@ -246,7 +234,7 @@ class SceneView(NotebookRepr):
 
     def table(self) -> str:
         """Return the numbers as lines for a terminal."""
-        values = {"sentences": sentences(self), "eyes": self.record.eyes}
+        values = {"sentences": self.sentences(), "eyes": self.record.eyes}
         return plain_text("view.txt.j2", values).removesuffix("\n")
 
 
@@ -273,51 +261,51 @@ def view(
     # Raises for too small a view before anything is traced.
     sharpness = [loss.pixels_per_degree(scene, eye) for eye in eyes]
     reference = EyeReference(scene, effects)
-    # All eyes share one pass over the hogels, which costs most.
     takes = [reference.replay(eye) for eye in eyes]
+    parts = loss.film_parts(takes)
     drawn: Sequence[EyeImage | None] = [None] * len(eyes)
-    numbered, gap = False, None
+    numbered = False
     if source is not None:
-        settings = source.settings
+        # All eyes share one pass over the hogels, which costs most.
         collectors = [
-            loss.Collector(scene, eye, taken, settings)
+            loss.Collector(scene, eye, taken, source.settings)
             for eye, taken in zip(eyes, takes, strict=True)
         ]
-        parts = loss.film_parts(takes)
         with progress_bar(len(parts), "hogels", "hogel", shown=progress) as bar:
             bar.iterable = source.hogels(parts)
             drawn = loss.collected(bar, collectors)
         numbered = any(collector.numbered for collector in collectors)
-        gap = _gap(scene, settings) if settings is not None else None
-    views = []
+    views, records = [], []
+    display: list[loss.LossMaps] = []
+    renderer: list[loss.LossMaps] = []
     with progress_bar(len(eyes), "eyes", "eye", shown=progress) as bar:
-        for eye, taken, image in zip(eyes, takes, drawn, strict=True):
+        for eye, taken, image, pixels in zip(eyes, takes, drawn, sharpness, strict=True):
             true, replayed = reference.true_view(eye), reference.replayed(eye)
-            views.append(loss.Views(true=true, replayed=replayed, drawn=image, taken=taken))
+            seen = loss.Views(true=true, replayed=replayed, drawn=image, taken=taken)
+            views.append(seen)
+            display.append(loss.display_loss(reference, seen))
+            if image is not None:
+                renderer.append(loss.renderer_loss(reference, seen, numbered=numbered))
+            record = EyeRecord(
+                eye=eye.position,
+                pixels_per_degree=pixels,
+                display=display[-1].numbers(),
+                renderer=renderer[-1].numbers() if renderer else None,
+            )
+            records.append(record)
             bar.update()
-    display = tuple(loss.display_loss(reference, each) for each in views)
-    renderer = tuple(
-        loss.renderer_loss(reference, each, numbered=numbered)
-        for each in views
-        if each.drawn is not None
-    )
-    records = tuple(
-        EyeRecord(
-            eye=eye.position,
-            pixels_per_degree=sharpness[number],
-            display=display[number].numbers(),
-            renderer=renderer[number].numbers() if renderer else None,
-        )
-        for number, eye in enumerate(eyes)
-    )
-    record = ViewRecord(
-        eyes=records,
-        units=scene.units,
-        source=None if source is None else source.name,
-        hogels=len(loss.hogels_of(takes)),
-    )
     return SceneView(
-        scene=scene, views=tuple(views), display=display, renderer=renderer, record=record, gap=gap
+        scene=scene,
+        views=tuple(views),
+        display=tuple(display),
+        renderer=tuple(renderer),
+        record=ViewRecord(
+            eyes=tuple(records),
+            units=scene.units,
+            source=None if source is None else source.name,
+            hogels=len(parts),
+        ),
+        gap=_gap(scene, source.settings) if source and source.settings else None,
     )
 
 
@@ -355,62 +343,26 @@ def write_view(seen: SceneView, out: Path) -> tuple[Path, ...]:
 def _page(seen: SceneView) -> str:
     eyes = []
     for number, record in enumerate(seen.record.eyes):
-        images = seen.images(number)
+        pictures = {name: shown(image) for name, image in seen.images(number).items()}
         panes = [
-            (f"{letter}: {NAMES[name]}", address(png(shown(image))))
-            for letter, (name, image) in zip("ABC", images.items(), strict=False)
+            (f"{letter}: {NAMES[name]}", address(png(picture)))
+            for letter, (name, picture) in zip("ABC", pictures.items(), strict=False)
         ]
-        for name, under, between in (
-            ("display", "replayed", "A, B"),
-            ("renderer", "drawn", "B, C"),
+        for name, maps, under, pair in (
+            ("display", seen.display, "replayed", "A, B"),
+            ("renderer", seen.renderer, "drawn", "B, C"),
         ):
-            for lost in getattr(seen, name)[number : number + 1]:
+            for lost in maps[number : number + 1]:
                 # Share of the displacement in full color.
                 arcmin = lost.displacement_arcmin / SEEN_ARCMIN
-                marks = marked(shown(images[under]), lost.wrong, arcmin)
-                panes.append((f"loss by the {name}: {between}", address(png(marks))))
+                marks = marked(pictures[under], lost.wrong, arcmin)
+                panes.append((f"loss by the {name}: {pair}", address(png(marks))))
         eyes.append((record, panes))
-    values = {
-        "found": seen,
-        "record": seen.record,
-        "eyes": eyes,
-        "sentences": sentences(seen),
-        "seen_arcmin": SEEN_ARCMIN,
-        "versions": {**versions(), **machine()},
-    }
-    return html_page("view.html.j2", values)
-
-
-def sentences(seen: SceneView) -> list[str]:
-    """Return the largest loss of any eye by each cause, and the gap at the plate, in words."""
-    eyes, units = seen.record.eyes, seen.record.units
-    lines = []
-    for name in eyes[0].losses:
-        losses = [eye.losses[name] for eye in eyes]
-        wrong = max((lost.fraction for lost in losses if lost.fraction is not None), default=None)
-        arcmin = [lost.displacement_arcmin.p99 for lost in losses if lost.displacement_arcmin]
-        flip = max((lost.flip for lost in losses if lost.flip is not None), default=None)
-        parts = ["wrong surfaces unknown" if wrong is None else f"{percent(wrong)} wrong surfaces"]
-        if arcmin:
-            parts.append(
-                f"99 % of the points displaced by at most {digits(max(arcmin))} arc minutes"
-            )
-        parts += [] if flip is None else [f"FLIP {digits(flip)}"]
-        worst = f" (worst of {len(losses)} eyes)" if len(losses) > 1 else ""
-        lines.append(f"Loss by the {name}{worst}: {', '.join(parts)}.")
-    if seen.gap is not None:
-        lines.append(
-            f"The near offset moves every point {digits(seen.gap)} {units} away from the plate, "
-            f"which opens a gap of {digits(2 * seen.gap)} {units} there (docs/method.md)."
-        )
-    top = float(seen.scene.vertices[:, 2].max())
-    within = sum(eye.eye[2] <= top for eye in eyes)
-    if within:
-        lines.append(
-            f"{within} of {len(eyes)} eyes lie within the scene, which reaches to z = "
-            f"{digits(top)} {units}: their numbers count surfaces beside and behind them."
-        )
-    return lines
+    values = {"found": seen, "record": seen.record, "eyes": eyes, "sentences": seen.sentences()}
+    versions_here = {**versions(), **machine()}
+    return html_page(
+        "view.html.j2", {**values, "seen_arcmin": SEEN_ARCMIN, "versions": versions_here}
+    )
 
 
 def write_quilt(

@@ -10,7 +10,7 @@ from xfrustum.compare.eye.noticeable import ARCSEC_PER_RADIAN, Display, Viewer, 
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reference.lines.lines import pixel_places
-from xfrustum.reports.view import Drawing
+from xfrustum.reports.view import drawing
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye
@@ -95,7 +95,7 @@ class ReplayWorkbench:
             loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
         ]
         parts = loss.film_parts(view.taken for view in self._views)
-        images = loss.collected(Drawing(self._scene, settings).hogels(parts), collectors)
+        images = loss.collected(drawing(self._scene, settings).hogels(parts), collectors)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
 
     def _wrong(self, views: Sequence[loss.Views]) -> list[Mask]:

@@ -16,7 +16,7 @@ from tests.support.moved_scene import MovedScene, moved_scene
 
 from xfrustum.compare.eye.loss import LossMaps, Views, display_loss
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.view import Drawing, shown, view
+from xfrustum.reports.view import drawing, shown, view
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
@@ -66,7 +66,7 @@ def moved_picture(name: str) -> Image.Image:
     """Return C, C against B, C against the true view of the moved scene, and B against A."""
     settings = DoubleFrustum(near=NEAR, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     scene = open_scene(name)
-    seen = view(scene, [EYE], Drawing(scene, settings))
+    seen = view(scene, [EYE], drawing(scene, settings))
     (views,), (display,), (renderer,) = seen.views, seen.display, seen.renderer
     assert views.drawn is not None
     moved = moved_scene(scene, settings)

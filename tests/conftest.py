@@ -8,7 +8,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -16,6 +16,7 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from tests.support.commands import Command
     from tests.support.worlds import World
 
 # NumPy's libraries wait busily for their threads, too, which small matrices do not need
@@ -52,25 +53,36 @@ def _worlds() -> Any:
 @pytest.fixture(scope="session")
 def centered() -> World:
     """`asymmetric` at 64 x 48 pixels, 5 x 4 hogels: unlike parts on both sides of the plate."""
-    return cast("World", _worlds().world("asymmetric"))
+    made: World = _worlds().world("asymmetric")
+    return made
 
 
 @pytest.fixture(scope="session")
 def recentered() -> World:
     """`asymmetric-recentered` at 64 x 48 pixels, 5 x 4 hogels: an off-center screen."""
-    return cast("World", _worlds().world("asymmetric-recentered"))
+    made: World = _worlds().world("asymmetric-recentered")
+    return made
 
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> World:
     """A scene file of three shapes at 32 x 24 pixels, 5 x 4 hogels, with its images as files."""
-    return cast("World", _worlds().tiny_world(tmp_path_factory.mktemp("tiny")))
+    made: World = _worlds().tiny_world(tmp_path_factory.mktemp("tiny"))
+    return made
 
 
 @pytest.fixture(scope="session", params=["centered", "recentered", "tiny"])
 def world(request: pytest.FixtureRequest) -> World:
     """Each of the three worlds in turn."""
-    return cast("World", request.getfixturevalue(request.param))
+    made: World = request.getfixturevalue(request.param)
+    return made
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    """Run a command line in this process: `command("scenes --json").record`."""
+    made: Command = import_module("tests.support.commands").command_of(capsys)
+    return made
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -28,7 +28,11 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.representation import ShortRepr, digits
 
-Block = tuple[Indices, Indices]  #: rows (R, 1) and columns (1, C) of pixels of a picture
+#: rows (R, 1) and columns (1, C) of pixels of a picture
+Block = tuple[Indices, ...]
+
+#: parts of hogels' films by column and row
+FilmParts = Mapping[tuple[int, int], FilmPart]
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
@@ -53,42 +57,43 @@ def drawn_points(
     A point lies where the line of the camera meets the plane of the triangle. The last
     camera in drawing order with the point between its ends shows it.
     """
-    all_points = np.full((*triangle.shape, 3), np.nan)
     rows, columns = np.nonzero(triangle != NOTHING)
-    if not len(rows):
-        return all_points
     corners = scene.triangles[triangle[rows, columns]]
-    normals = triangle_normals(corners)
-    slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
-    points = np.full((len(rows), 3), np.nan)
+    normals, points = triangle_normals(corners), np.full(corners.shape[:2], np.nan)
     across = _camera_lines(scene, settings, pixels.hogel_column, pixels.film_column, 0)
     down = _camera_lines(scene, settings, pixels.hogel_row, pixels.film_row, 1)
-    for (x, dx, height, ends), (y, dy, _, _) in zip(across, down, strict=True):
-        center = np.stack((x[columns], y[rows], np.full(len(rows), height)), axis=-1)
-        direction = np.stack((dx[columns], dy[rows], np.full(len(rows), -1.0)), axis=-1)
+    slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
+    # Heights of cameras and of their ends are equal at all apertures.
+    cameras = model_cameras(scene.frustum, scene.plate.middle, settings)
+    for (x, dx), (y, dy), camera in zip(
+        across[..., columns], down[..., rows], cameras, strict=True
+    ):
+        center = np.stack((x, y, np.full(len(rows), camera.bundle.center[2])), axis=-1)
+        direction = np.stack((dx, dy, np.full(len(rows), -1.0)), axis=-1)
+        low, high = camera.heights
         with np.errstate(invalid="ignore", over="ignore"):
             met = center + plane_places(corners, normals, center, direction)[:, None] * direction
-            drawn: Mask = (met[:, 2] >= ends[0] - slack) & (met[:, 2] <= ends[1] + slack)
+            drawn: Mask = (met[:, 2] >= low - slack) & (met[:, 2] <= high + slack)
         points[drawn] = met[drawn]
+    all_points = np.full((*triangle.shape, 3), np.nan)
     all_points[rows, columns] = points
     return all_points
 
 
 def _camera_lines(
     scene: Scene, settings: DoubleFrustum, hogel: Indices, pixel: Indices, axis: int
-) -> list[tuple[Floats, Floats, float, tuple[float, float]]]:
-    """Return places and slopes along an axis, height and ends of each camera in drawing order."""
-    lines: list[tuple[Floats, Floats, float, tuple[float, float]]] = []
+) -> Floats:
+    """Return (cameras, 2, N) centers and slopes along an axis of the lines of some pixels."""
+    cameras = len(model_cameras(scene.frustum, scene.plate.middle, settings))
+    lines = np.full((cameras, 2, len(hogel)), np.nan)
     for number in np.unique(hogel[pixel >= 0]).tolist():
         aperture = scene.plate.aperture(*((number, 0) if axis == 0 else (0, number)))
         here = np.flatnonzero((hogel == number) & (pixel >= 0))
-        for index, camera in enumerate(model_cameras(scene.frustum, aperture, settings)):
-            bundle = camera.bundle
-            if index == len(lines):
-                none = np.full(len(hogel), np.nan)
-                lines.append((none, none.copy(), bundle.center[2], camera.heights))
-            lines[index][0][here] = bundle.center[axis]
-            lines[index][1][here] = (bundle.dx, bundle.dy)[axis][pixel[here]]
+        for line, camera in zip(
+            lines, model_cameras(scene.frustum, aperture, settings), strict=True
+        ):
+            line[0, here] = camera.bundle.center[axis]
+            line[1, here] = (camera.bundle.dx, camera.bundle.dy)[axis][pixel[here]]
     return lines
 
 
@@ -136,20 +141,21 @@ class Collector:
             if values is not None:
                 picture[here] = values[there]
         self.numbered |= hogel.triangle is not None or hogel.object is not None
-        if hogel.color is not None:
-            if self._color is None:
-                self._color = np.zeros(self._position.shape)
-            scale = 1 / LEVELS if hogel.color.dtype == np.uint8 else 1.0
-            for pixels in self._taken.colors:
-                here, there = _blocks(pixels, hogel.index)
-                weight = scale * pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
-                self._color[here] += weight[..., None] * hogel.color[there].astype(np.float64)
+        if hogel.color is None:
+            return
+        if self._color is None:
+            self._color = np.zeros(self._position.shape)
+        scale = 1 / LEVELS if hogel.color.dtype == np.uint8 else 1.0
+        for pixels in self._taken.colors:
+            here, there = _blocks(pixels, hogel.index)
+            weight = scale * pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
+            self._color[here] += weight[..., None] * hogel.color[there].astype(np.float64)
 
     def finish(self) -> EyeImage:
         """Return the picture of all hogels so far."""
         named = self._triangle != NOTHING
         self._object[named] = self._scene.object_of_triangle[self._triangle[named]]
-        position: Floats = self._position
+        position = self._position
         if self._settings is not None:
             points = drawn_points(self._scene, self._settings, self._taken.shown, self._triangle)
             position = np.where(np.isfinite(position), position, points)
@@ -166,10 +172,7 @@ def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
     """Return the places of a hogel's pixels in the eye's picture and in its own."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
-    return (rows[:, None], columns[None]), (
-        pixels.film_row[rows][:, None],
-        pixels.film_column[columns][None],
-    )
+    return np.ix_(rows, columns), np.ix_(pixels.film_row[rows], pixels.film_column[columns])
 
 
 def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> list[EyeImage]:
@@ -180,34 +183,27 @@ def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> 
     return [collector.finish() for collector in collectors]
 
 
-def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
-    """Return column and row of all hogels with a pixel in some views, row by row."""
-    every = {index for taken in takes for index in taken.hogels}
-    return sorted(every, key=lambda index: (index[1], index[0]))
-
-
 def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
-    """Return the smallest part of each hogel's film with all of its pixels in some views."""
-    takes, columns, rows = list(takes), dict[int, list[int]](), dict[int, list[int]]()
+    """Return the smallest part of each hogel's film with all of its pixels in some views.
+
+    Hogels, by column and row, are sorted row by row.
+    """
+    takes, ends = list(takes), (dict[int, tuple[int, int]](), dict[int, tuple[int, int]]())
     for pixels in (part for taken in takes for part in (taken.shown, *taken.colors)):
-        for known, hogel, pixel in (
-            (columns, pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns]),
-            (rows, pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows]),
-        ):
-            for number in np.unique(hogel).tolist():
-                known.setdefault(number, []).extend(pixel[hogel == number].tolist())
-
-    def ends(pixels: list[int]) -> tuple[int, int]:
-        return min(pixels), max(pixels)
-
+        across = pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns]
+        down = pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows]
+        for known, (hogel, pixel) in zip(ends, (across, down), strict=True):
+            for number, place in zip(hogel.tolist(), pixel.tolist(), strict=True):
+                low, high = known.get(number, (place, place))
+                known[number] = min(low, place), max(high, place)
+    hogels = {index for taken in takes for index in taken.hogels}
     return {
-        (i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(takes)
+        (column, row): FilmPart(columns=ends[0][column], rows=ends[1][row])
+        for column, row in sorted(hogels, key=lambda index: index[::-1])
     }
 
 
-def drawn_hogels(
-    renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]
-) -> Iterator[DrawnHogel]:
+def drawn_hogels(renderer: PlateRenderer, parts: FilmParts) -> Iterator[DrawnHogel]:
     """Draw parts of hogels and yield them in order; pixels outside of the parts have no meaning."""
     plate = renderer.scene.plate
     for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
@@ -299,8 +295,7 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
     true, replayed = views.true, views.replayed
     wrong = (true.object != replayed.object) | _hidden(reference, replayed)
     rays = reference.bundle(views.eye).directions()
-    moved = _angle(rays, replayed.position - np.array(views.eye.position))
-    return _maps(reference.scene, (true, replayed), np.ones_like(wrong), wrong, moved)
+    return _maps(reference.scene, (true, replayed), np.ones_like(wrong), wrong, rays)
 
 
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
@@ -319,21 +314,28 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
     if numbered:
         hidden = _hidden(reference, drawn) & ~_hidden(reference, true)
         wrong = (true.object != drawn.object) | hidden
-    eye, place = np.array(views.eye.position), shown_at(reference.scene, views.taken, drawn)
-    moved = _angle(place - eye, drawn.position - eye)
-    return _maps(reference.scene, (true, drawn), met, wrong, moved)
+    rays = shown_at(reference.scene, views.taken, drawn) - views.eye.position
+    return _maps(reference.scene, (true, drawn), met, wrong, rays)
 
 
 def _maps(
-    scene: Scene, pair: tuple[EyeImage, EyeImage], judged: Mask, wrong: Mask | None, moved: Floats
+    scene: Scene, pair: tuple[EyeImage, EyeImage], judged: Mask, wrong: Mask | None, rays: Floats
 ) -> LossMaps:
-    """Return all maps of an expected and a shown view; ties are not judged."""
+    """Return all maps of an expected and a shown view; ties are not judged.
+
+    `rays` (H, W, 3) point from the eye to where the shown points belong.
+    """
     expected, shown = pair
     for image in pair:
         if image.certainty is not None:
             judged = judged & (image.certainty != Certainty.TIE)
     same = (expected.object == shown.object) & (expected.object != NOTHING)
     depth = np.abs(shown.position[..., 2] - expected.position[..., 2])
+    seen = shown.position - shown.eye.position
+    # The arctangent is exact also for tiny angles.
+    angle = np.arctan2(
+        np.linalg.norm(np.cross(rays, seen), axis=-1), np.einsum("...i,...i", rays, seen)
+    )
     flip = None
     if expected.color is not None and shown.color is not None:
         sharpness = pixels_per_degree(scene, shown.eye)
@@ -342,7 +344,7 @@ def _maps(
     return LossMaps(
         judged=judged,
         wrong=None if wrong is None else wrong & judged,
-        displacement_arcmin=moved * ARCMIN_PER_RADIAN,
+        displacement_arcmin=angle * ARCMIN_PER_RADIAN,
         depth_error=np.where(same, depth, np.nan),
         flip=flip,
     )
@@ -378,10 +380,3 @@ def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
     behind: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
     occluded = partial(reference.hidden, shown.eye)
     return behind | hidden_pixels(known & ~behind, shown, reference.scene, occluded)
-
-
-def _angle(a: Floats, b: Floats) -> Floats:
-    """Return the angles between vectors (H, W, 3), radians, exact also for tiny ones."""
-    return np.asarray(
-        np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b))
-    )

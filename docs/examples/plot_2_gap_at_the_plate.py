@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum import DoubleFrustum, Eye, open_scene, view
-from xfrustum.reports.view import Drawing
+from xfrustum.reports.view import drawing
 
 # %%
 # A scene with parts on both sides of the plate, viewed from 600 mm. To make the gap
@@ -22,7 +22,7 @@ from xfrustum.reports.view import Drawing
 scene = open_scene("asymmetric")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(48, 48)))
 eye = Eye(position=(40.0, 20.0, 600.0), resolution=(240, 180))
-seen = view(scene, [eye], Drawing(scene, DoubleFrustum(near=6.0)))
+seen = view(scene, [eye], drawing(scene, DoubleFrustum(near=6.0)))
 print(
     f"every point is seen {seen.gap:g} {scene.units} farther from the plate than it is"
 )

@@ -1,11 +1,7 @@
 """Error report: every setting of a scene drawn and judged; page, JSON and Parquet.
 
-request  Settings, apertures and options, and the grid of settings
-sweep    Measurement of every setting at every aperture
-light    Effects, the bent eye vector, and light that a raster misses
+sweep    Options and grid of settings; measurement of every setting at every aperture, and of light
 best     Rows, and the choice of the best depth buffer and near planes
-words    Sentences of the recommendation and of dominant causes
-images   Pictures of truths, frames and errors, on scales that are the same in a whole report
-page     One HTML file with its pictures, its figures and plotly.js inside
-report   `xfrustum report`: page, numbers and inspection, written together
+figures  Figures of the page: errors and causes over near planes
+report   `xfrustum report`: numbers, sentences, page and inspection, written together
 """

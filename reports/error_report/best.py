@@ -1,7 +1,7 @@
 """Rows of a report, and the choice among them: the best depth buffer and the best near planes."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TypeVar
 
@@ -14,11 +14,28 @@ from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.run import StageTimes
 from xfrustum.reports.common.records import named_columns
-from xfrustum.reports.error_report.request import geometry_of
-from xfrustum.reports.text import sentences
+from xfrustum.reports.text import DISPLACEMENT_TIE_PX, sentences
 from xfrustum.scenes import Aperture, DoubleFrustum
 
 Row = TypeVar("Row")
+
+GEOMETRY = ("pivot", "fit", "offset", "slabs")
+"""Fields of `DoubleFrustum` for the places of the cameras and the extents of their films."""
+
+SURFACE_TIE_FRACTION = 1e-4
+"""Surface fractions closer than this are equal.
+
+A rasterizer snaps vertices to 2^-8 px, which leaves
+the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
+for contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten
+thousand."""
+
+UNSEEN_DISPLACEMENT_PX = 0.1
+"""Displacements below this are equally good.
+
+At 67 pixels per degree, for which FLIP judges, a pixel
+spans 54 seconds of arc; people see an offset of 5 at best between two lines that continue each
+other (vernier acuity, Westheimer 1979): a tenth of a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +47,21 @@ class PredictedSurface:
     snapped: float
     depth: float
     outside: float
-    culled: float = 0.0
+    culled: float
+
+    @classmethod
+    def from_prediction(cls, predicted: Prediction) -> "PredictedSurface":
+        """Return the shares of a prediction."""
+        parts = ("silhouettes", "snapped", "depth", "outside", "culled")
+        shares = {name: getattr(predicted, name) for name in parts}
+        return cls(fraction=predicted.surface_fraction, **shares)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RowNumbers:
     """Settings and numbers of a row, as report.json and measurements.parquet have them."""
 
+    aperture: Aperture
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     near_per_reach: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
@@ -49,15 +74,9 @@ class RowNumbers:
     prediction_reasons: Reasons | None
     times_s: StageTimes = field(metadata=named_columns("time_{}_s"))
     parts_s: Mapping[str, Mapping[str, float]] = field(metadata=named_columns("time_{}_s"))
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableRow:
-    """One row of measurements.parquet, with the scene and the programs behind the numbers."""
-
-    aperture: Aperture
-    numbers: RowNumbers = field(metadata=named_columns("{}"))
+    #: links of the budget; None for all without causes
     causes: Mapping[str, CauseNumbers | None] = field(metadata=named_columns("cause_{}"))
+    #: scene, versions and devices behind the numbers
     made_by: Mapping[str, str] = field(metadata=named_columns("{}"))
 
 
@@ -72,18 +91,17 @@ class Measurement:
     causes: tuple[Cause, ...]
     #: wrong pixels without an explanation by rounding; None without causes
     unexplained: int | None
-    predicted: (
-        Prediction | None
-    )  #: the error by closed forms, from the scene alone; None without causes
+    #: the error by closed forms, from the scene alone; None without causes
+    predicted: Prediction | None
     times_s: StageTimes
     #: time of the device, a part of `times_s.raster`
     gpu_s: float
     #: effect of the pivot on the shown points, if any
     shear: ShearNumbers | None = None
-    #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that
-    #: is off by more than 1/255; empty where they were not kept.
-    wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
-    #: Encoded pictures by name; see `images.setting_pictures`.
+    #: By `surface` and, of a shaded scene, `radiance`: judged pixels that show the wrong surface,
+    #: or a color that is off by more than 1/255.
+    wrong: Mapping[str, PixelSet] = field(repr=False)
+    #: encoded pictures by name; see `pictures.setting_pictures`
     pictures: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
     @property
@@ -104,82 +122,45 @@ class Measurement:
         radiance = self.comparison.radiance
         return radiance.above_step if radiance else 0.0
 
-    def wrong_count(self, kind: str) -> int:
-        """Return the number of those pixels."""
-        pixels = self.wrong.get(kind)
-        return (
-            round(self.wrong_share(kind) * self.comparison.judged)
-            if pixels is None
-            else pixels.count
-        )
-
     @property
     def measured_over_predicted(self) -> dict[str, float | None]:
         """Ratios; None without a measurement or a prediction, and where zero is predicted."""
         predicted, measured = self.predicted, self.comparison.displacement_px
         moved = predicted.displacement_px if predicted else None
+
+        def ratio(statistic: str) -> float | None:
+            below = getattr(moved, statistic, None)
+            return getattr(measured, statistic) / below if measured and below else None
+
         surface = predicted.surface_fraction if predicted else None
         return {
-            "displacement_rms": measured.rms / moved.rms
-            if measured and moved and moved.rms
-            else None,
-            "displacement_p99": measured.p99 / moved.p99
-            if measured and moved and moved.p99
-            else None,
+            "displacement_rms": ratio("rms"),
+            "displacement_p99": ratio("p99"),
             "surface": self.surface_fraction / surface if surface else None,
         }
 
-    def numbers(self, reach: float) -> RowNumbers:
-        """Return the numbers of the row, the record of report.json."""
-        predicted, surface = self.predicted, None
-        if predicted is not None:
-            names = [part.name for part in fields(PredictedSurface)[1:]]
-            parts = {name: getattr(predicted, name) for name in names}
-            surface = PredictedSurface(fraction=predicted.surface_fraction, **parts)
+    def numbers(self, reach: float, made_by: Mapping[str, str]) -> RowNumbers:
+        """Return the row of the record and of the table; `reach` in scene units."""
+        predicted = self.predicted
+        # Columns of causes exist without causes, too.
+        causes: dict[str, CauseNumbers | None] = dict.fromkeys(links_of(self.settings))
         return RowNumbers(
+            aperture=self.aperture,
             settings=self.settings,
             near_per_reach=self.settings.near / reach,
             comparison=self.comparison,
             unexplained=self.unexplained,
             shear=self.shear,
             predicted_displacement_px=predicted.displacement_px if predicted else None,
-            predicted_surface=surface,
+            predicted_surface=PredictedSurface.from_prediction(predicted) if predicted else None,
             smallest_separation=predicted.separation if predicted else None,
             measured_over_predicted=self.measured_over_predicted,
             prediction_reasons=sentences(predicted.reasons) if predicted else None,
             times_s=self.times_s,
             parts_s={"raster": {"gpu": self.gpu_s}},
-        )
-
-    def table_row(self, reach: float, made_by: Mapping[str, str]) -> TableRow:
-        """Return the row of measurements.parquet; columns of causes exist without causes, too."""
-        causes: dict[str, CauseNumbers | None] = dict.fromkeys(links_of(self.settings))
-        return TableRow(
-            aperture=self.aperture,
-            numbers=self.numbers(reach),
             causes=causes | {cause.name: cause.numbers for cause in self.causes},
             made_by=made_by,
         )
-
-
-SURFACE_TIE_FRACTION = 1e-4
-"""Surface fractions closer than this are equal.
-
-A rasterizer snaps vertices to 2^-8 px, which leaves
-the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
-for contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten
-thousand."""
-
-DISPLACEMENT_TIE_PX = 1e-3
-"""Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
-pixels within 1e-3 px on meshes)."""
-
-UNSEEN_DISPLACEMENT_PX = 0.1
-"""Displacements below this are equally good.
-
-At 67 pixels per degree, for which FLIP judges, a pixel
-spans 54 seconds of arc; people see an offset of 5 at best between two lines that continue each
-other (vernier acuity, Westheimer 1979): a tenth of a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +169,7 @@ class Window:
 
     low: float
     high: float
-    #: that were measured from `low` to `high`
+    #: number of nears measured from `low` to `high`
     nears: int
 
 
@@ -199,14 +180,13 @@ class Recommendation:
     settings: DoubleFrustum
     surface_fraction: float
     displacement_p99_px: float
-    #: Share of judged pixels with a channel that is off by more than 1/255; None of a scene without
-    #: shading.
+    #: share of judged pixels with a channel off by more than 1/255; None without shading
     radiance_fraction: float | None
-    #: The near planes of the same depth buffer that are as good.
+    #: near planes of the same depth buffer that are as good
     window: Window
-    #: The aperture with the largest share of wrong surfaces, and of those the most displaced one;
-    #: and the one with the largest displacement: the same one, unless another is displaced more.
+    #: aperture with the largest share of wrong surfaces, and of those the most displaced one
     aperture: Aperture
+    #: aperture with the largest displacement; `aperture` unless another is displaced more
     displaced_aperture: Aperture
 
 
@@ -218,23 +198,30 @@ def grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Ro
     return list(groups.values())
 
 
-def _worst(rows: Sequence[Measurement], kind: str) -> Measurement:
-    """Return the row of a setting at the aperture with most pixels that are wrong in one sense."""
-    return max(rows, key=lambda row: row.wrong_share(kind))
+def geometry_of(settings: DoubleFrustum) -> DoubleFrustum:
+    """Return the camera geometry of settings: the same cameras with near 1 and default depth."""
+    return DoubleFrustum(near=1.0, **{name: getattr(settings, name) for name in GEOMETRY})
 
 
-def _is_worse(
-    rows: Sequence[Measurement], others: Sequence[Measurement], kind: str, comparisons: int
-) -> bool:
-    """Return whether a setting is worse at its worst aperture, by more than a tie and chance."""
-    here = _worst(rows, kind)
-    if here.wrong_share(kind) <= _worst(others, kind).wrong_share(kind) + SURFACE_TIE_FRACTION:
+def geometries_of(settings: Iterable[DoubleFrustum]) -> tuple[DoubleFrustum, ...]:
+    """Return the camera geometries of some settings, in the order of their first occurrence."""
+    return tuple(dict.fromkeys(map(geometry_of, settings)))
+
+
+def _is_worse(worst: Measurement, others: Sequence[Measurement], kind: str, tests: int) -> bool:
+    """Return whether the worst row of a setting is worse than another setting, beyond chance."""
+    if worst.wrong_share(kind) <= _share(others, kind) + SURFACE_TIE_FRACTION:
         return False
-    there = next(row for row in others if row.aperture == here.aperture)
-    both = kind in here.wrong and kind in there.wrong
+    other = next(row for row in others if row.aperture == worst.aperture)
+    here, there = worst.wrong[kind], other.wrong[kind]
     # Pixels wrong in both pictures cancel in a paired test.
-    shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
-    return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
+    shared = here.shared_with(there)
+    return is_worse(here.count - shared, there.count - shared, tests)
+
+
+def _share(rows: Sequence[Measurement], kind: str) -> float:
+    """Return the share of wrong pixels at the worst aperture."""
+    return max(row.wrong_share(kind) for row in rows)
 
 
 def _displaced(rows: Sequence[Measurement]) -> float:
@@ -252,11 +239,13 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     (`compare.metrics.error_maps`). The worst aperture counts.
     """
     candidates = grouped(rows, lambda row: row.settings)
-    comparisons = max(len(candidates) - 1, 1)
-    for kind in ("surface", "radiance"):
-        least = min(candidates, key=lambda group: _worst(group, kind).wrong_share(kind))
+    tests = max(len(candidates) - 1, 1)
+    for kind in rows[0].wrong:
+        least = min(candidates, key=lambda group: _share(group, kind))
         candidates = [
-            group for group in candidates if not _is_worse(group, least, kind, comparisons)
+            group
+            for group in candidates
+            if not _is_worse(max(group, key=lambda row: row.wrong_share(kind)), least, kind, tests)
         ]
     # Below the visible threshold all settings are equal; above it, ties within measurement error.
     limit = max(min(map(_displaced, candidates)) + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
@@ -273,34 +262,27 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     that they starve it of depth; of two middles the larger near is taken.
     """
     good, windows = equally_good(rows), []
-    for line in grouped(
-        dict.fromkeys(row.settings for row in rows), lambda setting: replace(setting, near=1.0)
-    ):
-        for is_good, run in groupby(
-            sorted(line, key=lambda setting: setting.near), key=good.__contains__
-        ):
-            if is_good:
-                nears = [setting.near for setting in run]
-                windows.append(
-                    (Window(low=nears[0], high=nears[-1], nears=len(nears)), nears, line[0])
-                )
-    window, nears, cameras = max(
-        windows, key=lambda window: (window[0].high / window[0].low, window[0].high)
-    )
-    middle = (window.low * window.high) ** 0.5
+    settings = dict.fromkeys(row.settings for row in rows)
+    for line in grouped(settings, lambda each: replace(each, near=1.0)):
+        runs = groupby(sorted(line, key=lambda each: each.near), good.__contains__)
+        windows += [list(run) for is_good, run in runs if is_good]
+    window = max(windows, key=lambda run: (run[-1].near / run[0].near, run[-1].near))
+    low, high = window[0].near, window[-1].near
+    middle = (low * high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
-    near = min(reversed(nears), key=lambda near: round(max(near / middle, middle / near), 12))
+    best = min(
+        reversed(window), key=lambda each: round(max(each.near / middle, middle / each.near), 12)
+    )
     # All apertures of the chosen setting: the worst one gives the numbers.
-    chosen = [row for row in rows if row.settings == replace(cameras, near=near)]
-    shaded = all("radiance" in row.wrong for row in chosen)
+    chosen = [row for row in rows if row.settings == best]
     worst = max(chosen, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
     moved = max(chosen, key=lambda row: (row.displacement_p99_px, row is worst))
     return Recommendation(
-        settings=worst.settings,
+        settings=best,
         surface_fraction=worst.surface_fraction,
         displacement_p99_px=moved.displacement_p99_px,
-        radiance_fraction=_worst(chosen, "radiance").wrong_share("radiance") if shaded else None,
-        window=window,
+        radiance_fraction=_share(chosen, "radiance") if "radiance" in worst.wrong else None,
+        window=Window(low=low, high=high, nears=len(window)),
         aperture=worst.aperture,
         displaced_aperture=moved.aperture,
     )

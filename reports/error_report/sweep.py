@@ -1,33 +1,67 @@
 """Sweep of a report: every setting drawn and judged at every aperture, in numbers and pictures."""
 
+import itertools
 import math
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from xfrustum.compare.metrics.error_maps import PixelSet
-from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.metrics.radiance import STEP, LeftOutNumbers, measure_left_out
+from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame, images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
-from xfrustum.reference import alone
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference, alone
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.llvm import worker_count
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.reports import inspection
-from xfrustum.reports.common import provenance
+from xfrustum.reports.common import pictures, provenance
 from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.reports.error_report import images
-from xfrustum.reports.error_report.best import Measurement, Recommendation, best_setting
-from xfrustum.reports.error_report.light import LightReport, measure_light
-from xfrustum.reports.error_report.request import ReportOptions, geometries_of, geometry_of
-from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage
-from xfrustum.scenes.model.effects import chosen
+from xfrustum.reports.error_report.best import (
+    Measurement,
+    Recommendation,
+    best_setting,
+    geometries_of,
+    geometry_of,
+)
+from xfrustum.reports.scene_check.effects import EffectRow, effect_rows
+from xfrustum.scenes import (
+    Aperture,
+    Cull,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Fit,
+    HogelImage,
+    Offset,
+    Pivot,
+)
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.model.effects import Effect, Question, chosen, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
+from xfrustum.scenes.plate.plate import Frustum
+
+DepthBuffer = tuple[DepthFormat, DepthMapping]
+
+DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.REVERSED),
+    (DepthFormat.D32F, DepthMapping.STANDARD),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+)
+"""Depth buffers of a report, the cheapest first: the first of equally good ones is recommended."""
+
+DEFAULT_NEARS_PER_REACH = np.geomspace(1e-1, 1e-8, 25)
 
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together up to which pictures are not reduced.
@@ -38,18 +72,100 @@ stays under 30 MB."""
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
 """Parts that a report without causes omits."""
 
+# Request
+# --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """Settings, apertures and ways of measuring of a report; None is the default.
+
+    Every combination of the nears, depth buffers and camera geometries is measured.
+    """
+
+    #: offsets, scene units, each between 0 and the reach; None for `default_nears`
+    nears: Sequence[float] | None = None
+    #: None for the middle one and, if the frustum is recentered, two corners. With those that
+    #: `auto_apertures` chooses, the page has a map of the plate.
+    apertures: Sequence[Aperture] | AutoApertures | None = None
+    depths: Sequence[DepthBuffer] | None = None
+    #: None for both of a recentered frustum where they differ; else the aperture
+    pivots: Sequence[Pivot] | None = None
+    fits: Sequence[Fit | float] | None = None
+    offsets: Sequence[Offset] | None = None
+    slabs: Sequence[tuple[float, ...]] | None = None
+    cull: Cull = Cull.NONE
+    tracer: str = "embree"
+    #: simulated effects, as `--effects` takes them: `auto`, `all`, or names between commas
+    effects: str = "auto"
+    #: source of the truths: `certified`, or a tracer alone, of which nothing is examined
+    decided_by: str = alone.CERTIFIED
+    #: predict errors, and charge wrong pixels to causes
+    causes: bool = True
+    #: model that explains rounding; None for the known model of the device at hand
+    device: DeviceModel | None = None
+    #: show a progress bar on standard error
+    progress: bool = False
+
+
+def default_nears(frustum: Frustum) -> tuple[float, ...]:
+    """Return 25 offsets in scene units, logarithmic, from 1e-1 to 1e-8 of the longest reach."""
+    return tuple(float(share) * frustum.longest_reach for share in DEFAULT_NEARS_PER_REACH)
+
+
+def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
+    """Return all settings of a report, geometry by geometry, all nears of a buffer in turn.
+
+    InputError where settings make no sense for the frustum.
+    """
+    usual = options.nears is None
+    nears = dict.fromkeys(default_nears(frustum) if options.nears is None else options.nears)
+    buffers = dict.fromkeys(DEFAULT_DEPTHS if options.depths is None else options.depths)
+    grid = []
+    for geometry, (depth, mapping), near in itertools.product(
+        geometry_grid(frustum, options), buffers, nears
+    ):
+        # Cameras without an offset need a near before the first cut; default nears beyond are left
+        # out.
+        first = min((*geometry.slabs, *frustum.reach))
+        if usual and geometry.offset is Offset.NONE and near >= first:
+            continue
+        setting = replace(geometry, near=near, depth=depth, mapping=mapping, cull=options.cull)
+        setting.check_against(frustum)
+        grid.append(setting)
+    return tuple(grid)
+
+
+def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
+    """Return every combination of pivot, fit, offset and cuts; the cuts change fastest."""
+    # A centered frustum has no shear: its pivots draw the same.
+    both = frustum.recentered and options.pivots is None
+    pivots = tuple(Pivot) if both else (Pivot.APERTURE,)
+    product = itertools.product(
+        pivots if options.pivots is None else options.pivots,
+        (None,) if options.fits is None else options.fits,
+        (Offset.PLATE,) if options.offsets is None else options.offsets,
+        ((),) if options.slabs is None else options.slabs,
+    )
+    return geometries_of(
+        DoubleFrustum(near=1.0, pivot=pivot, fit=fit, offset=offset, slabs=tuple(cuts))
+        for pivot, fit, offset, cuts in product
+        # The own centers of cameras without an offset are the aperture.
+        if not (both and pivot is Pivot.CAMERA and offset is Offset.NONE)
+    )
+
+
+# Measurement
+# --------------------------------------------------------------------------------------------------
+
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """Picture of the truth of an aperture, and the errors of each ray tracer alone.
-
-    `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels
-    by the tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
-    """
+    """Picture of the truth of an aperture, and the errors of each ray tracer alone."""
 
     picture: bytes
+    #: None where a tracer alone made the truth
     alone: AloneNumbers | None
-    marks: Mapping[str, bytes]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +175,10 @@ class Sweep:
     scene: Scene
     options: ReportOptions
     apertures: tuple[Aperture, ...]
-    #: One for each aperture and setting: all settings of the first aperture first.
+    #: one for each aperture and setting: all settings of the first aperture first
     rows: tuple[Measurement, ...]
     truths: tuple[Truth, ...]
-    #: what decided the truths; see `reference.alone.DECISIONS`
+    #: source of the truths; see `reference.alone.DECISIONS`
     decided_by: str
     #: image pixels per picture pixel, along each side
     reduction: int
@@ -76,10 +192,9 @@ class Sweep:
     #: `wall_s`.
     times_s: Mapping[str, float]
     wall_s: float
-    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their
-    #: channels.
+    #: some apertures, the worst first, drawn with the best setting, with all their channels
     inspected: tuple[inspection.InspectedHogel, ...]
-    light: LightReport | None
+    light: "LightReport | None"
 
     @cached_property
     def best(self) -> Recommendation:
@@ -124,31 +239,25 @@ def sweep(
     # the reach.
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
     decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
-    width, height = scene.frustum.resolution
-    pixels = width * height * len(apertures) * len(settings)
+    pixels = math.prod(scene.frustum.resolution) * len(apertures) * len(settings)
     # Pictures shrink along both sides, so that their number of pixels shrinks by the square.
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
     reference = alone.open_reference(scene, decision, effects)
     with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
-        seconds = defaultdict(float, prepare=time.perf_counter() - begun)
-        row_of, truths = _measure(judge, apertures, settings, options, reduction, seconds)
-        rows = tuple(row_of[aperture, setting] for aperture in apertures for setting in settings)
+        prepare_s = time.perf_counter() - begun
+        row_of, truths, seconds = _measure(judge, apertures, settings, options, reduction)
+        rows = tuple(row_of[place] for place in itertools.product(apertures, settings))
         # The worst hogels of the best setting are drawn again, to be inspected.
-        since, taken = time.perf_counter(), best_setting(rows).settings
-        worst = sorted(
-            (row for row in rows if row.settings == taken), key=lambda row: -row.surface_fraction
-        )
-        shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
-        inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
-        seconds["inspection"] = time.perf_counter() - since
+        since, best = time.perf_counter(), best_setting(rows).settings
+        worst = sorted(apertures, key=lambda aperture: -row_of[aperture, best].surface_fraction)
+        shown = worst[: inspection.MAX_HOGELS]
+        inspected = tuple(inspection.inspected_drawings(judge, shown, best, causes=options.causes))
+        inspection_s = time.perf_counter() - since
         # The names are read before the context is freed.
         opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     since = time.perf_counter()
-    light = measure_light(
-        scene, apertures, settings, effects=options.effects, progress=options.progress
-    )
-    if light is not None:
-        seconds["light"] = time.perf_counter() - since
+    light = measure_light(scene, apertures, settings, options) if is_shaded(scene) else None
+    lit_s = {} if light is None else {"light": time.perf_counter() - since}
     return Sweep(
         scene=scene,
         options=options,
@@ -160,7 +269,7 @@ def sweep(
         versions={**provenance.versions(), **judge.reference.versions},
         devices={**provenance.machine(), **opengl},
         device_model=judge.model.name,
-        times_s=seconds,
+        times_s={"prepare": prepare_s, **seconds, "inspection": inspection_s, **lit_s},
         wall_s=time.perf_counter() - begun,
         inspected=inspected,
         light=light,
@@ -173,82 +282,73 @@ def _measure(
     settings: Sequence[DoubleFrustum],
     options: ReportOptions,
     reduction: int,
-    seconds: dict[str, float],
-) -> tuple[dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth]]:
+) -> tuple[
+    dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth], dict[str, float]
+]:
     """Draw and judge every setting at every aperture; add up the seconds of each stage."""
-    scene, rows, truths = judge.scene, {}, {}
-    tracers = TracersAlone(scene) if judge.reference.decided_by == alone.CERTIFIED else None
-    shaded = is_shaded(scene)
+    scene, shaded, seconds = judge.scene, is_shaded(judge.scene), defaultdict[str, float](float)
+    rows, truths = {}, {}
+    certified = judge.reference.decided_by == alone.CERTIFIED
+    tracers = TracersAlone(scene) if certified else None
     # Colors of scenes without materials and lights do not test the rasterizer, and take time.
     request = FrameRequest(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
-    total = len(apertures) * (1 + len(settings))
-    most, latest = images_under_way(math.prod(scene.frustum.resolution)), images.LatestPictures()
+    row_of = partial(_row, scene, reduction, pictures.LatestPictures())
+    most = images_under_way(math.prod(scene.frustum.resolution))
     with (
-        progress_bar(total, "report", "image", shown=options.progress) as bar,
+        progress_bar(
+            len(apertures) * len(settings), "report", "image", shown=options.progress
+        ) as bar,
         ThreadPoolExecutor(worker_count(), thread_name_prefix="pictures") as pool,
         closing(judge.frames(apertures, settings, request)) as frames,
     ):
         # Pictures are encoded in threads of their own while the evaluator judges the next frames.
-        tasks = (pool.submit(_measured, scene, reduction, latest, frame) for frame in frames)
+        tasks = (pool.submit(row_of, frame) for frame in frames)
         for row, truth, pictures_s in in_order(tasks, most):
-            aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
+            aperture = row.aperture
             rows[aperture, row.settings] = row
-            stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
-            # All frames of an aperture carry the time of its truth; it counts once.
+            stages = {**asdict(row.times_s), "pictures": pictures_s}
             if aperture in truths:
-                # All frames of an aperture have the time of its truth.
+                # All frames of an aperture have the time of its truth; it counts once.
                 stages["trace"] = 0.0
             else:
-                since = time.perf_counter()
-                picture = images.picture(truth, reduction)
-                drawn = time.perf_counter()
-                stages["pictures"] += drawn - since
-                errors = tracers.find(truth) if tracers else None
-                marks = images.alone_pictures(truth, errors.wrong, reduction) if errors else {}
-                truths[aperture] = Truth(
-                    picture=picture, alone=errors.numbers if errors else None, marks=marks
-                )
-                stages["alone"] = time.perf_counter() - drawn
-                bar.set_postfix_str(f"{at}: truth", refresh=False)
-                bar.update()
+                begun = time.perf_counter()
+                errors = tracers.find(truth).numbers if tracers else None
+                seconds["alone"] += time.perf_counter() - begun
+                truths[aperture] = Truth(picture=pictures.picture(truth, reduction), alone=errors)
             for stage, taken in stages.items():
                 seconds[stage] += taken
-            bar.set_postfix_str(f"{at}: near {row.settings.near:.3g}", refresh=False)
+            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}", refresh=False)
             bar.update()
-    return rows, truths
+    return rows, truths, seconds
 
 
-def _measured(
-    scene: Scene, reduction: int, latest: images.LatestPictures, frame: JudgedFrame
+def _row(
+    scene: Scene, reduction: int, latest: pictures.LatestPictures, frame: JudgedFrame
 ) -> tuple[Measurement, HogelImage, float]:
     """Return the row of a frame, its truth, and the seconds of encoding its pictures."""
     begun, reach = time.perf_counter(), scene.frustum.longest_reach
-    comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
-    if budget is not None:
-        # The place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all.
-        places = np.array(
-            [list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8
-        )
-        is_wrong, charge = budget.surface_charge >= 0, budget.surface_charge.copy()
-        # Links of a chain with culling are not numbered as the palette is: places translate.
-        charge[is_wrong] = places[charge[is_wrong]]
-        charge[budget.explanation.unexplained & is_wrong] = len(images.CAUSE_COLORS)
-    scale = reach, images.height_range(scene, reach)
-    if comparison.errors.surface is not None:
-        wrong["surface"] = PixelSet.from_mask(comparison.errors.surface)
-    # Colors of pixels that are not judged are NaN, and count as right.
+    comparison, budget, charge = frame.comparison, frame.budget, None
+    assert comparison.errors.surface is not None, "a sweep has the scene at hand"
+    wrong = {"surface": PixelSet.from_mask(comparison.errors.surface)}
     if comparison.colors is not None:
+        # Colors of pixels that are not judged are NaN, and count as right.
         with np.errstate(invalid="ignore"):
-            wrong["radiance"] = PixelSet.from_mask(
-                np.abs(comparison.colors.error).max(axis=-1) > STEP
-            )
+            off = np.abs(comparison.colors.error).max(axis=-1) > STEP
+        wrong["radiance"] = PixelSet.from_mask(off)
+    if budget is not None:
+        # Links of a chain with culling are not numbered as the palette is: places translate.
+        palette = list(pictures.CAUSE_COLORS)
+        places = np.array([palette.index(name) for name in budget.links], dtype=np.int8)
+        charge = np.where(budget.surface_charge >= 0, places[budget.surface_charge], -1)
+        charge[budget.explanation.unexplained & (charge >= 0)] = len(palette)
+    scale = reach, pictures.height_range(scene, reach)
     row = Measurement(
         aperture=frame.aperture,
         settings=frame.settings,
         comparison=comparison.numbers,
-        causes=() if budget is None else budget.causes,
-        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
-        shear=None if budget is None else budget.start.shear,
+        causes=budget.causes if budget else (),
+        unexplained=budget.explanation.counts()["unexplained"] if budget else None,
+        shear=budget.start.shear if budget else None,
         predicted=frame.prediction,
         times_s=frame.times,
         gpu_s=frame.gpu_s,
@@ -256,3 +356,114 @@ def _measured(
         pictures=latest.encode(comparison, charge, scale, reduction),
     )
     return row, frame.truth, time.perf_counter() - begun
+
+
+# Light
+# --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeError:
+    """Radiance error by the bent eye vector at one near plane: rms over points and channels."""
+
+    near: float
+    #: by closed form, at the truth's surface points
+    predicted: float
+    #: at the points that the device drew, with its float32 arithmetic
+    measured: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissedLight:
+    """The light that a rasterizer misses in one aperture's image."""
+
+    aperture: Aperture
+    numbers: LeftOutNumbers
+    #: encoded truth with shadows and interreflection
+    picture: bytes
+    #: encoded difference from the truth without
+    difference: bytes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LightReport:
+    """Light of a report beside its rows."""
+
+    #: every effect: whether the scene calls for it, and why
+    decisions: tuple[EffectRow, ...]
+    #: truth of equal images, bit by bit, with all effects and with the needed ones
+    same_bits: bool
+    #: error by near; empty where no highlight and no reflection is drawn
+    eye: tuple[EyeError, ...]
+    #: missed light by aperture; empty without light transport
+    missed: tuple[MissedLight, ...]
+
+
+def measure_light(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    options: ReportOptions,
+) -> LightReport:
+    """Measure the light of a report beside its rows, of a scene with materials or lights.
+
+    Light that is missed is measured at all apertures of the report, everything else at the first
+    one.
+    """
+    first, drawn, question = apertures[0], [], Question(settings=(settings[0],))
+    for names in ("auto", "all"):
+        with Rasterizer(scene, effects=chosen(scene, names, question=question)) as rasterizer:
+            image = rasterizer.render(first, settings[0], normals=False)
+            arrays = (image.color, image.triangle, image.position)
+            drawn.append([array.tobytes() for array in arrays if array is not None])
+    shows_eye = bool(needed(scene) & {Effect.SPECULAR, Effect.REFLECTION})
+    nears = sorted({setting.near for setting in settings}, reverse=True) if shows_eye else []
+    lit = apertures if scene.transport.simulated else ()
+    steps = len(nears) + 2 * len(lit) * scene.sampling.aperture
+    with progress_bar(steps, "light", "measurement", shown=options.progress) as bar:
+        return LightReport(
+            decisions=tuple(effect_rows(scene)),
+            same_bits=drawn[0] == drawn[1],
+            eye=_eye_errors(scene, first, nears, bar.update),
+            missed=tuple(_missed_light(scene, aperture, bar.update) for aperture in lit),
+        )
+
+
+def _eye_errors(
+    scene: Scene, aperture: Aperture, nears: Sequence[float], done: Callable[[], object]
+) -> tuple[EyeError, ...]:
+    """Return the error by the bent eye vector at some nears, with a depth buffer without loss."""
+    if not nears:
+        return ()
+    errors: list[EyeError] = []
+    # Single samples: averages would mix the eye vectors of several points.
+    once, shader = replace(scene, sampling=Sampling()), Shader(scene)
+    surfaces = Reference(once).trace(aperture)
+    with Rasterizer(once) as rasterizer:
+        for near in nears:
+            exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+            shown = rasterizer.render(aperture, exact, normals=False)
+            predicted, measured = (
+                float(np.sqrt(np.mean(error**2))) if error.size else 0.0
+                for error in (
+                    predicted_eye_error(scene, surfaces, near),
+                    measured_eye_error(shader, shown),
+                )
+            )
+            errors.append(EyeError(near=near, predicted=predicted, measured=measured))
+            done()
+    return tuple(errors)
+
+
+def _missed_light(scene: Scene, aperture: Aperture, done: Callable[[], object]) -> MissedLight:
+    """Return the light that an image without light transport misses."""
+    left_out = measure_left_out(scene, aperture, done)
+    truth = Reference(scene).trace(aperture, Sampling())
+    # The truth with transport is the sum of the measured parts: nothing is traced twice.
+    full = (left_out.without + left_out.difference.mean).astype(np.float32)
+    return MissedLight(
+        aperture=aperture,
+        numbers=left_out.numbers,
+        picture=pictures.picture(replace(truth, color=full)),
+        difference=pictures.radiance_map(left_out.difference.mean),
+    )

@@ -21,9 +21,9 @@ from xfrustum.compare.metrics.error_maps import lengths
 from xfrustum.compare.run import Evaluator, JudgedDrawing
 from xfrustum.compare.sampling import aperture_at
 from xfrustum.reports.blocks import Job, device_index
+from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
-from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import ParquetParts

@@ -76,7 +76,7 @@ function fill(table, titles, lines) {
 const figure = (text) => cell(text, { number: true });
 
 function numbers(row) {
-  const c = row.comparison, d = c.displacement_px, p = row.predicted && row.predicted.displacement_px;
+  const c = row.comparison, d = c.displacement_px, p = row.predicted_displacement_px;
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
   const spread = (label, s) => line([cell(label), ...["rms", "p50", "p95", "p99", "max"].map((key) => figure(short(s && s[key])))]);
   const wide = (label, text) => line([cell(label), cell(text, { span: 5 })]);
@@ -84,7 +84,7 @@ function numbers(row) {
   const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms${parts(stage)}`).join(", ");
   fill(get("numbers"), ["rms", "median", "95 %", "99 %", "max"], [
     spread("displacement measured, px", d),
-    ...(row.predicted ? [spread("displacement predicted, px", p)] : []),
+    ...(row.predicted_surface ? [spread("displacement predicted, px", p)] : []),
     line([cell(`height error, ${data.units}`), figure(short(c.height && c.height.rms)), cell("", { span: 3 }), figure(short(c.height && c.height.max))]),
     wide("wrong surface", `${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels`),
     wide("another triangle", share(c.triangle)),
@@ -95,40 +95,39 @@ function numbers(row) {
 }
 
 function predictions(row) {
-  if (row.predicted === null) return;
-  const c = row.comparison, p = row.predicted, d = c.displacement_px, q = p.displacement_px;
+  const c = row.comparison, p = row.predicted_surface, d = c.displacement_px, q = row.predicted_displacement_px;
+  if (p === null) return;
   const beside = (label, predicted, measured, ratio, name) => line([cell(label), figure(predicted), figure(measured), figure(ratio)], name);
   const ratio = (value) => (value === null ? "–" : value.toPrecision(3));
-  const moved = (label, key) => beside(`displacement ${label}`, short(q && q[key], " px"), short(d && d[key], " px"), ratio(row.ratio["displacement_" + key]));
+  const moved = (label, key) => beside(`displacement ${label}`, short(q && q[key], " px"), short(d && d[key], " px"), ratio(row.measured_over_predicted["displacement_" + key]));
   const count = (share) => { const n = share * c.judged; return n < 1000 ? Number(n.toPrecision(2)).toString() : Math.round(n).toLocaleString(); };
   const part = (label, share) => beside(label, count(share), "", "", "part");
   const apart = (value) => {
     if (value === null) return "nothing visible";
     return value < data.reach ? `${short(value)} ${data.units}` : "none within the reach";
   };
-  const why = Object.entries(p.reasons).filter(([, reason]) => reason !== null);
+  const why = Object.entries(row.prediction_reasons).filter(([, reason]) => reason !== null);
   fill(get("predictions"), ["predicted", "measured", "measured / predicted"], [
     moved("rms", "rms"),
     moved("99 %", "p99"),
-    beside("pixels with the wrong surface", count(row.predicted_surface), c.surface.wrong.toLocaleString(), ratio(row.ratio.surface)),
+    beside("pixels with the wrong surface", count(p.fraction), c.surface.wrong.toLocaleString(), ratio(row.measured_over_predicted.surface)),
     part("along silhouettes, displaced", p.silhouettes),
     part("from outside the film", p.outside),
     part("edges snapped to subpixels", p.snapped),
     part("depth out of order, or lost", p.depth),
     ...(p.culled ? [part("faces culled", p.culled)] : []),
-    beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),
-    beside("smallest separation in order, farthest surface of C*", apart(p.separation.c_star), "", ""),
+    beside("smallest separation in order, farthest surface of C", apart(row.smallest_separation.c), "", ""),
+    beside("smallest separation in order, farthest surface of C*", apart(row.smallest_separation.c_star), "", ""),
     ...why.map(([name, reason]) => beside(`${name}: ${reason}`, "", "", "", "part")),
   ]);
 }
 
 function legend(row) {
   if (get("causes") === null) return;
-  const shown = Object.entries(row.causes).filter(([, count]) => count > 0);
-  const parts = shown.map(([name, count]) => {
+  const parts = row.causes.filter((cause) => cause.surface > 0).map(({ name, surface }) => {
     const swatch = document.createElement("i"), text = document.createElement("em");
     swatch.style.background = data.cause_colors[name];
-    text.textContent = `${name} ${count.toLocaleString()}`;
+    text.textContent = `${name} ${surface.toLocaleString()}`;
     return [swatch, text];
   });
   get("causes").replaceChildren(...(parts.length ? parts.flat() : ["no pixel is wrong"]));

@@ -14,7 +14,7 @@ from .reports.cost import CostReport as CostReport
 from .reports.cost import cost as cost
 from .reports.error_report.report import ReportFiles as ReportFiles
 from .reports.error_report.report import make_report as make_report
-from .reports.error_report.request import ReportOptions as ReportOptions
+from .reports.error_report.sweep import ReportOptions as ReportOptions
 from .reports.exchange.cameras import CameraFiles as CameraFiles
 from .reports.exchange.cameras import write_cameras as write_cameras
 from .reports.exchange.convert import Conversion as Conversion

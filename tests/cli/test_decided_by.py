@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.commands import Command
 from tests.support.views import view
-from xfrustum.cli.main import main
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.alone import Decision, PlainReference, open_reference
-from xfrustum.scenes import Certainty, Cull, DoubleFrustum, InputError, open_scene
+from xfrustum.scenes import Certainty, Cull, DoubleFrustum, HogelImage, InputError, open_scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import read_image
 
@@ -23,72 +23,58 @@ HARD = "hard/nearly-coincident"
 """Two surfaces closer to each other than the resolution of single precision."""
 
 
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def proposed(tracer: str) -> HogelImage:
+    """Return the picture of a tracer alone."""
+    scene = open_scene(HARD)
+    return Reference(scene, tracer=tracer).propose(scene.plate.middle)
+
+
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
-    tracer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tracer: str, command: Command
 ) -> None:
-    assert (
-        main(["trace", HARD, "--decided-by", tracer, "--json", "--out", str(tmp_path / "a.exr")])
-        == 0
-    )
-    answer = json.loads(capsys.readouterr().out)
+    answer = command(f"trace {HARD} --decided-by {tracer} --json --out a.exr").record
     assert answer["decided_by"] == tracer and answer["alone"] is None
     assert list(answer["certainty"]) == ["unexamined"]
-    image = read_image(tmp_path / "a.exr")
-    scene = open_scene(HARD)
-    proposed = Reference(scene, tracer=tracer).propose(scene.plate.middle)
-    np.testing.assert_array_equal(image.triangle, proposed.triangle)
+    image = read_image("a.exr")
+    np.testing.assert_array_equal(image.triangle, proposed(tracer).triangle)
     assert (image.certainty == Certainty.UNEXAMINED).all()
     assert image.camera.renderer == f"{tracer} alone, nothing certified"
+    note = f"xfrustum: note: truth: {tracer.title()} alone, not examined\n"
+    assert command("compare a.exr a.exr").err == note
 
 
-def test_what_tracers_alone_would_have_got_wrong_is_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_tracers_alone_would_have_got_wrong_is_counted(command: Command) -> None:
     """By definition: pixels whose triangle differs between tracer and certified truth."""
-    assert main(["trace", HARD, "--json", "--quiet", "--out", str(tmp_path / "truth.exr")]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    truth = read_image(tmp_path / "truth.exr")
+    answer = command(f"trace {HARD} --json --quiet --out truth.exr").record
+    truth = read_image("truth.exr")
     judged = truth.certainty != Certainty.TIE
     assert answer["alone"]["judged"] == judged.sum()
     assert sum(answer["certainty"].values()) == truth.triangle.size
-    scene = open_scene(HARD)
     for tracer in TRACERS:
-        alone = Reference(scene, tracer=tracer).propose(scene.plate.middle)
-        assert answer["alone"][tracer] == ((alone.triangle != truth.triangle) & judged).sum()
+        wrong = ((proposed(tracer).triangle != truth.triangle) & judged).sum()
+        assert answer["alone"][tracer] == wrong
     assert answer["alone"]["embree"] > 100
+    assert command("compare truth.exr truth.exr").err == ""
 
 
-def test_compare_says_that_a_truth_was_not_examined(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
+    command: Command,
 ) -> None:
-    for decided, lines in (
-        ("embree", ["note: truth: Embree alone, not examined"]),
-        ("certified", []),
-    ):
-        out = str(tmp_path / f"{decided}.exr")
-        assert main(["trace", HARD, "--decided-by", decided, "--quiet", "--out", out]) == 0
-        capsys.readouterr()
-        assert main(["compare", out, out]) == 0
-        err = capsys.readouterr().err
-        assert [line.removeprefix("xfrustum: ") for line in err.splitlines()] == lines
-
-
-REPORT = (
-    f"report {HARD} --pivot aperture --near 0.01 --depth d32f:reversed --apertures 2,2 --quiet"
-).split()
-
-
-def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(tmp_path: Path) -> None:
     """Embree's arithmetic confuses the two surfaces; Mitsuba's, here, does not."""
-    assert main([*REPORT, "--out", str(tmp_path)]) == 0
-    content = json.loads((tmp_path / "report.json").read_text())
-    page = (tmp_path / "index.html").read_text()
+    how = "--pivot aperture --near 0.01 --depth d32f:reversed --apertures 2,2 --quiet"
+    command(f"report {HARD} {how} --out out")
+    content = json.loads(Path("out/report.json").read_text())
+    page = Path("out/index.html").read_text()
     (alone,) = content["tracers_alone"]
     scene = open_scene(HARD)
-    truth = Reference(scene).trace(scene.plate.middle)
-    proposed = Reference(scene, tracer="embree").propose(scene.plate.middle)
-    assert alone["embree"] == (proposed.triangle != truth.triangle).sum() > 100
+    wrong = proposed("embree").triangle != Reference(scene).trace(scene.plate.middle).triangle
+    assert alone["embree"] == wrong.sum() > 100
     assert alone["mitsuba"] == 0
     assert content["decided_by"] == "certified"
     assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
@@ -98,7 +84,7 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(tmp_p
         r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page
     )
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
-    np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
+    np.testing.assert_array_equal(picture > 0, wrong)
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:

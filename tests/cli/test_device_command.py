@@ -13,28 +13,31 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.commands import Command
 from tests.support.scene_file import film, part
-from tests.support.views import SHARED
-from xfrustum.cli.main import main
 from xfrustum.raster.device import context
 from xfrustum.scenes.model import device_model
 from xfrustum.scenes.model.device_model import H100, DeviceModel, safe_model
 
 
+def names_at_hand(version: int = context.OLDEST_VERSION) -> dict[str, str]:
+    """Return the names of the device that draws."""
+    with context.open_context(version) as opened:
+        names = context.describe(opened)
+    opened.release()
+    return names
+
+
 def test_a_device_that_is_not_known_is_measured_once_and_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    for name in tuple(device_model.KNOWN):
-        monkeypatch.delitem(device_model.KNOWN, name)
-    opened = context.open_context(context.OLDEST_VERSION)
-    names = context.describe(opened)
-    opened.release()
+    monkeypatch.setattr(device_model, "KNOWN", {})
+    names = names_at_hand()
     safe = safe_model(int(names["subpixel_bits"]))
     assert device_model.model_of(names) == safe
     folder = tmp_path / "measured"
-    assert main(["device", "--json", "--quiet", "--out", str(folder)]) == 0
-    measured = json.loads(capsys.readouterr().out)
+    measured = command(f"device --json --quiet --out {folder}").record
     assert measured["varyings"]["flat"] == 0
     for name, counts in measured["within"].items():
         assert counts["within"] == counts["pixels"] >= (4096 if name == "filter" else 50_000)
@@ -62,54 +65,43 @@ def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
     assert answer["depth"]["d16"]["interpolated_steps"][1] > safe_model(4).d16[1]
 
 
-def test_the_devices_of_egl_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["device", "--list", "--json"]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    opened = context.open_context()
-    names = context.describe(opened)
-    opened.release()
-    assert names["renderer"] in {device["renderer"] for device in answer["devices"]}
+def test_the_devices_of_egl_are_listed(command: Command) -> None:
+    listed = {device["renderer"] for device in command("device --list --json").record["devices"]}
+    assert names_at_hand()["renderer"] in listed
 
 
+@pytest.mark.parametrize("shift", [0, 1])
 def test_a_recording_is_explained_by_the_model_of_its_device(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shift: int, tmp_path: Path, shared_data: Path, command: Command
 ) -> None:
-    whole = SHARED / "data" / "devices" / "h100-frames.npz"
-    if not whole.exists():
-        pytest.skip("needs ../shared/data/devices, beside the checkout")
-    with np.load(whole) as recording:
-        kept = {name: recording[name] for name in ("device", "crossing|0.01|d24|standard|40,30")}
-    shifted = {n: a if n == "device" else np.roll(a, 1, axis=1) for n, a in kept.items()}
-    for name, frames, status in (("right", kept, 0), ("shifted", shifted, 1)):
-        path = tmp_path / f"{name}.npz"
-        np.savez(path, **frames)
-        assert main(["device", "--replay", str(path), "--json", "--quiet"]) == status
-        answer = json.loads(capsys.readouterr().out)
-        assert answer["frames"] == 1
-        assert answer["device_model"] == "NVIDIA H100"
-        parts = sum(answer[name] for name in ("edge", "order", "lost", "unexplained"))
-        assert answer["wrong"] == parts
-        assert (answer["unexplained"] > 0) == (name == "shifted")
+    with np.load(shared_data / "data" / "devices" / "h100-frames.npz") as recording:
+        frame = "crossing|0.01|d24|standard|40,30"
+        frames = {"device": recording["device"], frame: np.roll(recording[frame], shift, axis=1)}
+    np.savez(tmp_path / "frames.npz", **frames)
+    answer = command(f"device --replay {tmp_path}/frames.npz --json --quiet", status=shift).record
+    assert answer["frames"] == 1
+    assert answer["device_model"] == "NVIDIA H100"
+    parts = sum(answer[name] for name in ("edge", "order", "lost", "unexplained"))
+    assert answer["wrong"] == parts
+    assert (answer["unexplained"] > 0) == bool(shift)
 
 
 def test_plan_verify_and_conformance_say_by_which_device_they_explain(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, command: Command
 ) -> None:
     path, scene = tmp_path / "device.json", tmp_path / "scene.toml"
     path.write_text(json.dumps({"model": H100.as_json()}))
     (tmp_path / "none").mkdir()
-    lens = film(
-        (40.0, 30.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0)
-    )
+    lens = film((40.0, 30.0), (3, 3), (16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0))
     scene.write_text(lens + part("box", 8.0, (0.0, 0.0, -15.0)))
     Image.new("RGB", (16, 12)).save(tmp_path / "1x1.png")
-    for words, status, message in (
+    for line, status, message in (
         (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0, "by the model of"),
         (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1, "by the model of"),
         (f"conformance judge {tmp_path / 'none'} --case L0-behind --json", 1, '"device_model":'),
     ):
-        assert main([*words.split(), "--device", str(path), "--quiet"]) == status
-        assert re.search(rf'{message} "?NVIDIA H100\b', capsys.readouterr().out)
+        printed = command(f"{line} --device {path} --quiet", status=status).out
+        assert re.search(rf'{message} "?NVIDIA H100\b', printed)
 
 
 NO_MODELS: tuple[dict[str, Any], ...] = (
@@ -124,28 +116,24 @@ NO_MODELS: tuple[dict[str, Any], ...] = (
 
 @pytest.mark.parametrize("wrong", NO_MODELS, ids=str)
 def test_a_file_that_is_no_model_is_refused_in_one_line(
-    wrong: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    wrong: dict[str, Any], tmp_path: Path, command: Command
 ) -> None:
     path = tmp_path / "device.json"
     path.write_text(json.dumps({"model": H100.as_json()}))
     assert DeviceModel.read(path) == H100
     for content in ({"renderer": "x"}, {"model": H100.as_json() | wrong}):
         path.write_text(json.dumps(content))
-        assert main(["budget", "car", "--near", "0.1", "--device", str(path)]) == 2
-        message = capsys.readouterr().err.strip()
-        assert "no device.json" in message
-        assert "\n" not in message
+        message = command(f"budget car --near 0.1 --device {path}", status=2).err
+        assert "no device.json" in message and message.count("\n") == 1
 
 
-def test_a_recording_that_fits_no_scene_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_fits_no_scene_is_refused(tmp_path: Path, command: Command) -> None:
     device = json.dumps({"renderer": "llvmpipe", "subpixel_bits": 8})
     strange: dict[str, Any] = {"car|0.01|d24|standard|40,30": np.full((4, 4), 10**6, np.int32)}
     for frames, words in (({}, "no frames"), (strange, "triangle 1000000")):
         np.savez(tmp_path / "frames.npz", device=device, **frames)
-        assert main(["device", "--replay", str(tmp_path / "frames.npz"), "--quiet"]) == 2
-        assert words in capsys.readouterr().err
+        line = f"device --replay {tmp_path}/frames.npz --quiet"
+        assert words in command(line, status=2).err
 
 
 @pytest.fixture

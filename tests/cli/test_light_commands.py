@@ -1,6 +1,5 @@
 """Light on the command line: effects, numbers of samples, transport; and the paper's figure 7."""
 
-import json
 import math
 import re
 from pathlib import Path
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.commands import Command
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.main import main
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -43,34 +42,34 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def printed(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return answer
-
-
-def run(line: str) -> None:
-    assert main(line.split()) == 0
-
-
-def test_the_header_says_what_made_the_picture() -> None:
-    samples = "--supersample 2 --aperture-samples 3"
-    sampling = Sampling(supersample=2, aperture=3)
-    run(f"raster boxes.toml --near 0.1 --effects diffuse,c {samples} --out r.exr")
-    assert read_image("r.exr").rendering == Rendering.from_effects(
-        (Effect.C, Effect.DIFFUSE), sampling
-    )
-    run(f"trace boxes.toml --effects ambient {samples} --quiet --out t.exr")
-    assert read_image("t.exr").rendering == Rendering.from_effects([Effect.AMBIENT], sampling)
-    paths = "--tracer mitsuba --shadows --samples 2 --quiet"
-    run(f"trace boxes.toml {paths} --out p.exr")
-    transport = Transport(shadows=True, samples=2)
-    assert read_image("p.exr").rendering == Rendering.from_effects(
-        ALL_EFFECTS, Sampling(), transport
-    )
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        (
+            "raster boxes.toml --near 0.1 --effects diffuse,c --supersample 2 --aperture-samples 3",
+            ((Effect.C, Effect.DIFFUSE), Sampling(supersample=2, aperture=3)),
+        ),
+        (
+            "trace boxes.toml --effects ambient --supersample 2 --aperture-samples 3 --quiet",
+            ((Effect.AMBIENT,), Sampling(supersample=2, aperture=3)),
+        ),
+        (
+            "trace boxes.toml --tracer mitsuba --shadows --samples 2 --quiet",
+            (ALL_EFFECTS, Sampling(), Transport(shadows=True, samples=2)),
+        ),
+    ],
+)
+def test_the_header_says_what_made_the_picture(
+    line: str, expected: tuple[Any, ...], command: Command
+) -> None:
+    command(f"{line} --out made.exr")
+    assert read_image("made.exr").rendering == Rendering.from_effects(*expected)
 
 
 @pytest.mark.parametrize("asked_by", ["option", "scene"])
-def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
+def test_light_transport_chooses_the_tracer_that_can_do_it(
+    asked_by: str, folder: Path, command: Command
+) -> None:
     """The paper's light has no transport, as in `report` and `budget`."""
     options = "--interreflection --samples 2"
     if asked_by == "scene":
@@ -78,50 +77,40 @@ def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder
             SCENE + "[transport]\ninterreflection = true\nsamples = 2\n"
         )
         options = ""
-    run(f"trace boxes.toml {options} --quiet --out paths.exr")
+    command(f"trace boxes.toml {options} --quiet --out paths.exr")
     assert read_image("paths.exr").camera.light_paths == 2
 
 
 def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, command: Command
 ) -> None:
     (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
     for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
-        run(f"trace boxes.toml {option} {value} --quiet --out local.exr")
-        message = capsys.readouterr().err
-        assert (
-            message.startswith(f"xfrustum: note: {option}")
-            and "leaves out" in message
-            and message.count("\n") == 1
-        )
+        message = command(f"trace boxes.toml {option} {value} --quiet --out local.exr").err
+        assert message.startswith(f"xfrustum: note: {option}") and message.count("\n") == 1
+        assert "leaves out" in message
         assert read_image("local.exr").camera.light_paths is None
 
 
-def test_light_paths_bring_their_variance_to_the_comparison(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    paths = "--tracer mitsuba --interreflection --samples 8"
-    run(f"trace boxes.toml {paths} --quiet --out noisy.exr")
+def test_light_paths_bring_their_variance_to_the_comparison(command: Command) -> None:
+    command("trace boxes.toml --interreflection --samples 8 --quiet --out noisy.exr")
     noisy = read_image("noisy.exr")
     assert noisy.camera.light_paths == 8
     assert noisy.variance is not None and noisy.variance.max() > 0 and noisy.variance.min() == 0
-    run("raster boxes.toml --near 1e-4 --depth d32f --mapping reversed --out r.exr")
-    capsys.readouterr()
-    run("compare noisy.exr r.exr --json")
-    noise = printed(capsys)["radiance"]["noise"]
+    command("raster boxes.toml --near 1e-4 --depth d32f --mapping reversed --out r.exr")
+    noise = command("compare noisy.exr r.exr --json").record["radiance"]["noise"]
     assert noise["tests"] == 3 * 40 * 30 and noise["without_noise"] > 0
     assert noise["bias"] < 0, "the raster lacks light"
-    run("trace boxes.toml --quiet --out exact.exr")
-    run("compare exact.exr r.exr --json")
-    assert printed(capsys)["radiance"]["noise"] is None
+    command("trace boxes.toml --quiet --out exact.exr")
+    assert command("compare exact.exr r.exr --json").record["radiance"]["noise"] is None
 
 
 def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer(
-    capsys: pytest.CaptureFixture[str],
+    command: Command,
 ) -> None:
     """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
-    run("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
-    assert capsys.readouterr().out.strip() == "seven/index.html"
+    printed = command("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
+    assert printed.out.strip() == "seven/index.html"
     pictures = {f"{name}.png" for name in ("both", "c-star-as-seen", "c-star-other", "c-star", "c")}
     assert {path.name for path in Path("seven").iterdir()} == {"index.html", *pictures}
     page = Path("seven/index.html").read_text()

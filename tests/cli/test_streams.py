@@ -1,7 +1,7 @@
 """A command's message is one escaped line, whatever the standard streams are connected to."""
 
-import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.commands import Command
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, part
-from xfrustum.cli.main import main
 from xfrustum.terminal import one_line, printable
 
 FULL = Path("/dev/full")
@@ -52,29 +52,34 @@ def test_plain_text_in_any_language_is_printed_as_it_is_and_other_bytes_as_such(
     assert printable(os.fsdecode(b"caf\xe9.exr")) == r"caf\xe9.exr"
 
 
-def test_control_characters_in_names_are_escaped_in_errors_and_tables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["trace", f"{HOSTILE}.toml", "--out", "x.exr"]) == 2
-    assert main(["trace", "car", f"--{HOSTILE}", "--out", "x.exr"]) == 2
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 2
-    assert r"\x1b]0;owned\x07\x1b[31m\u202e\x9b\x7f.toml" in printed.err
-    assert not set(printed.err) & set(HOSTILE) - set("]0;owned[31m")
+
+
+def test_control_characters_in_names_are_escaped_in_errors(command: Command) -> None:
+    messages = [
+        command(shlex.join(line), status=2).err
+        for line in (
+            ["trace", f"{HOSTILE}.toml", "--out", "x.exr"],
+            ["trace", "car", f"--{HOSTILE}", "--out", "x.exr"],
+        )
+    ]
+    assert all(message.count("\n") == 1 for message in messages)
+    assert r"\x1b]0;owned\x07\x1b[31m\u202e\x9b\x7f.toml" in messages[0]
+    assert not set("".join(messages)) & set(HOSTILE) - set("]0;owned[31m")
 
 
 def test_control_characters_in_what_a_renderer_says_are_escaped_in_the_table(
-    verify_scene: str, capsys: pytest.CaptureFixture[str]
+    command: Command,
 ) -> None:
-    Path("0x0.png").write_text("no picture")
+    size = film((40.0, 30.0), (2, 1), (12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    Path("boxes.toml").write_text(size + part("box", 12.0, (3.0, 1.0, 25.0)))
     Path("renderer").write_text("import sys\nsys.exit('\\x07all is well \\x7f')\n")
-    command = f"{sys.executable} renderer {{out}}"
-    line = ["verify", verify_scene, "--command", command, "--apertures", "0,0", "--quiet"]
-    assert main(line) == 1
-    assert r"\x07all is well \x7f" in capsys.readouterr().out
-    assert main([*line, "--json"]) == 1
-    answer = json.loads(capsys.readouterr().out)
+    renderer = f"{sys.executable} renderer {{out}}"
+    line = f"verify boxes.toml --command '{renderer}' --apertures 0,0 --quiet"
+    assert r"\x07all is well \x7f" in command(line, status=1).out
+    answer = command(f"{line} --json", status=1).record
     assert "\x07all is well \x7f" in answer["hogels"][0]["problem"]
 
 
@@ -147,14 +152,11 @@ def test_a_crash_leaves_its_traces_on_standard_error(ending: str, tmp_path: Path
     assert done.returncode == 128 + 11 and "in work" in done.stderr
 
 
-def test_no_message_is_longer_than_500_characters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_no_message_is_longer_than_500_characters(command: Command) -> None:
     long = "x" * 3000
     Path("long.toml").write_text(f'{long} = 1\n["{long}"]\n{long} = [')
     Path("keys.toml").write_text(f"name = 'a'\nunits = 'mm'\n{long} = 1\n")
-    for command in (
+    for line in (
         f"trace {long}",
         f"trace car --aperture {long} --out x.exr",
         long,
@@ -162,19 +164,8 @@ def test_no_message_is_longer_than_500_characters(
         "trace long.toml --out x.exr",
         "trace keys.toml --out x.exr",
     ):
-        assert main(command.split()) == 2, command
-        message = capsys.readouterr().err
-        assert message.count("\n") == 1 and len(message) <= 501, command
-
-
-@pytest.fixture
-def verify_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.chdir(tmp_path)
-    size = film(
-        (40.0, 30.0), hogels=(2, 1), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0)
-    )
-    Path("boxes.toml").write_text(size + part("box", 12.0, (3.0, 1.0, 25.0)))
-    return "boxes.toml"
+        message = command(line, status=2).err
+        assert message.count("\n") == 1 and len(message) <= 501
 
 
 # Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind.

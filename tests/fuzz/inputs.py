@@ -218,12 +218,9 @@ def instances() -> list[Seed]:
     attributes = {"attributes": {"TRANSLATION": places, "SCALE": places}}
     writer.extend("nodes", node, "EXT_mesh_gpu_instancing", attributes)
     writer.node(mesh=mesh, skin=writer.add("skins", joints=[node]))
-    files = []
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("b.glb", "b.gltf"):
-            writer.tree.pop("buffers", None)
-            files.append((name, writer.save(Path(folder) / name).read_bytes()))
-    return _of_scene([_of_mesh(name, data) for name, data in files])
+        paths = [writer.save(Path(folder) / name) for name in ("b.glb", "b.gltf")]
+        return _of_scene([_of_mesh(path.name, path.read_bytes()) for path in paths])
 
 
 def patches() -> list[Seed]:

@@ -9,14 +9,13 @@ import pytest
 
 from tests.support.images import assert_same
 from tests.support.light import (
-    decoded,
     device_at_hand,
     dressed_scene,
     moved_by_snapping,
     radiance_by_definition,
     unit,
 )
-from tests.support.lit import GLOW, ball, lit, quad, sky, sky_radiance
+from tests.support.lit import ball, lit, sky, sky_radiance
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, lines_by_definition, reversed_d32f, view
 from xfrustum.raster import Rasterizer
@@ -31,7 +30,7 @@ from xfrustum.scenes import (
     Scene,
 )
 from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.arrays import Bytes, Floats, Singles
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
@@ -55,11 +54,10 @@ def drawn(
         return raster.render(scene.default_apertures()[-1], settings, **how)
 
 
-def beyond_snapping(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Floats:
+def beyond_snapping(scene: Scene, image: HogelImage) -> Floats:
     """Return the error of radiance (H, W, 3) beyond the device's snapping of vertices."""
-    off = np.abs(image.color - radiance_by_definition(scene, image, reflections=reflections))
-    moved = moved_by_snapping(scene, image, device_at_hand(), reflections=reflections)
-    return np.maximum(off - moved, 0.0)
+    off = np.abs(image.color - radiance_by_definition(scene, image))
+    return np.maximum(off - moved_by_snapping(scene, image, device_at_hand()), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -148,55 +146,6 @@ class TestFlips:
         np.testing.assert_allclose(
             same, right, atol=1e-6
         )  # signs are exact; dot products keep their bits
-
-
-def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scene:
-    """Return a textured square parallel to the plate that fills the film of `side` pixels."""
-    corners = (
-        np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * abs(height) * math.tan(math.radians(25))
-    )
-    square = replace(
-        quad(
-            np.column_stack((corners, np.full(4, height))),
-            "glow",
-            uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * repeats,
-        ),
-        textures=(texture,),
-        texture_of_triangle=np.zeros(2, np.int32),
-    )
-    frustum = Frustum(
-        resolution=(side, side), reach=(100.0, 100.0), fov=(math.radians(50), math.radians(50))
-    )
-    scene = lit(square, frustum=frustum, lights=(), glow=GLOW)
-    return replace(scene, plate=Plate(size=(1.0, 1.0), hogels=(1, 1)))
-
-
-@pytest.mark.parametrize("height", [-40.0, 25.0])
-@pytest.mark.parametrize(("repeats", "points"), [(1, 1), (3, 1), (1, 2), (2, 5)])
-def test_a_textured_square_shows_its_texels(height: float, repeats: int, points: int) -> None:
-    """Texel centers show the texel, points between them the weighted mean; C* turns both."""
-    texture = np.random.default_rng(3).integers(0, 256, (6, 6, 4)).astype(np.uint8)
-    side = 6 * repeats * points
-    scene = square_scene(height, texture, repeats, side)
-    image = drawn(scene, replace(reversed_d32f(1e-2), fit=abs(height)))
-    assert image.covered.all()
-    if height > 0:
-        image = replace(image, color=image.color[::-1, ::-1])
-    # By rows, then by columns: linear interpolation at (k + 1/2) / points texels, around the edge.
-    expected = np.tile(decoded(texture[..., :3]), (repeats, repeats, 1))
-    for axis in (0, 1):
-        at_texel = (np.arange(side) + 0.5) / points - 0.5
-        below = np.floor(at_texel).astype(int)
-        share = (at_texel - below).reshape([-1 if a == axis else 1 for a in range(3)])
-        count = 6 * repeats
-        low, high = (np.take(expected, (below + k) % count, axis=axis) for k in (0, 1))
-        expected = low * (1 - share) + high * share
-    # Coordinates are off by a few 2^-24 of their largest, in texels 6 times that, and texels by up
-    # to one; where snapping moves them, by half a subpixel step along each axis, in texels 1 /
-    # points of that.
-    model = device_at_hand()
-    snapped = 2 * model.half_step / points if model.snaps_depth else 0.0
-    np.testing.assert_allclose(image.color, expected, atol=6 * repeats * 2.0**-20 + snapped)
 
 
 def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> None:

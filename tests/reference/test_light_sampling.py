@@ -1,15 +1,20 @@
-"""Means of the reference: the same in any bands, and their convergence."""
+"""Colors of the reference: means in any bands and their convergence, and fitted cameras.
 
+tests/raster/test_light_raster.py holds the light of both answers against its definition.
+"""
+
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.support.light import dressed_scene
-from tests.support.lit import PLATE, RECENTERED, SUN, card, lit
+from tests.support.lit import PLATE, RECENTERED, ROUNDING, SUN, card, lit
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import BOX_SIDE
-from xfrustum.scenes import Scene
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats, Singles
@@ -39,6 +44,17 @@ def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+def test_cameras_fitted_to_a_height_see_along_lines_of_their_own() -> None:
+    """The traced model has the colors that offset cameras would draw without rounding."""
+    scene = lit(card((0, 0, -50), (200, 200), "paint"), paint=Material(specular=(0.5,) * 3))
+    fitted = DoubleFrustum(near=5.0, fit=20.0)
+    (camera, *_) = model_cameras(scene.frustum, MIDDLE, fitted)
+    fov = tuple(2 * np.arctan(camera.bundle.half_extent))
+    truth = color(replace(scene, frustum=replace(scene.frustum, fov=fov)))
+    model = Reference(scene).trace_model(MIDDLE, fitted).color
+    np.testing.assert_allclose(model, truth, rtol=ROUNDING)
+
+
 class TestSmoothPicture:
     """Highlight on a card that fills a recentered film: smooth over the aperture."""
 
@@ -57,24 +73,17 @@ class TestSmoothPicture:
 
     def integral(self) -> Floats:
         """Return the mean over the middle aperture, by the 20-point rule of Gauss on each axis."""
-        nodes, weights = np.polynomial.legendre.leggauss(20)
-        screen = SMALL.screen
-        width, height = SMALL.resolution
+        rule = np.column_stack(np.polynomial.legendre.leggauss(20)) * (10.0, 0.5)
+        screen, (width, height) = SMALL.screen, SMALL.resolution
         u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
         total = np.zeros((height, width))
-        for x, of_x in zip(nodes * 10.0, weights / 2, strict=True):
-            for y, of_y in zip(nodes * 10.0, weights / 2, strict=True):
-                dx = (
-                    -(screen.center[0] - x) / screen.height + u * screen.size[0] / 2 / screen.height
-                )
-                dy = (
-                    -(screen.center[1] - y) / screen.height + v * screen.size[1] / 2 / screen.height
-                )
-                # The eye vector's part along the card's normal stays; the rest of -d changes its
-                # sign.
-                mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
-                along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
-                total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent
+        for (x, of_x), (y, of_y) in itertools.product(rule, repeat=2):
+            dx = (x - screen.center[0] + u * screen.size[0] / 2) / screen.height
+            dy = (y - screen.center[1] + v * screen.size[1] / 2) / screen.height
+            # The eye vector's part along the card's normal stays; the rest of -d changes its sign.
+            mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
+            along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
+            total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent
         return np.asarray(total[..., None] * SUN.color)
 
     def test_the_error_of_sub_apertures_falls_as_one_over_their_number(self) -> None:

@@ -1,12 +1,15 @@
-"""The answer of rational arithmetic for chosen pixels, without triangles that cannot matter."""
+"""Images against rational arithmetic: every pixel of small ones, chosen pixels of others."""
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from tests.support.brute_force import exact_first
 from tests.support.views import lines_by_definition
-from xfrustum.scenes import Aperture, Scene
+from xfrustum.scenes import NOTHING, Aperture, Certainty, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 SURELY = 1e-12
@@ -29,6 +32,30 @@ class ExactPixel:
 
     winners: list[int]
     s: float
+
+
+def hold_to_fractions(
+    image: Any, triangles: Floats, d: Floats, cameras: Sequence[tuple[Floats, tuple[float, float]]]
+) -> Floats:
+    """Hold the triangle and the ties of every pixel to rational arithmetic on its line.
+
+    Cameras are centers and ranges of s; of several, the first that meets something is shown.
+    Return the points met, (H, W, 3), NaN where there is none.
+    """
+    ties = defaultdict(list)
+    for row, column, triangle in image.tied_triangles.tolist():
+        ties[row, column].append(triangle)
+    points = np.full(d.shape, np.nan)
+    for pixel in np.ndindex(image.triangle.shape):
+        met = [(c, *exact_first(triangles, c, d[pixel], s_range)) for c, s_range in cameras]
+        center, s, first = next((m for m in met if m[2]), met[-1])
+        assert image.triangle[pixel] == min(first, default=NOTHING)
+        assert image.certainty[pixel] != Certainty.UNEXAMINED
+        assert (image.certainty[pixel] == Certainty.TIE) == (len(first) > 1)
+        assert sorted(ties[pixel]) == (first if len(first) > 1 else [])
+        if s is not None:
+            points[pixel] = center + float(s) * d[pixel]
+    return points
 
 
 def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[ExactPixel]:

@@ -52,16 +52,17 @@ class Writer:
         code, kind = _CODES[array.dtype.str[1:]], _TYPES[rows.shape[1]]
         return self.add("accessors", componentType=code, count=len(rows), type=kind, **more)
 
-    def mesh(self, points: Array, faces: Array | None = None, **primitive: Any) -> int:
-        """Return the number of a mesh of one primitive."""
-        attributes = {"POSITION": self.array(points), **primitive.pop("attributes", {})}
+    def mesh(self, points: Array | int, faces: Array | None = None, **primitive: Any) -> int:
+        """Return the number of a mesh of one primitive; `points` may be an accessor's number."""
+        position = points if isinstance(points, int) else self.array(points)
+        attributes = {"POSITION": position, **primitive.pop("attributes", {})}
         if faces is not None:
             primitive["indices"] = self.array(faces)
         return self.add("meshes", primitives=[{"attributes": attributes, **primitive}])
 
-    def tent(self, **primitive: Any) -> int:
-        """Return the number of a mesh of `TENT`."""
-        return self.mesh(TENT, TENT_FACES, **primitive)
+    def tent(self, points: Array | int = TENT, **primitive: Any) -> int:
+        """Return the number of a mesh of `TENT`, or of other points with its faces."""
+        return self.mesh(points, TENT_FACES, **primitive)
 
     def node(self, *, root: bool = True, **node: Any) -> int:
         """Return the number of a node."""
@@ -77,15 +78,15 @@ class Writer:
 
     def save(self, path: Path) -> Path:
         """Write the document, its data in itself, and return the path."""
+        buffer: dict[str, Any] = {"byteLength": len(self.data)}
+        if path.suffix != ".glb":
+            text = base64.b64encode(self.data).decode()
+            buffer["uri"] = "data:application/octet-stream;base64," + text
+        document = json.dumps({"buffers": [buffer], **self.tree}).encode()
         if path.suffix == ".glb":
-            self.tree.setdefault("buffers", [{"byteLength": len(self.data)}])
-            text = json.dumps(self.tree).encode()
-            text += b" " * (-len(text) % 4)
-            chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+            document += b" " * (-len(document) % 4)
+            chunks = struct.pack("<II", len(document), 0x4E4F534A) + document
             chunks += struct.pack("<II", len(self.data), 0x004E4942) + self.data
-            path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
-            return path
-        uri = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
-        self.tree.setdefault("buffers", [{"byteLength": len(self.data), "uri": uri}])
-        path.write_text(json.dumps(self.tree))
+            document = struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+        path.write_bytes(document)
         return path

@@ -5,6 +5,7 @@ draw.
 """
 
 import functools
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +72,11 @@ def environment_along(environment: Environment, direction: Floats) -> Floats:
     return environment.strength * bilinear(picture, right * columns, down * rows, wrap_rows=False)
 
 
+def interpolated(weight: Floats, values: Floats) -> Floats:
+    """Return values at the corners (N, 3, K) interpolated by weights (N, 3)."""
+    return np.asarray(np.einsum("nk,nki->ni", weight, values))
+
+
 def weights_on_triangles(
     scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Floats, Floats]:
@@ -79,28 +85,24 @@ def weights_on_triangles(
     Every pixel's line is its camera's line, stepped back by near: parallel to the true one.
     Weights apply at points beside the pixels' centers, by columns and rows; eye vectors at centers.
     """
-    settings = image.camera.settings
-    near = 0.0
-    if settings is not None:
-        assert settings.slabs == ()
-        near = settings.near
-    lines = lines_by_definition(scene, image.camera.aperture)
+    settings, camera = image.camera.settings, image.camera
+    assert settings is None or settings.slabs == ()
+    lines = lines_by_definition(scene, camera.aperture)
     offset = shift_px[0] * (lines[0, 1] - lines[0, 0]) + shift_px[1] * (lines[1, 0] - lines[0, 0])
-    eye = -unit(lines[image.covered])
     d = lines[image.covered] + offset
     corners = scene.triangles[image.triangle[image.covered]]
-    side = np.where(image.height[image.covered] > 0, -1.0, 1.0)
     # C stands at z = +n on the shear through the aperture, C* at z = -n.
-    shear = np.array([*image.camera.shear, -1.0])
-    aperture = np.array([image.camera.aperture.x, image.camera.aperture.y, 0.0])
-    center = aperture - (side * near)[:, None] * shear
+    near = 0.0 if settings is None else settings.near
+    side = np.where(image.height[image.covered] > 0, -near, near)
+    aperture = np.array([camera.aperture.x, camera.aperture.y, 0.0])
+    from_corner = aperture - side[:, None] * [*camera.shear, -1.0] - corners[:, 0]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    from_corner = center - corners[:, 0]
     across = np.cross(d, e2)
-    determinant = np.einsum("ni,ni->n", e1, across)
-    first = np.einsum("ni,ni->n", from_corner, across) / determinant
-    two = np.einsum("ni,ni->n", d, np.cross(from_corner, e1)) / determinant
-    return np.stack((1 - first - two, first, two), axis=1), eye
+    first, two = (
+        (a * b).sum(axis=1) / (e1 * across).sum(axis=1)
+        for a, b in ((from_corner, across), (d, np.cross(from_corner, e1)))
+    )
+    return np.stack((1 - first - two, first, two), axis=1), -unit(lines[image.covered])
 
 
 def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
@@ -108,7 +110,7 @@ def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
     colors = np.ones((len(triangle), 3))
     if surface.texture_of_triangle is None or surface.uv is None:
         return colors
-    uv = np.einsum("nk,nki->ni", weight, surface.uv[scene.faces[triangle]])
+    uv = interpolated(weight, surface.uv[scene.faces[triangle]])
     number = surface.texture_of_triangle[triangle]
     for index, texture in enumerate(surface.textures):
         here = number == index
@@ -119,24 +121,16 @@ def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
 
 
 def normals_to_the_viewer(scene: Scene, triangle: Numbers, weight: Floats, eye: Floats) -> Floats:
-    flat = scene.normals[triangle]
-    normal = flat
+    flat = normal = scene.normals[triangle]
     if scene.surface.vertex_normals is not None:
-        smooth = np.einsum(
-            "nk,nki->ni", weight, scene.surface.vertex_normals[scene.faces[triangle]]
-        )
-        has = np.isfinite(smooth).all(axis=1)
-        normal = np.where(has[:, None], unit(np.where(has[:, None], smooth, 1.0)), flat)
+        smooth = interpolated(weight, scene.surface.vertex_normals[scene.faces[triangle]])
+        normal = np.where(np.isfinite(smooth).all(axis=1, keepdims=True), unit(smooth), flat)
     back = np.einsum("ni,ni->n", flat, eye) < 0
     return np.where(back[:, None], -normal, normal)
 
 
 def radiance_by_definition(
-    scene: Scene,
-    image: HogelImage,
-    *,
-    reflections: bool = True,
-    shift_px: tuple[float, float] = (0.0, 0.0),
+    scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none.
 
@@ -149,9 +143,7 @@ def radiance_by_definition(
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     albedo = texture_colors(scene, triangle, weight)
     if scene.surface.vertex_colors is not None:
-        albedo *= np.einsum(
-            "nk,nki->ni", weight, scene.surface.vertex_colors[scene.faces[triangle]]
-        )
+        albedo *= interpolated(weight, scene.surface.vertex_colors[scene.faces[triangle]])
 
     def coefficient(name: str) -> Floats:
         return np.array([getattr(m, name) for m in scene.materials])[
@@ -165,29 +157,24 @@ def radiance_by_definition(
         diffuse = coefficient("diffuse") * albedo * np.maximum(facing, 0)[:, None]
         radiance += np.array(light.color) * (diffuse + coefficient("specular") * highlight[:, None])
     environment = scene.appearance.environment
-    if environment is not None and reflections:
+    if environment is not None:
         radiance += coefficient("reflectivity") * environment_along(environment, mirrored)
     picture = np.zeros((*image.triangle.shape, 3))
     picture[covered] = radiance
     return picture
 
 
-def moved_by_snapping(
-    scene: Scene, image: HogelImage, model: DeviceModel, *, reflections: bool = True
-) -> Floats:
+def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Floats:
     """Return bounds (H, W, 3) of radiance errors from attributes at snapped vertices.
 
     They are exact at a point within half a subpixel step of the pixel's center along each axis
     (`Planes.varying`). A nearly linear function on that square changes most toward a corner.
     """
-    exact = radiance_by_definition(scene, image, reflections=reflections)
+    exact = radiance_by_definition(scene, image)
     if not model.snaps_depth:
         return np.zeros_like(exact)
-    step = model.half_step
-    corners = [(-step, -step), (-step, step), (step, -step), (step, step)]
-    moved = [
-        radiance_by_definition(scene, image, reflections=reflections, shift_px=at) for at in corners
-    ]
+    corners = itertools.product((-model.half_step, model.half_step), repeat=2)
+    moved = [radiance_by_definition(scene, image, at) for at in corners]
     return np.asarray(np.abs(np.array(moved) - exact).max(axis=0))
 
 
@@ -213,8 +200,7 @@ def with_smooth_normals(part: SceneObject) -> SceneObject:
     corners = part.vertices[part.faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.zeros_like(part.vertices)
-    for corner in range(3):
-        np.add.at(total, part.faces[:, corner], area)
+    np.add.at(total, part.faces, area[:, None])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return replace(part, vertex_normals=total / np.where(length > 0, length, np.nan))
 

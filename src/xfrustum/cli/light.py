@@ -30,9 +30,6 @@ def _points(text: str) -> int | float:
 
 _POINTS = options.or_auto(options.Read("N|P%", _points, "a number of points, a share such as 5%"))
 
-#: Error of an edge, radiance, whose cost `auto` also prints: a level of 8 bits takes many times
-#: more points.
-COARSER = 0.05
 _OF_SCENE = "  [default: the scene's]"
 
 RASTER = ("effects", "supersample", "multisample", "aperture_samples")
@@ -71,29 +68,23 @@ class Light(Asked):
         if points == options.AUTO or isinstance(points, float):
             from xfrustum.compare.prediction.band_limiting import LEVEL, needed_sub_apertures
 
-            auto = points == options.AUTO
-            amount = options.AUTO if auto else f"{100 * points:g}%"
+            error = LEVEL if points == options.AUTO else points
+            amount = points if points == options.AUTO else f"{100 * points:g}%"
             # Computed before drawing starts: the bound needs the scene's depth alone.
-            points = needed_sub_apertures(scene, error=LEVEL if auto else points)
-            note = f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
-            # The default costs a multiple in time: the cheaper choice is stated with its error.
-            if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
-                note += f", and it is drawn as often; {fewer} do where edges may be off "
-                note += "by 5 % of the radiance "
-                note += "(--aperture-samples 5%)"
-            options.note(note)
-        paths = {
-            "shadows": self.shadows,
-            "interreflection": self.interreflection,
-            "samples": self.samples,
-        }
+            points = needed_sub_apertures(scene, error=error)
+            options.note(
+                f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
+            )
         sampling = present(
             supersample=self.supersample, multisample=self.multisample, aperture=points
+        )
+        transport = present(
+            shadows=self.shadows, interreflection=self.interreflection, samples=self.samples
         )
         changed = replace(
             scene,
             sampling=replace(scene.sampling, **sampling),
-            transport=replace(scene.transport, **present(**paths)),
+            transport=replace(scene.transport, **transport),
         )
         # Light paths without any simulated transport would have no effect.
         if self.samples is not None and not changed.transport.simulated:

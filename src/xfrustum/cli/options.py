@@ -142,7 +142,8 @@ def command(
             return function(request_class(**values))
 
         own = click.Command(
-            function.__name__,
+            # A function whose name would hide a builtin ends with an underscore.
+            function.__name__.rstrip("_"),
             callback=called,
             params=[parameter for _, some in declared.values() for parameter in some],
             help=inspect.getdoc(function),
@@ -591,12 +592,11 @@ def warn_of(scene: Scene) -> None:
         say(f"warning: {warning}")
 
 
-def warn_of_culling(scene: Scene, settings: DoubleFrustum | Cull | None) -> None:
+def warn_of_culling(scene: Scene, cull: Cull) -> None:
     """Warn on standard error of objects that culling mostly removes from view."""
     from xfrustum.reports.scene_check.sight import facing_warnings
 
-    # Commands pass either the settings or the bare option of a sweep.
-    if Cull.BACK in (settings, getattr(settings, "cull", None)):
+    if cull is Cull.BACK:
         for warning in facing_warnings(scene):
             say(f"warning: {warning}")
 

@@ -30,7 +30,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import CHAIN, write_budget
 from xfrustum.reports.common.outputs import json_ready
-from xfrustum.reports.error_report.images import CAUSE_COLORS
+from xfrustum.reports.common.pictures import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.display import decoded, encoded

@@ -8,7 +8,7 @@ from xfrustum.compare.prediction.predict import Predictor, plate_segments
 from xfrustum.compare.prediction.reasons import Reason
 from xfrustum.compare.run import Evaluator
 from xfrustum.reference import Reference
-from xfrustum.reports.error_report.request import DEFAULT_DEPTHS
+from xfrustum.reports.error_report.sweep import DEFAULT_DEPTHS
 from xfrustum.scenes import DoubleFrustum, Pivot
 from xfrustum.scenes.model.device_model import LLVMPIPE
 

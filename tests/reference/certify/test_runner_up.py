@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.brute_force import first_hits
+from tests.support.brute_force import meetings
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.reference import Reference
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats
 
 #: Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap
 ALIKE = 1e-9
@@ -38,20 +38,17 @@ def on_film(random: np.random.Generator, count: int) -> Floats:
     return np.concatenate((slopes * s[..., None], -s[..., None]), axis=-1)
 
 
-def by_brute_force(scene: Scene, truth_pixels: Mask) -> Floats:
-    """Return the gaps of some pixels by textbook formulas, from all triangles."""
-    aperture = scene.plate.middle
+def by_brute_force(scene: Scene) -> Floats:
+    """Return the gaps of all pixels by textbook formulas, from all triangles."""
+    aperture, reach = scene.plate.middle, scene.frustum.reach
     center = np.array([aperture.x, aperture.y, 0.0])
-    reach = scene.frustum.reach
-    hits = first_hits(
-        scene.triangles,
-        center,
-        lines_by_definition(scene, aperture)[truth_pixels],
-        (-reach[0], reach[1]),
-    )
-    other_side = (hits.s < 0) & (hits.second > 0)
-    gaps = np.full(len(hits.s), np.inf)
-    np.subtract(hits.second, hits.s, out=gaps, where=np.isfinite(hits.second) & ~other_side)
+    lines = lines_by_definition(scene, aperture).reshape(-1, 3)
+    first, second = np.sort(meetings(scene.triangles, center, lines, (-reach[0], reach[1])))[
+        :, :2
+    ].T
+    met_twice = np.isfinite(second) & ~((first < 0) & (second > 0))
+    gaps = np.full(len(first), np.inf)
+    np.subtract(second, first, out=gaps, where=met_twice)
     return gaps
 
 
@@ -74,7 +71,7 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     reference = Reference(scene)
     truth = reference.trace(scene.plate.middle)
     gaps = reference.gaps(scene.plate.middle)
-    expected = by_brute_force(scene, np.ones_like(truth.covered)).reshape(gaps.shape)
+    expected = by_brute_force(scene).reshape(gaps.shape)
     assert truth.certainty is not None and not (truth.certainty == Certainty.TIE).any()
     np.testing.assert_array_equal(np.isfinite(gaps), np.isfinite(expected))
     result = np.isfinite(gaps)

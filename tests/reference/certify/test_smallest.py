@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.brute_force import exact_first
+from tests.support.exact_brute_force import hold_to_fractions
 from tests.support.long_tail import examples
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.scenes import Certainty, Frustum, InputError, Screen
+from xfrustum.scenes import Frustum, InputError, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
 from xfrustum.scenes.plate.plate import SMALLEST_SLOPE
@@ -87,18 +87,8 @@ def test_the_truth_is_that_of_fractions_whatever_the_sizes(
     aperture = at(*place)
     scene = soup(triangles, frustum)
     image = first_surfaces(scene.triangles, crossed_frustum(frustum, aperture))
-    lines = lines_by_definition(scene, aperture)
-    for pixel in np.ndindex(image.triangle.shape):
-        _, first = exact_first(
-            scene.triangles,
-            np.array([*place, 0.0]),
-            lines[pixel],
-            (-frustum.reach[0], frustum.reach[1]),
-        )
-        shared = [n for *where, n in image.tied_triangles.tolist() if tuple(where) == pixel]
-        assert image.triangle[pixel] == (min(first) if first else -1)
-        assert (image.certainty[pixel] == Certainty.TIE) == (len(first) > 1)
-        assert sorted(shared) == (first if len(first) > 1 else [])
+    cameras = [(np.array([*place, 0.0]), (-frustum.reach[0], frustum.reach[1]))]
+    hold_to_fractions(image, scene.triangles, lines_by_definition(scene, aperture), cameras)
 
 
 @pytest.mark.parametrize("size", [1e-76, 1e-106, 5e-324])

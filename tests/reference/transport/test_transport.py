@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,10 +23,10 @@ from tests.support.lit import (
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.transport import CLEARANCE, SINGLE, PathTracer, RadianceEstimate
-from xfrustum.scenes import InputError, Scene, SceneObject
+from xfrustum.scenes import Aperture, InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)
 SMALL = replace(RECENTERED, resolution=(32, 24))
@@ -80,9 +81,16 @@ def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
     return float(chance.min(initial=1.0) * max(chance.size, 1))
 
 
-def some(estimate: RadianceEstimate, pixels: Mask) -> RadianceEstimate:
-    mean, variance = estimate.mean[pixels], estimate.variance_of_mean[pixels]
-    return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=estimate.samples)
+def paths(scene: Scene, aperture: Aperture = APERTURE, **transport: Any) -> RadianceEstimate:
+    return PathTracer(scene).render(aperture, Transport(**transport), seed=3)
+
+
+def assert_mean(estimate: RadianceEstimate, expected: Floats) -> None:
+    """Assert that the mean of all pixels is right to four deviations, and known to 1 %."""
+    axes = (0, 1)
+    error = np.sqrt(estimate.variance_of_mean.sum(axis=axes)) / expected[..., 0].size
+    assert np.all(np.abs((estimate.mean - expected).mean(axis=axes)) < 4 * error)
+    assert np.all(error < 0.01 * expected.mean(axis=axes))
 
 
 class TestDirectLight:
@@ -91,7 +99,7 @@ class TestDirectLight:
     def test_at_pixel_centers_it_is_the_same_to_the_rounding_of_colors(self) -> None:
         scene = lit(*everything(), frustum=SMALL, environment=sky(), paint=PAINT)
         truth = Reference(scene).trace(APERTURE)
-        estimate = PathTracer(scene).render(APERTURE, Transport(samples=2))
+        estimate = paths(scene, samples=2)
         assert np.count_nonzero(truth.covered) > 300
         assert not estimate.variance_of_mean.any()
         same = ~truth.overruled
@@ -110,7 +118,7 @@ class TestDirectLight:
             lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=paint)
             for paint in (PAINT, replace(PAINT, diffuse=(0.73, 0.4, 0.2)))
         )
-        estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
+        estimate = paths(scene, samples=256)
         assert np.count_nonzero(estimate.variance_of_mean > 0) > 1000
         truth, other = (
             Reference(s).trace(APERTURE).color.astype(np.float64) for s in (scene, brighter)
@@ -123,7 +131,7 @@ class TestDirectLight:
         mi.set_variant("scalar_rgb")
         try:
             with pytest.raises(InputError, match="one ray at a time"):
-                PathTracer(lit(*everything())).render(APERTURE, Transport(shadows=True))
+                paths(lit(*everything()), shadows=True)
         finally:
             mi.set_variant(before)
 
@@ -131,29 +139,20 @@ class TestDirectLight:
 HIGH = DirectionalLight(direction=(-0.25, 0.15, 1.0), color=(1.0, 0.8, 0.5))
 
 
-def shadow_scene(lights: tuple[DirectionalLight, ...]) -> tuple[Scene, SceneObject]:
-    """Return a floor far behind the plate and a card above it, before the plate."""
-    screen = card((3.0, -2.0, 12.0), (9.0, 6.0), "matt")
-    matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
-    frustum = replace(CENTERED, resolution=(96, 72))
-    return lit(
-        card((0.0, 0.0, -40.0), (200.0, 200.0), "matt"),
-        screen,
-        frustum=frustum,
-        lights=lights,
-        matt=matt,
-    ), screen
-
-
 class TestShadows:
     def test_a_card_throws_its_outline_across_the_plate(self) -> None:
         """Points of the floor are dark where the line to the light meets the card."""
-        scene, screen = shadow_scene((HIGH,))
+        screen = card((3.0, -2.0, 12.0), (9.0, 6.0), "matt")
+        floor = card((0.0, 0.0, -40.0), (200.0, 200.0), "matt")
+        matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
+        frustum = replace(CENTERED, resolution=(96, 72))
+        scene = lit(floor, screen, frustum=frustum, lights=(HIGH,), matt=matt)
         image = Reference(scene).trace(PLATE.middle)
-        direct = PathTracer(scene).render(PLATE.middle, Transport(samples=2)).mean
-        shadowed = PathTracer(scene).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
-        floor = image.object == 0
-        point = image.position[floor]
+        direct, shadowed = (
+            paths(scene, PLATE.middle, shadows=shadows, samples=2).mean for shadows in (False, True)
+        )
+        shows_floor = image.object == 0
+        point = image.position[shows_floor]
         light = np.array(HIGH.direction)
         arrives = point + (12.0 - point[:, 2:]) / light[2] * light
         low, high = screen.vertices.min(axis=0)[:2], screen.vertices.max(axis=0)[:2]
@@ -165,9 +164,9 @@ class TestShadows:
         assert np.count_nonzero(dark) > 50
         assert np.count_nonzero(lit_up) > 500
         assert np.count_nonzero(dark | lit_up) > 0.99 * len(point)
-        np.testing.assert_allclose(shadowed[floor][dark], 0.1, rtol=1e-12)
-        np.testing.assert_array_equal(shadowed[floor][lit_up], direct[floor][lit_up])
-        np.testing.assert_array_equal(shadowed[~floor], direct[~floor])
+        np.testing.assert_allclose(shadowed[shows_floor][dark], 0.1, rtol=1e-12)
+        np.testing.assert_array_equal(shadowed[shows_floor][lit_up], direct[shows_floor][lit_up])
+        np.testing.assert_array_equal(shadowed[~shows_floor], direct[~shows_floor])
 
     @pytest.mark.parametrize("center", [(-3.0, 5.0, -55.0), (9.0, 0.0, 45.0), (0.0, 0.0, -1000.0)])
     @pytest.mark.parametrize("smooth", [False, True])
@@ -178,10 +177,7 @@ class TestShadows:
         part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
-        plain, shadowed = (
-            PathTracer(scene).render(APERTURE, Transport(shadows=s, samples=2)).mean
-            for s in (False, True)
-        )
+        plain, shadowed = (paths(scene, shadows=s, samples=2).mean for s in (False, True))
         assert np.count_nonzero(plain) > 500
         np.testing.assert_array_equal(shadowed, plain)
 
@@ -201,14 +197,11 @@ class TestInterreflection:
         # The reach cuts the box open, so that lines see its inside.
         frustum = replace(CENTERED, resolution=(16, 12), reach=(10.0, 60.0))
         scene = lit(*box, frustum=frustum, lights=(), wall=wall)
-        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=512))
-        expected = np.broadcast_to(
-            np.array(wall.ambient) / (1 - np.array(wall.diffuse)), (12, 16, 3)
-        )
+        estimate = paths(scene, interreflection=True, samples=512)
+        glow = np.array(wall.ambient) / (1 - np.array(wall.diffuse))
+        expected = np.broadcast_to(glow, (12, 16, 3))
         assert farthest(estimate, expected) > FALSE_ALARM
-        error = np.sqrt(estimate.variance_of_mean.sum(axis=(0, 1))) / (12 * 16)
-        assert np.all(np.abs((estimate.mean - expected).mean(axis=(0, 1))) < 4 * error)
-        assert np.all(error < 0.01 * expected[0, 0])
+        assert_mean(estimate, expected)
 
     #: A glowing triangle beyond the reach: not imaged, but it lights and is mirrored
     TRIANGLE = np.array([(-24.0, -18.0, 30.0), (50.0, -8.0, 38.0), (6.0, 40.0, 34.0)])
@@ -257,14 +250,13 @@ class TestInterreflection:
         assert image.covered.all()
         share = self.share(image.position)
         expected = share[..., None] * np.array(floor.diffuse) * LAMP_COLOR
-        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=4096))
-        assert (
-            farthest(some(estimate, share * 4096 > SEEN_OFTEN), expected[share * 4096 > SEEN_OFTEN])
-            > FALSE_ALARM
+        estimate = paths(scene, interreflection=True, samples=4096)
+        often = share * estimate.samples > SEEN_OFTEN
+        some = replace(
+            estimate, mean=estimate.mean[often], variance_of_mean=estimate.variance_of_mean[often]
         )
-        error = np.sqrt(estimate.variance_of_mean.sum()) / estimate.mean.size
-        assert abs((estimate.mean - expected).mean()) < 4 * error
-        assert error < 0.01 * expected.mean()
+        assert farthest(some, expected[often]) > FALSE_ALARM
+        assert_mean(estimate, expected)
 
     def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
         """The mirror shows the lamp or else the environment along mirrored lines, without noise."""
@@ -275,7 +267,7 @@ class TestInterreflection:
         clear = np.abs(inside) > 1e-4
         lamp = np.array(mirror.reflectivity) * LAMP_COLOR
         shown = np.where((inside > 0)[..., None], lamp, image.color)
-        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=4))
+        estimate = paths(scene, interreflection=True, samples=4)
         assert np.count_nonzero(inside > 0) > 10
         assert np.count_nonzero(clear) > 0.99 * clear.size
         np.testing.assert_allclose(estimate.mean[clear], shown[clear], rtol=COLOR_ROUNDING)

@@ -25,7 +25,7 @@ from xfrustum.reports.cost import (
     pareto,
     rank,
 )
-from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
+from xfrustum.reports.text import DISPLACEMENT_TIE_PX
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.tolerances import MAX_WRONG

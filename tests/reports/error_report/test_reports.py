@@ -1,8 +1,10 @@
 """The report: swept settings, numbers of its files, and files that are whole or absent."""
 
+import base64
 import io
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,27 +15,27 @@ import pytest
 from PIL import Image
 
 from tests.support.views import view
+from xfrustum.cli.main import main
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.reference import Reference
-from xfrustum.reports.error_report import images, report
-from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.reports.error_report.request import ReportOptions
-from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene
+from xfrustum.reports.common import pictures
+from xfrustum.reports.error_report import report
+from xfrustum.reports.error_report.report import FILES, ReportFiles, make_report
+from xfrustum.reports.error_report.sweep import ReportOptions, geometry_grid
+from xfrustum.scenes import DepthFormat, DepthMapping, Fit, InputError, Offset, Pivot, open_scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.effects import needed
 
-NEARS = (1.5, 0.015, 1.5e-4)
-SETTING = ("near", "depth", "mapping", "pivot")  # keys that distinguish the settings
+NEARS = (15.0, 0.015, 1.5e-4)
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
 QUICK = ReportOptions(nears=[1.0], depths=DEPTHS[:1])
-FILES = ["index.html", "inspect.html", "measurements.parquet", "report.json"]
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
-    """A report of a sheared frustum, hence of three apertures."""
+    """A report of a sheared frustum, hence of three apertures and both pivots."""
     out = tmp_path_factory.mktemp("report") / "new" / "folder"
     options = ReportOptions(nears=NEARS, depths=DEPTHS)
     return make_report(view("asymmetric-recentered", (64, 48)), out, options)
@@ -45,11 +47,13 @@ def refuse(constant: str) -> NoReturn:
 
 def page_data(page: Path) -> dict[str, Any]:
     """Return the data of the page's script."""
-    pattern = r'<script type="application/json" id="data">(.*?)</script>'
-    match = re.search(pattern, page.read_text(), re.DOTALL)
-    assert match
+    match = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text())
     data: dict[str, Any] = json.loads(match[1], parse_constant=refuse)
     return data
+
+
+def decoded(encoded: bytes) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
+    return np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA"))
 
 
 def test_json_is_the_returned_record_and_its_best_setting_is_at_its_worst_aperture(
@@ -63,7 +67,7 @@ def test_json_is_the_returned_record_and_its_best_setting_is_at_its_worst_apertu
     assert len(content["rows"]) == 3 * 2 * len(NEARS) * len(DEPTHS)
     assert [(b["depth"], b["mapping"]) for b in content["best_per_depth"]] == [*DEPTHS]
     assert content["shading"] is None and content["rows"][0]["comparison"]["radiance"] is None
-    own = [row for row in content["rows"] if all(row["settings"][k] == best[k] for k in SETTING)]
+    own = [row for row in content["rows"] if row["settings"].items() <= best.items()]
     worst = max(own, key=lambda row: row["comparison"]["surface"]["fraction"])
     assert len(own) == 3 and best["aperture"] == worst["aperture"] != [20, 15]
     column, row = best["aperture"]
@@ -111,12 +115,83 @@ def test_the_page_is_one_file_with_pictures_and_curves_of_every_row(files: Repor
     assert not re.search(r"https?:|//cdn|@import|url\(", own)
     assert not re.search(r'(src|href)\s*=\s*"(?!data:|inspect\.html")', own)
     assert files.sentence in own.replace("\u00a0", " ") and f"<code>{files.command}</code>" in own
-    assert len(data["rows"]) == len(files.content["rows"])
     assert len(data["curves"]) == len(data["truths"]) == 3
-    assert all(set(row["pictures"].values()) <= set(data["pictures"]) for row in data["rows"])
+    for (curves, _), aperture in zip(data["curves"], data["apertures"], strict=True):
+        numbers = {n for line in curves["surface"]["data"] for n in line.get("customdata", ())}
+        shown = [data["rows"][number] for number in numbers]
+        assert len(shown) == len(NEARS) * len(DEPTHS)
+        assert all(row["aperture"] == aperture and row["geometry"] == 0 for row in shown)
     start, best = data["rows"][data["start"]], files.content["best"]
     assert (start["aperture"], start["near"]) == (best["aperture"], best["near"])
-    assert sorted(path.name for path in files.html.parent.iterdir()) == FILES
+    colors = {name: pictures.rgb(color) for name, color in data["cause_colors"].items()}
+    for row in data["rows"]:
+        stored = data["pictures"][row["pictures"]["causes"]].split(",")[1]
+        pixels = decoded(base64.b64decode(stored)).reshape(-1, 4)
+        shown = Counter(map(tuple, pixels[pixels[:, 3] > 0, :3].tolist()))
+        charged = {colors[cause["name"]]: cause["surface"] for cause in row["causes"]}
+        assert shown == {color: count for color, count in charged.items() if count}
+    assert sorted(path.name for path in files.html.parent.iterdir()) == sorted(FILES)
+
+
+def test_pivots_are_compared_and_the_shear_moves_each_point_as_its_closed_form_says(
+    files: ReportFiles,
+) -> None:
+    content, rows = files.content, files.content["rows"]
+    assert page_data(files.html)["geometries"] == ["pivot aperture", "pivot camera"]
+    assert "Cameras compared" in files.html.read_text() and "pivot aperture" in files.sentence
+    assert [best["pivot"] for best in content["best_per_geometry"]] == ["aperture", "camera"]
+    cameras = [row for row in rows if row["settings"]["pivot"] == "camera"]
+    for shear in (row["shear"] for row in cameras if row["aperture"] == [0, 0]):
+        assert shear["rms_px"] == pytest.approx(shear["closed_form_rms_px"], rel=0.01)
+    assert max(row["shear"]["rms_px"] for row in cameras) > 5
+    assert max(row["causes"][1]["surface"] for row in cameras) > 0
+    for row in rows:
+        if row["settings"]["pivot"] == "aperture":
+            assert row["shear"] is None and row["causes"][1]["surface"] == 0
+
+
+PIVOTS = ReportOptions(pivots=list(Pivot), offsets=list(Offset))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("car", ReportOptions(), "aperture plate"),
+        ("car", ReportOptions(pivots=[Pivot.CAMERA]), "camera plate"),
+        # Cameras in the aperture draw the same with both pivots, and are measured with one.
+        (
+            "car-recentered",
+            ReportOptions(offsets=list(Offset)),
+            "aperture plate, aperture none, camera plate",
+        ),
+        ("car-recentered", PIVOTS, "aperture plate, aperture none, camera plate, camera none"),
+    ],
+)
+def test_both_pivots_are_measured_where_they_differ_or_are_requested(
+    name: str, options: ReportOptions, expected: str
+) -> None:
+    grid = geometry_grid(open_scene(name).frustum, options)
+    assert ", ".join(f"{how.pivot} {how.offset}" for how in grid) == expected
+
+
+def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    def note(_scene: object, _out: object, options: ReportOptions) -> None:
+        requested.append(options)
+        raise InputError("enough")
+
+    requested: list[ReportOptions] = []
+    monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
+    lists = (
+        "--pivot aperture,camera --fit angle,screen,15 --offset plate,none --slabs 15,40;20;none"
+    )
+    assert main(f"report car-recentered --no-causes {lists}".split()) == 2
+    assert main(["report", "car"]) == 2
+    first, usual = requested
+    assert first.pivots == (Pivot.APERTURE, Pivot.CAMERA)
+    assert first.fits == (Fit.ANGLE, Fit.SCREEN, 15.0)
+    assert first.offsets == (Offset.PLATE, Offset.NONE)
+    assert first.slabs == ((15.0, 40.0), (20.0,), ())
+    assert usual.causes and not first.causes
 
 
 def test_an_empty_scene_has_a_report_too(files: ReportFiles, tmp_path: Path) -> None:
@@ -144,7 +219,7 @@ def test_a_report_replaces_its_files_and_keeps_others_and_a_failure_touches_noth
     (tmp_path / "report.json").write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
     with monkeypatch.context() as failing:
-        failing.setattr(report, "write_parquet", fail)
+        failing.setattr(report, "table_of", fail)
         for out in (tmp_path, tmp_path / "deep" / "new"):
             with pytest.raises(RuntimeError, match="in the middle"):
                 make_report(view("empty", (8, 8)), out, QUICK)
@@ -158,16 +233,12 @@ def test_a_report_replaces_its_files_and_keeps_others_and_a_failure_touches_noth
     assert not (tmp_path / "out").exists()
 
 
-def decoded(encoded: bytes) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
-    return np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA"))
-
-
 def test_height_errors_within_rounding_are_not_tinted() -> None:
     scene = open_scene("asymmetric")
     reach = scene.frustum.longest_reach
-    heights = images.height_range(scene, reach)
+    heights = pictures.height_range(scene, reach)
     rounding = max(largest_tolerance(scene), 1e-6 * reach)
-    shown = decoded(images.height_map(np.array([[0.0, rounding, 1e-3 * reach]]), reach, heights))
+    shown = decoded(pictures.height_map(np.array([[0.0, rounding, 1e-3 * reach]]), reach, heights))
     white, same, tinted = shown[0, :, :3].astype(int)
     np.testing.assert_array_equal(white, same)
     assert np.ptp(tinted) > 50 and heights[0] >= 1e-6
@@ -176,10 +247,13 @@ def test_height_errors_within_rounding_are_not_tinted() -> None:
 def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
     wrong = np.zeros((4, 6), dtype=np.bool_)
     wrong[3, 1] = True
-    reduced = decoded(images.mask(wrong, images.SURFACE_COLOR, 2))
+    reduced = decoded(pictures.mask(wrong, pictures.SURFACE_COLOR, 2))
     np.testing.assert_array_equal(reduced[..., 3], [[0, 0, 0], [255, 0, 0]])
-    height = np.array([[0.0, -1.0], [0.0, np.nan]])
-    assert decoded(images.height_map(height, 100.0, (1e-6, 1e-2), 2))[0, 0, 2] > 90
+    height = np.array([[0.5, -1.0, np.nan], [0.0, np.nan, np.nan]])
+    shown = decoded(pictures.height_map(height, 100.0, (1e-6, 1e-2), 2))
+    lowest = decoded(pictures.height_map(height[:1, 1:2], 100.0, (1e-6, 1e-2)))
+    np.testing.assert_array_equal(shown[0, 0], lowest[0, 0])
+    assert shown[0, 0, 3] == 255 and shown[0, 1, 3] == 0
 
 
 def test_without_causes_numbers_are_the_same_and_nothing_more_is_traced(
@@ -201,31 +275,25 @@ def test_without_causes_numbers_are_the_same_and_nothing_more_is_traced(
         assert row["causes"] == [] and set(row["measured_over_predicted"].values()) == {None}
         assert row["unexplained"] is row["predicted_surface"] is None
     assert pq.read_schema(plain.parquet).equals(pq.read_schema(charged.parquet))
-    with_causes, page = (report_files.html.read_text() for report_files in (charged, plain))
+    with_causes, page = (made.html.read_text() for made in (charged, plain))
     for part in ('id="plot-causes"', 'id="predictions"', "Dashed lines are closed forms"):
         assert part in with_causes and part not in page
-
-
-LIGHT_NEARS = (1.5, 0.15, 0.015)
-SHINY = Material(diffuse=(0.5, 0.4, 0.3), specular=(0.3, 0.3, 0.3), exponent=10.0)
-
-
-def shiny() -> Scene:
-    scene = view("asymmetric", (64, 48))
-    light = DirectionalLight(direction=(-1.0, 1.5, 2.0))
-    return replace(
-        scene,
-        appearance=Appearance(materials={"all": SHINY}, lights=(light,)),
-        objects=tuple(replace(o, material="all") for o in scene.objects),
-        sampling=Sampling(aperture=3),
-        transport=Transport(shadows=True, samples=4),
-    )
 
 
 def test_a_shaded_scene_has_errors_of_color_the_bent_eye_and_missed_light(
     files: ReportFiles, tmp_path: Path
 ) -> None:
-    lit = make_report(shiny(), tmp_path, ReportOptions(nears=LIGHT_NEARS, depths=DEPTHS[1:]))
+    scene, nears = view("asymmetric", (64, 48)), (1.5, 0.15, 0.015)
+    shiny = Material(diffuse=(0.5, 0.4, 0.3), specular=(0.3, 0.3, 0.3), exponent=10.0)
+    light = DirectionalLight(direction=(-1.0, 1.5, 2.0))
+    scene = replace(
+        scene,
+        appearance=Appearance(materials={"all": shiny}, lights=(light,)),
+        objects=tuple(replace(part, material="all") for part in scene.objects),
+        sampling=Sampling(aperture=3),
+        transport=Transport(shadows=True, samples=4),
+    )
+    lit = make_report(scene, tmp_path, ReportOptions(nears=nears, depths=DEPTHS[1:]))
     errors = [row["comparison"]["radiance"] for row in lit.content["rows"]]
     for name in ("rms", "flip"):
         assert errors[0][name] > errors[1][name] > errors[2][name] > 0
@@ -235,10 +303,10 @@ def test_a_shaded_scene_has_errors_of_color_the_bent_eye_and_missed_light(
     assert table["radiance_rms"].to_pylist() == [error["rms"] for error in errors]
     shading = lit.content["shading"]
     used = {decision["effect"] for decision in shading["decisions"] if decision["used"]}
-    assert used == {str(effect) for effect in needed(shiny())}
+    assert used == {str(effect) for effect in needed(scene)}
     assert shading["same_bits"] is True
     bent = shading["eye_vector"]
-    assert [error["near"] for error in bent] == list(LIGHT_NEARS)
+    assert [error["near"] for error in bent] == list(nears)
     assert bent[-1]["measured"] == pytest.approx(bent[-1]["predicted"], rel=0.1)
     (missed,) = shading["left_out"]
     assert missed["shadows"] and not missed["interreflection"]

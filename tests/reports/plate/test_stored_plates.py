@@ -30,7 +30,7 @@ from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, arrays_of, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.reader import PlateReader, camera_of
 from xfrustum.reports.plate.store import PlateStore
-from xfrustum.reports.view import StoredPlate
+from xfrustum.reports.view import stored_plate
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.disk.durable import write_file
@@ -310,7 +310,7 @@ def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
     spoil(plate)
     readers: list[Callable[[], object]] = [
         lambda: write_plate(small(), SETTINGS, plate, content=ALL),
-        lambda: StoredPlate(plate, small()),
+        lambda: stored_plate(plate, small()),
         lambda: convert(plate, tmp_path / "out", write_as="hogels"),
     ]
     for read in readers:

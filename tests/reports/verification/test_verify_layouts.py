@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from tests.reports.verification.synthetic import packed
-from tests.support.brute_force import first_hits
+from tests.support.brute_force import meetings
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
@@ -181,7 +181,8 @@ def sheared_views(scene: Scene, factor: float) -> PlateRows:
         # On a screen before the plate the film is mirrored.
         eye = np.array([-((2 * c + 1) / width - 1) * screen.size[0] / 2, 0.0, screen.height])
         lines = centers + (1 - factor) * np.array([eye[0], 0.0, 0.0]) - eye
-        hits = first_hits(scene.triangles, eye, lines, (1e-9, 1e3)).triangle.reshape(rows, columns)
+        s = meetings(scene.triangles, eye, lines, (1e-9, 1e3))
+        hits = np.where(np.isfinite(s.min(axis=1)), s.argmin(axis=1), -1).reshape(rows, columns)
         pixels[:, :, 0, c] = packed(hits)
     return PlateRows.from_pixels(pixels)
 

@@ -6,8 +6,12 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.reports.error_report.best import Measurement, best_setting
-from xfrustum.reports.error_report.request import ReportOptions, default_nears, settings_of
-from xfrustum.reports.error_report.sweep import sweep
+from xfrustum.reports.error_report.sweep import (
+    ReportOptions,
+    default_nears,
+    settings_of,
+    sweep,
+)
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.geometry.shapes import refine
 

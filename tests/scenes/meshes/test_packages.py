@@ -15,10 +15,10 @@ from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 MESH = mesh_xml(CORNERS.tolist(), FACES)
 OTHER = CORNERS * [1, 1, -1] + [0, 0, 20]
-OBJECT = f'<resources><object id="1">{MESH}</object></resources>'
-ITEM = '<build><item objectid="1"/></build>'
+ONE = f'<object id="1">{MESH}</object>'
+ITEM = 'objectid="1"'
 TURN = "0 1 0 -1 0 0 0 0 1 5 6 7"  #: a quarter turn about z, x to y, then a shift
-MIRROR = "-1 0 0 0 1 0 0 0 2 0 0 0"
+MIRROR = f'{ITEM} transform="-1 0 0 0 1 0 0 0 2 0 0 0"'
 TURNED = SOUP @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 6, 7]
 MIRRORED = (SOUP * [-1, 1, 2])[:, ::-1]
 
@@ -35,30 +35,22 @@ def model(resources: str, *items: str) -> str:
     return f"<resources>{resources}</resources><build>{build}</build>"
 
 
-ONE = f'<object id="1">{MESH}</object>'
 OTHER_PARTS = {
-    "3D/a.model": f"<resources>{ONE}</resources>",
-    "3D/b.model": (
-        f'<resources><object id="1">{mesh_xml(OTHER.tolist(), FACES)}</object></resources>'
-    ),
-}  # fmt: skip
-TWO_PARTS = ('objectid="1" p:path="/3D/a.model"', 'objectid="1" p:path="/3D/b.model"')
+    "3D/a.model": model(ONE),
+    "3D/b.model": model(ONE.replace(MESH, mesh_xml(OTHER.tolist(), FACES))),
+}
+TWO_PARTS = [f'{ITEM} p:path="{part}"' for part in OTHER_PARTS]
 PLACED: dict[str, tuple[bytes, Iterable[ArrayLike]]] = {
     "built twice, turned": (
-        threemf(model(ONE, f'objectid="1" transform="{TURN}"', 'objectid="1"')),
+        threemf(model(ONE, f'{ITEM} transform="{TURN}"', ITEM)),
         [*TURNED, *SOUP],
     ),
-    "mirrored": (threemf(model(ONE, f'objectid="1" transform="{MIRROR}"')), MIRRORED),
+    "mirrored": (threemf(model(ONE, MIRROR)), MIRRORED),
     "mirrored twice": (
-        threemf(
-            model(
-                ONE + group(2, f'objectid="1" transform="{MIRROR}"'),
-                f'objectid="2" transform="{MIRROR}"',
-            )
-        ),
+        threemf(model(ONE + group(2, MIRROR), MIRROR.replace("1", "2", 1))),
         SOUP * [1, 1, 4],
     ),
-    "not built": (threemf(model(ONE + group(2, 'objectid="1"'), 'objectid="1"')), SOUP),
+    "not built": (threemf(model(ONE + group(2, ITEM), ITEM)), SOUP),
     "one number in two parts": (
         threemf(model(group(7, *TWO_PARTS), 'objectid="7"'), OTHER_PARTS, 'requiredextensions="p"'),
         [*SOUP, *OTHER[np.array(FACES)]],
@@ -86,6 +78,9 @@ def test_triangles_of_3mf_are_numbered_as_by_trimesh(tmp_path: Path) -> None:
 
 
 CHAIN = "".join(group(n, *[f'objectid="{n - 1}"'] * 10) for n in range(2, 12))
+WHOLE = model(ONE, ITEM)
+LATTICE = '<b:beamlattice xmlns:b="x"/></mesh>'
+UNKNOWN = 'requiredextensions="q" xmlns:q="http://x/y"'
 
 
 def damaged(package: bytes) -> bytes:
@@ -95,30 +90,29 @@ def damaged(package: bytes) -> bytes:
     return package[:start] + b"\xff" * 8 + package[start + 8 :]
 
 
+def edited(old: str, new: str) -> bytes:
+    """Return the package of one object, its model part changed."""
+    return threemf(WHOLE.replace(old, new))
+
+
 REFUSED_3MF = {
-    "requires the extension http://x/y, which is not read": threemf(
-        OBJECT + ITEM, attributes='requiredextensions="q" xmlns:q="http://x/y"'
-    ),
-    r"object 1 of 3D/3dmodel.model is made of 'beamlattice'": threemf(
-        OBJECT.replace("</mesh>", '<b:beamlattice xmlns:b="x"/></mesh>') + ITEM
-    ),
-    "object 2 of .* is not there": threemf(OBJECT + ITEM.replace("1", "2")),
-    "has no part 3D/x.model": threemf(model(ONE, 'objectid="1" p:path="/3D/x.model"')),
-    "in a circle": threemf(model(group(1, 'objectid="1"'), 'objectid="1"')),
+    "requires the extension http://x/y, which is not read": threemf(WHOLE, attributes=UNKNOWN),
+    "object 1 of 3D/3dmodel.model is made of 'beamlattice'": edited("</mesh>", LATTICE),
+    "object 2 of .* is not there": threemf(model(ONE, 'objectid="2"')),
+    "has no part 3D/x.model": threemf(model(ONE, f'{ITEM} p:path="/3D/x.model"')),
+    "in a circle": threemf(model(group(1, ITEM), ITEM)),
     "placing its objects, .* GiB": threemf(model(ONE + CHAIN, 'objectid="11"')),
-    "numbers that are damaged": threemf(OBJECT.replace('x="4.0"', 'x="one"') + ITEM),
-    "numbers that .* damaged": threemf(OBJECT.replace('x="4.0"', "") + ITEM),
-    "corners of triangles that are no whole numbers": threemf(
-        OBJECT.replace('v3="3"', 'v3="1.7"') + ITEM
-    ),
-    "12 numbers": threemf(model(ONE, 'objectid="1" transform="1 2 3"')),
-    "faces point past the vertices": threemf(OBJECT.replace('v1="0"', 'v1="9"') + ITEM),
+    "numbers that are damaged": edited('x="4.0"', 'x="one"'),
+    "numbers that .* damaged": edited('x="4.0"', ""),
+    "corners of triangles that are no whole numbers": edited('v3="3"', 'v3="1.7"'),
+    "12 numbers": threemf(model(ONE, f'{ITEM} transform="1 2 3"')),
+    "faces point past the vertices": edited('v1="0"', 'v1="9"'),
     "is no package with a part 3D/3dmodel.model that can be read": threemf("<resources>"),
-    "is no package with a part .* that can be read": damaged(threemf(OBJECT + ITEM)),
+    "is no package with a part .* that can be read": damaged(threemf(WHOLE)),
     "is no package with a part _rels/.rels that can be read .*foo-8": zipped(
         {"_rels/.rels": '<?xml version="1.0" encoding="foo-8"?><a/>'}
     ),
-    "no triangles": threemf(OBJECT),
+    "no triangles": threemf(model(ONE)),
 }
 
 FACE, STRIP = '<Face triangles="0 1 2"/>', '<Face strips="0 1 2 3,0 1 4" fans="0 1 2 3"/>'
@@ -139,24 +133,22 @@ REFUSED_BY_NAME = {
     "is a point cloud; give it a mesh with faces": "a.xyz",
     "use one of 3dxml, 3mf, glb, gltf, obj, off, ply, stl": "a.foo",
 }
-REFUSED = [
-    *[("a.3mf", content, reason) for reason, content in REFUSED_3MF.items()],
-    *[("a.3dxml", content, reason) for reason, content in REFUSED_3DXML.items()],
-    *[(name, b"x", reason) for reason, name in REFUSED_BY_NAME.items()],
-]
+REFUSED = {
+    **{reason: ("a.3mf", content) for reason, content in REFUSED_3MF.items()},
+    **{reason: ("a.3dxml", content) for reason, content in REFUSED_3DXML.items()},
+    **{reason: (name, b"x") for reason, name in REFUSED_BY_NAME.items()},
+}
 
 
-@pytest.mark.parametrize(("name", "content", "reason"), REFUSED, ids=[r for *_, r in REFUSED])
-def test_packages_that_would_be_misread_are_refused(
-    name: str, content: bytes, reason: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("reason", REFUSED)
+def test_packages_that_would_be_misread_are_refused(reason: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=reason):
-        load_mesh(written(tmp_path, name, content))
+        load_mesh(written(tmp_path, *REFUSED[reason]))
 
 
 def test_units_and_colors_of_3mf_are_listed(tmp_path: Path) -> None:
-    colored = OBJECT.replace('id="1"', 'id="1" pid="5"')
-    mesh = load_mesh(written(tmp_path, "a.3mf", threemf(colored + ITEM, attributes='unit="inch"')))
+    colored = threemf(WHOLE.replace('id="1"', 'id="1" pid="5"', 1), attributes='unit="inch"')
+    mesh = load_mesh(written(tmp_path, "a.3mf", colored))
     assert [feature.feature for feature in mesh.unread] == ["unit inch", "materials and colors"]
 
 
@@ -164,25 +156,24 @@ COARSE = '<PolygonalLOD accuracy="{}"><Faces>{}</Faces></PolygonalLOD>'
 
 
 @pytest.mark.parametrize(
-    ("content", "plain"),
+    ("content", "finest_is_own"),
     [
         (f"<Faces>{FACE}</Faces><Faces>{STRIP}</Faces>", True),
-        (f"<Faces>{FACE}{STRIP}</Faces>", True),
         (COARSE.format("5", '<Face triangles="0 1 3"/>') + f"<Faces>{FACE}{STRIP}</Faces>", True),
         (COARSE.format("5", FACE) + COARSE.format("0.1", FACE + STRIP), False),
     ],
 )
 def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(
-    content: str, plain: bool, tmp_path: Path
+    content: str, finest_is_own: bool, tmp_path: Path
 ) -> None:
+    """The second reader reads a representation's own faces alone."""
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]])  # of `threedxml`
-    faces = [[0, 1, 2], [0, 1, 2], [1, 3, 2], [0, 1, 4], [0, 1, 2], [0, 2, 3]]
-    turned = points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 6, 7]
+    plain = points[[[0, 1, 2], [0, 1, 2], [1, 3, 2], [0, 1, 4], [0, 1, 2], [0, 2, 3]]]
+    turned = plain @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 6, 7]
     path = written(tmp_path, "a.3dxml", threedxml(content, ("1 0 0 0 1 0 0 0 1 0 0 0", TURN)))
-    triangles = [*points[faces], *turned[faces]]
-    if plain:
+    triangles = np.concatenate([plain, turned])
+    if finest_is_own:
         assert_reads(path, triangles)
     mesh = load_mesh(path)
-    assert sorted(mesh.vertices[mesh.faces].sum(axis=(1, 2))) == sorted(
-        triangle.sum() for triangle in triangles
-    )
+    sums = mesh.vertices[mesh.faces].sum(axis=(1, 2))
+    assert sorted(sums) == sorted(triangles.sum(axis=(1, 2)))

@@ -23,7 +23,7 @@ from tests.support.long_tail import thinned
 CHECKOUT = Path(__file__).resolve().parents[3]
 LARGE = 1_000_000  #: bytes: files above it are compared with the slow tests
 
-#: Files with a feature, and the same shapes written plainly.
+#: Shapes written plainly, and files with a feature.
 TWINS = {
     "letter_triangles.obj": "letter_ngon.obj letter_ngon.off letter_ngon.ply",
     "three_blocks_absolute.obj": "three_blocks.obj",

@@ -18,7 +18,7 @@ from tests.scenes.meshes.soups import (
     needs_data,
     written,
 )
-from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
@@ -69,37 +69,46 @@ CODES = {
     "char": "b", "uchar": "B", "short": "h", "int": "i", "uint": "I", "float": "f", "double": "d"
 }  # fmt: skip
 ORDERS = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
+PLY_HEADER = """\
+ply
+format {order} 1.0
+element vertex {vertices}
+property uchar flag
+property {point} x
+property {point} y
+property {point} z
+property list uchar short links
+element edge 1
+property int vertex1
+element face {faces}
+property list {count} {index} vertex_indices
+property uchar red
+end_header
+"""
 
 
 def ply(
     order: str = "",
-    types: tuple[str, str, str] = ("float", "uchar", "int"),
+    types: str = "float uchar int",
     corners: Floats = CORNERS,
     faces: tuple[tuple[int, ...], ...] = FACES,
 ) -> bytes:
     """Return a PLY file with some types of coordinates, counts and indices, and an element edge."""
-    point, count, index = types
-    header = (
-        f"ply\nformat {ORDERS[order]} 1.0\nelement vertex {len(corners)}\nproperty uchar flag\n"
+    names = dict(zip(("point", "count", "index"), types.split(), strict=True))
+    point, count, index = (CODES[name] for name in names.values())
+    rows: list[tuple[str, tuple[float, ...]]] = [
+        (f"B3{point}Bhh", (7, *row, 2, 1, -2)) for row in corners.astype(point).tolist()
+    ]
+    rows.append(("i", (0,)))
+    for face in faces:
+        indices = np.array(face, index).tolist()
+        rows.append((f"{count}{len(face)}{index}B", (len(face), *indices, 9)))
+    header = PLY_HEADER.format(
+        order=ORDERS[order], vertices=len(corners), faces=len(faces), **names
     )
-    header += "".join(f"property {point} {axis}\n" for axis in "xyz")
-    header += "property list uchar short links\nelement edge 1\nproperty int vertex1\n"
-    header += f"element face {len(faces)}\nproperty list {count} {index} vertex_indices\n"
-    header += "property uchar red\nend_header\n"
-    rows: list[list[tuple[str, float]]] = [
-        [("B", 7), *((CODES[point], value) for value in row), ("B", 2), ("h", 1), ("h", -2)]
-        for row in corners.tolist()
-    ]
-    rows.append([("i", 0)])
-    rows += [
-        [(CODES[count], len(face)), *((CODES[index], k) for k in face), ("B", 9)] for face in faces
-    ]
-    rows = [[(code, value if code in "fd" else int(value)) for code, value in row] for row in rows]
-    if order == "":
-        lines = [" ".join(repr(value) for _, value in row) + "\n" for row in rows]
-        return (header + "".join(lines)).encode()
-    packed = [struct.pack(order + code, value) for row in rows for code, value in row]
-    return header.encode() + b"".join(packed)
+    if order:
+        return header.encode() + b"".join(struct.pack(order + form, *row) for form, row in rows)
+    return (header + "".join(" ".join(map(repr, row)) + "\n" for _, row in rows)).encode()
 
 
 PLY, BINARY = ply(), ply("<")
@@ -108,15 +117,10 @@ FACES_FIRST = (
     "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
 )
 HEADER_LINES = BINARY.partition(b"end_header")[0].count(b"\n") + 1
-PLY_TYPES = [
-    ("float", "uchar", "int"),
-    ("double", "int", "uint"),
-    ("short", "uint", "char"),
-    ("int", "char", "short"),
-]
+PLY_TYPES = ("float uchar int", "double int uint", "short uint char", "int char short")
 PLY_ALIKE: dict[str, Content] = {
     **{f"{ORDERS[order]} of {t}": ply(order, t) for order in ORDERS for t in PLY_TYPES},
-    "indices of floats": ply("", ("float", "uchar", "float")),
+    "indices of floats": ply("", "float uchar float"),
     "CR LF": PLY.replace(b"\n", b"\r\n"),
     "UTF-8 mark": b"\xef\xbb\xbf" + PLY,
     "vertex_index": PLY.replace(b"vertex_indices", b"vertex_index"),
@@ -150,29 +154,23 @@ STL_ALIKE: dict[str, Content] = {
     "name like statements": stl_text(name="facet normal vertex 1 2 3"),
     "two solids": stl_text(SOUP[:2], "a") + stl_text(SOUP[2:], "b").rstrip("\n"),
 }
-ALIKE = [
-    pytest.param(f"a.{kind}", content, id=f"{kind}: {name}")
-    for kind, files in zip(
-        ("obj", "off", "ply", "stl"), (OBJ_ALIKE, OFF_ALIKE, PLY_ALIKE, STL_ALIKE), strict=True
-    )
-    for name, content in files.items()
-]  # fmt: skip
+ALIKE = {"obj": OBJ_ALIKE, "off": OFF_ALIKE, "ply": PLY_ALIKE, "stl": STL_ALIKE}
 
 
-@pytest.mark.parametrize(("name", "content"), ALIKE)
-def test_both_readers_read_the_same_tetrahedron(
-    name: str, content: Content, tmp_path: Path
-) -> None:
-    weighted = isinstance(content, str) and content.startswith("C4OFF")
-    assert_reads(written(tmp_path, name, content), SOUP, 2.0**-50 if weighted else 0.0)
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind, files in ALIKE.items() for name in files]
+)
+def test_both_readers_read_the_same_tetrahedron(kind: str, name: str, tmp_path: Path) -> None:
+    path = written(tmp_path, f"a.{kind}", ALIKE[kind][name])
+    assert_reads(path, SOUP, 2.0**-50 if name == "C4OFF" else 0.0)
 
 
 UTM_LINES = "".join("{!r} {!r} {!r}\n".format(*corner) for corner in UTM.tolist())
 UTM_FILES: dict[str, Content] = {
     "a.obj": "".join(f"v {line}\n" for line in UTM_LINES.splitlines()) + OBJ[len(OBJ_POINTS) :],
     "a.off": f"OFF\n4 4 6\n{UTM_LINES}{OFF_FACES}",
-    "text.ply": ply("", ("double", "uchar", "int"), UTM),
-    "big.ply": ply(">", ("double", "uchar", "int"), UTM),
+    "text.ply": ply("", "double uchar int", UTM),
+    "big.ply": ply(">", "double uchar int", UTM),
     "a.stl": stl_text(UTM[np.array(FACES)]),
 }
 
@@ -182,105 +180,90 @@ def test_coordinates_of_a_survey_keep_every_bit(name: str, tmp_path: Path) -> No
     assert_reads(written(tmp_path, name, UTM_FILES[name]), UTM[np.array(FACES)])
 
 
-POLYGONS = (tuple(range(9)), (0, 1, 3), (3, 1, 0, 8))
-
-
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-OBJ_REFUSED = {
-    "f 0 1 2": "line 5: a corner has an index of 0",
-    "f 1 2 5": "line 5: faces point past the vertices, of which the file has 4: index 5; export",
-    "f 1 2": "line 5: a face has 2 corners, and needs three",
-    "f 1/1 2/1 3/1": "line 5: faces point past the texture coordinates, of which the file has 0",
-    "vt 0 0\nf 1/1 2/1 3": "line 6: some corners of a face have texture coordinates, some "
-    "have none",
-    "f 1/1/1/1 2 3": "line 5: a corner has more than three indices",
-    "f 1 2 3.5": "line 5: a corner is no number",
-    "f /1 /2 /3": "line 5: a corner has no vertex",
-    "f \\\n1 2 \\\n3\nf 1 2 9": "line 8: faces point past the vertices",
-    "v 1 2\nf 1 2 3": "line 5: a vertex needs three coordinates",
-    "v 1 2 3 2\nf 1 2 3": "line 5: the fourth coordinate is a weight of rational surfaces, "
-    "and is 2",
-    "v 1 2 3.1+e2\nf 1 2 3": "line 5: 'v 1 2 3.1+e2' has a word that is no number",
-    "vn 0 1\nf 1 2 3": "line 5: a normal (vn) has three numbers",
-    "surf 0 1 0 1 1 2 3 4\nf 1 2 3": "line 5: 'surf' is a free-form surface",
-    "call other.obj\nf 1 2 3": "line 5: 'call' is another file or a command",
-    "made by hand\nf 1 2 3": "line 5: 'made' is no statement of OBJ",
-    "f 1 3 2 4": "line 5: the face crosses or covers itself",
+#: Line 5 of a file, or lines from it on, and the refusal.
+OBJ_REFUSED = r"""
+f 0 1 2: line 5: a corner has an index of 0
+f 1 2 5: line 5: faces point past the vertices, of which the file has 4: index 5; export
+f 1 2: line 5: a face has 2 corners, and needs three
+f 1/1 2/1 3/1: line 5: faces point past the texture coordinates, of which the file has 0
+vt 0 0|f 1/1 2/1 3: line 6: some corners of a face have texture coordinates, some have none
+f 1/1/1/1 2 3: line 5: a corner has more than three indices
+f 1 2 3.5: line 5: a corner is no number
+f /1 /2 /3: line 5: a corner has no vertex
+f \|1 2 \|3|f 1 2 9: line 8: faces point past the vertices
+v 1 2: line 5: a vertex needs three coordinates
+v 1 2 3 2: line 5: the fourth coordinate is a weight of rational surfaces, and is 2
+v 1 2 3.1+e2: line 5: 'v 1 2 3.1+e2' has a word that is no number
+vn 0 1: line 5: a normal (vn) has three numbers
+surf 0 1 0 1 1 2 3 4: line 5: 'surf' is a free-form surface
+call other.obj: line 5: 'call' is another file or a command
+made by hand: line 5: 'made' is no statement of OBJ
+f 1 3 2 4: line 5: the face crosses or covers itself
+"""
+
+OFF_REFUSED: dict[str, Content] = {
+    "line 10: face 3 of 4 is cut off or damaged": OFF[:-4],
+    "ends within vertex 1 of 4": OFF[:20],
+    "line 10: face 4 of 5 is cut off": OFF.replace("4 4 6", "4 5 6"),
+    "line 10: the file goes on after 3 faces": OFF.replace("4 4 6", "4 3 6"),
+    "line 3: a vertex has 5 numbers": off("OFF", "9 9"),
+    "binary OFF is not read": "OFF BINARY\n\0",
+    "nOFF, of any number of dimensions, is not read": "4nOFF\n3\n" + OFF[4:],
+    "faces point past the vertices": OFF.replace("3 2 0 3", "3 2 0 4"),
+    "corners of faces are not whole numbers": OFF.replace("3 2 0 3", "3 2 0 2.5"),
+    "line 5: '1 one 0' has a word that is no number": OFF.replace("1 3 0", "1 one 0"),
+    "no triangles: 1 vertices, and no faces of three corners": "OFF\n1 0 0\n0 0 0\n",
+    "has no counts": "OFF\n",
 }
 
-OFF_REFUSED = {
-    "cut off within a face": (OFF[:-4], "line 10: face 3 of 4 is cut off or damaged"),
-    "cut off within vertices": (OFF[:20], "ends within vertex 1 of 4"),
-    "a face too few": (OFF.replace("4 4 6", "4 5 6"), "line 10: face 4 of 5 is cut off"),
-    "a face too many": (OFF.replace("4 4 6", "4 3 6"), "line 10: the file goes on after 3 faces"),
-    "too many numbers": (off("OFF", "9 9"), "line 3: a vertex has 5 numbers"),
-    "flat points": (OFF.replace(OFF_POINTS, "0 0\n4 0\n1 3\n1 1\n"),
-                    "line 3: a vertex has 2 numbers, and the header says 3"),
-    "binary": ("OFF BINARY\n\x00\x00", "binary OFF is not read"),
-    "dimensions": ("4nOFF\n3\n" + OFF[4:], "nOFF, of any number of dimensions, is not read"),
-    "index": (OFF.replace("3 2 0 3", "3 2 0 4"), "faces point past the vertices"),
-    "broken index": (OFF.replace("3 2 0 3", "3 2 0 2.5"), "corners of faces are not whole numbers"),
-    "word": (OFF.replace("1 3 0", "1 one 0"), "line 5: '1 one 0' has a word that is no number"),
-    "no faces": ("OFF\n1 0 0\n0 0 0\n", "no triangles: 1 vertices, and no faces of three corners"),
-    "nothing": ("OFF\n", "has no counts"),
-}  # fmt: skip
-
-CLOUD = "ply\nformat ascii 1.0\nelement vertex 1\n{}end_header\n0 0 0{}\n"
 XYZ = "".join(f"property float {axis}\n" for axis in "xyz")
+CLOUD = f"ply\nformat ascii 1.0\nelement vertex 1\n{XYZ}end_header\n0 0 0\n"
 SPLAT = "".join(f"property float {name}\n" for name in ("f_dc_0", "opacity", "scale_0", "rot_0"))
-LONG = OFF_FACES.replace("\n", " 9\n")
-PLY_REFUSED: dict[str, tuple[Content, str]] = {
-    "cut off": (PLY[:-10], "the header declares 9 lines of elements, and the file has 8"),
-    "too long": (PLY + b"3 0 1 2\n", "declares 9 lines of elements, and the file has 10"),
-    "cut off in binary": (ply("<", faces=FACES[:1] + POLYGONS[2:])[:-3], "ends within face 1 of 2"),
-    "too long in binary": (
-        BINARY + b"\0\0",
-        "the header declares 132 bytes of elements, file has 134",
+PLY_REFUSED: dict[str, Content] = {
+    "the header declares 9 lines of elements, and the file has 8": PLY[:-10],
+    "declares 9 lines of elements, and the file has 10": PLY + b"3 0 1 2\n",
+    "ends within face 1 of 2": ply("<", faces=((0, 1, 3), (0, 2, 3, 1)))[:-3],
+    "the header declares 132 bytes of elements, file has 134": BINARY + b"\0\0",
+    "has another number of values": PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"),
+    "face 0 has 2 corners, and needs three": ply(faces=((0, 1),)),
+    "(index 4, 4 vertices)": ply(faces=((0, 1, 4),)),
+    "no whole": ply("", "float uchar float").replace(b"3 2.0 0", b"3 2.5 0"),
+    "does not fit its type": PLY.replace(b"uchar int", b"uchar char").replace(b" 3 9", b" 300 9"),
+    "'property list uchar long": PLY.replace(b"uchar int", b"uchar long"),
+    "property y is declared twice": PLY.replace(b"float z", b"float y"),
+    "x of vertices is a list, and must be one number": CLOUD.replace(
+        "float x", "list uchar float x"
     ),
-    "long line": (PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"), "has another number of values"),
-    "two corners": (ply(faces=((0, 1),)), "face 0 has 2 corners, and needs three"),
-    "index": (ply(faces=((0, 1, 4),)), "(index 4, 4 vertices)"),
-    "broken index": (
-        ply("", ("float", "uchar", "float")).replace(b"3 2 0 3", b"3 2 0 2.5"),
-        "no whole",
+    "begins with 'ply' and has an 'end_header'": "ply\nformat ascii 1.0\n",
+    "line 2: 'format ascii 2.0'": PLY.replace(b"ascii 1.0", b"ascii 2.0"),
+    "no triangles: a point cloud: 1 point, no faces": CLOUD,
+    "Gaussian splats: 1 point, no faces": CLOUD.replace(XYZ, XYZ + SPLAT).replace(
+        "0 0 0", "0 0 0 0 0 0 0"
     ),
-    "too large for its type": (
-        PLY.replace(b"uchar int", b"uchar char").replace(b"2 0 3 9", b"2 0 300 9"),
-                               "does not fit its type"),
-    "unknown type": (PLY.replace(b"uchar int", b"uchar long"), "'property list uchar long"),
-    "property twice": (PLY.replace(b"float z", b"float y"), "property y is declared twice"),
-    "list of x": (CLOUD.format(XYZ.replace("float x", "list uchar float x"), ""),
-                  "x of vertices is a list, and must be one number"),
-    "no header": ("ply\nformat ascii 1.0\n", "begins with 'ply' and has an 'end_header'"),
-    "version": (PLY.replace(b"ascii 1.0", b"ascii 2.0"), "line 2: 'format ascii 2.0'"),
-    "point cloud": (CLOUD.format(XYZ, ""), "no triangles: a point cloud: 1 point, no faces"),
-    "splats": (CLOUD.format(XYZ + SPLAT, " 0 0 0 0"), "Gaussian splats: 1 point, no faces"),
-}  # fmt: skip
+}
 
-STL_REFUSED: dict[str, tuple[Content, str]] = {
-    "cut off": (stl()[:-20], "header says 4 triangles = 284 bytes, file has 264"),
-    "too long": (stl() + b"\r\n", "header says 4 triangles = 284 bytes, file has 286"),
-    "header alone": (stl()[:50], "the file has 50 bytes, fewer than the header of a binary STL"),
-    "no triangles": (stl(SOUP[:0]), "no triangles"),
-    "no end": (STL.replace("endsolid", ""), "the file is cut off after 4 facets"),
-    "cut off in a facet": (STL[: STL.rindex("endloop")], "the file is cut off after 3 facets"),
-    "facet of four": (STL.replace("  endloop", "vertex 0 0 0\nendloop", 1),
-                      "line 7: 'vertex 0 0 0' where 'endloop'"),
-    "broken vertex": (STL.replace("vertex ", "vertex x", 1), "has a word that is no number"),
-    "flat vertex": (STL.replace("vertex 0.0 0.0 0.0", "vertex 1 2", 1),
-                    "line 4: a vertex needs three coordinates"),
-}  # fmt: skip
+STL_REFUSED: dict[str, Content] = {
+    "header says 4 triangles = 284 bytes, file has 264": stl()[:-20],
+    "header says 4 triangles = 284 bytes, file has 286": stl() + b"\r\n",
+    "the file has 50 bytes, fewer than the header of a binary STL": stl()[:50],
+    "no triangles": stl(SOUP[:0]),
+    "the file is cut off after 4 facets": STL.replace("endsolid", ""),
+    "the file is cut off after 3 facets": STL[: STL.rindex("endloop")],
+    "line 7: 'vertex 0 0 0' where 'endloop'": STL.replace("  endloop", "vertex 0 0 0\nendloop", 1),
+    "has a word that is no number": STL.replace("vertex ", "vertex x", 1),
+    "line 4: a vertex needs three coordinates": STL.replace("0.0 0.0 0.0", "1 2", 1),
+}
 REFUSED: list[tuple[str, Content, str]] = [
-    *[
-        ("a.obj", f"{SQUARE}{line}\nf 1 2 3\n", f"a.obj, {why}")
-        for line, why in OBJ_REFUSED.items()
-    ],
     ("a.obj", b"PK\3\4 ..", "a.obj: is an archive, and no OBJ"),
     ("a.obj", b"\n<?xml?>", "a.obj: is XML or HTML, and no OBJ"),
-    *[("a.off", *case) for case in OFF_REFUSED.values()],
-    *[("a.ply", *case) for case in PLY_REFUSED.values()],
-    *[("a.stl", *case) for case in STL_REFUSED.values()],
-]  # fmt: skip
+]
+for row in OBJ_REFUSED.split("\n")[1:-1]:
+    lines, _, reason = row.partition(": ")
+    text = SQUARE + lines.replace("|", "\n") + "\nf 1 2 3\n"
+    REFUSED.append(("a.obj", text, f"a.obj, {reason}"))
+for kind, cases in {"off": OFF_REFUSED, "ply": PLY_REFUSED, "stl": STL_REFUSED}.items():
+    REFUSED += [(f"a.{kind}", content, reason) for reason, content in cases.items()]
 
 
 @pytest.mark.parametrize(("name", "content", "reason"), REFUSED, ids=lambda case: str(case)[:30])
@@ -305,18 +288,12 @@ def test_shared_files_are_refused_by_name(name: str, reason: str) -> None:
         load_mesh(INPUTS / name)
 
 
-FACETS = np.frombuffer(
-    stl(),
-    offset=84,
-    dtype=np.dtype([("normal", "<f4", 3), ("rest", "<f4", 9), ("color", "<u2")]),
-)
-
-
 def turned_facets() -> bytes:
     """Return facets whose first normal opposes the winding, and whose second has a color."""
-    facets = FACETS.copy()
-    facets["normal"][0], facets["color"][1] = (0, 0, 1), 5
-    return stl()[:84] + facets.tobytes()
+    data = bytearray(stl())
+    struct.pack_into("<3f", data, 84, 0, 0, 1)
+    struct.pack_into("<H", data, 84 + 50 + 48, 5)
+    return bytes(data)
 
 
 UNREAD: list[tuple[str, Content, list[str]]] = [
@@ -349,30 +326,24 @@ def test_features_that_are_not_drawn_are_listed(
 
 def test_values_at_corners_are_those_of_the_file(tmp_path: Path) -> None:
     """Texture coordinates, normals of any length and colors of one corner, by its place."""
-
-    def at(mesh: SceneObject, name: str, corner: tuple[float, ...]) -> list[float]:
-        [place] = np.flatnonzero((mesh.vertices == corner).all(axis=1))
-        values: list[float] = getattr(mesh, name)[place].tolist()
-        return values
-
     statements = "vt 0.25 0.5\nvt 1\nvn 0 3 4\nvn 0 0 0\nf 1/1/1 2/2/2 3/1/1\n"
-    obj = load_mesh(written(tmp_path, "a.obj", SQUARE.replace("0 0 0", "0 0 0 1 0 0") + statements))
-    assert at(obj, "uv", (0, 0, 0)) == [0.25, 0.5] and at(obj, "uv", (1, 0, 0)) == [1.0, 0.0]
-    assert at(obj, "vertex_normals", (0, 0, 0)) == [0, 0.6, 0.8]
-    assert np.isnan(at(obj, "vertex_normals", (1, 0, 0))).all()
-    assert at(obj, "vertex_colors", (0, 0, 0)) == [1, 0, 0]
-    assert at(obj, "vertex_colors", (1, 0, 0)) == [1, 1, 1]  # listed as unread, and white
-    off_mesh = load_mesh(written(tmp_path, "a.off", off("CNOFF", "0 0 3 255 0 0 255")))
-    assert off_mesh.vertex_normals is not None and off_mesh.vertex_colors is not None
-    assert off_mesh.vertex_normals.tolist() == [[0, 0, 1]] * 4
-    assert off_mesh.vertex_colors.tolist() == [[1, 0, 0]] * 4
-    header = PLY.replace(
-        b"float x", b"float x\nproperty float nx\nproperty float ny\nproperty float nz"
-    )
-    rows = re.sub(rb"\n7 (\S+)", rb"\n7 \1 0 3 4", header)
-    ply_mesh = load_mesh(written(tmp_path, "a.ply", rows))
-    assert ply_mesh.vertex_normals is not None
-    assert ply_mesh.vertex_normals.tolist() == [[0, 0.6, 0.8]] * 4
+    colored = SQUARE.replace("0 0 0", "0 0 0 1 0 0")  # one vertex; others are listed, and white
+    mesh = load_mesh(written(tmp_path, "a.obj", colored + statements))
+    first, second = (mesh.vertices.tolist().index(corner) for corner in ([0, 0, 0], [1, 0, 0]))
+    assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
+    assert mesh.uv is not None and mesh.uv[[first, second]].tolist() == [[0.25, 0.5], [1.0, 0.0]]
+    assert mesh.vertex_normals[first].tolist() == [0, 0.6, 0.8]
+    assert np.isnan(mesh.vertex_normals[second]).all()
+    assert mesh.vertex_colors[[first, second]].tolist() == [[1, 0, 0], [1, 1, 1]]
+    mesh = load_mesh(written(tmp_path, "a.off", off("CNOFF", "0 3 4 255 0 0 255")))
+    assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
+    assert mesh.vertex_normals.tolist() == [[0, 0.6, 0.8]] * 4
+    assert mesh.vertex_colors.tolist() == [[1, 0, 0]] * 4
+    normal = b"".join(b"property float n%c\n" % axis for axis in b"xyz")
+    header = PLY.replace(b"property float x", normal + b"property float x")
+    mesh = load_mesh(written(tmp_path, "a.ply", header.replace(b"\n7 ", b"\n7 0 3 4 ")))
+    assert mesh.vertex_normals is not None
+    assert mesh.vertex_normals.tolist() == [[0, 0.6, 0.8]] * 4
 
 
 def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
@@ -380,14 +351,21 @@ def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
     options = "map_Kd -s 2 2 1 -clamp on a b.png\n"
     written(tmp_path, "one.mtl", f"newmtl wood\nKd 1 1 1\nmap_Ks a.png\n{options}newmtl a\nd 1.0\n")
     written(tmp_path, "two.mtl", "newmtl b\nd 0.5\nmap_Kd lost.png\n")
-    statements = "#mtllib x.mtl\nmtllib one.mtl two.mtl # here\nvt 0 0\nvt 1 0\nvt 1 1\n"
-    for name, face in {
-        "wood # oak": "1/1 2/2 3/3",
-        "a": "1 3 4",
-        "b": "1/1 2/2 4/3",
-        "c": "2 3 4",
-    }.items():
-        statements += f"usemtl {name}\nf {face}\n"
+    statements = """\
+#mtllib x.mtl
+mtllib one.mtl two.mtl # here
+vt 0 0
+vt 1 0
+vt 1 1
+usemtl wood # oak
+f 1/1 2/2 3/3
+usemtl a
+f 1 3 4
+usemtl b
+f 1/1 2/2 4/3
+usemtl c
+f 2 3 4
+"""
     mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + statements))
     assert mesh.texture_of_triangle is not None  # the last material comes first
     assert mesh.texture_of_triangle.tolist() == [-1, -1, -1, 0]
@@ -400,29 +378,30 @@ def test_textures_and_libraries_of_obj(tmp_path: Path) -> None:
 
 def test_faces_of_ply_have_texture_coordinates_of_their_own(tmp_path: Path) -> None:
     """Two squares share an edge, and have other coordinates there; v is up."""
-    header = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
-    header += "property float z\nelement face 2\nproperty list uchar int vertex_indices\n"
-    header += "property list uchar float texcoord\nend_header\n"
-    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)]
-    faces = {(0, 1, 2, 3): (0, 0, 1, 0, 1, 1, 0, 1), (1, 4, 5, 2): (0.5, 0, 0, 0, 0, 0.5, 0.5, 0.5)}
-    rows = [" ".join(map(str, point)) for point in points]
-    rows += [" ".join(map(str, (4, *face, 8, *uv))) for face, uv in faces.items()]
-    mesh = load_mesh(written(tmp_path, "a.ply", header + "\n".join(rows) + "\n"))
-    expected = {
-        (face, points[corner]): uv[2 * k : 2 * k + 2]
-        for face, (corners, uv) in enumerate(faces.items())
-        for k, corner in enumerate(corners)
-    }
-    # Both first halves come before both second halves.
-    for triangle, corners in enumerate(mesh.faces.tolist()):
-        for corner in corners:
-            place = triangle % 2, tuple(mesh.vertices[corner].tolist())
-            assert tuple(mesh.uv[corner].tolist()) == expected[place]
-
-
-def test_faces_of_a_material_come_together_and_the_last_material_first(tmp_path: Path) -> None:
-    faces = "usemtl b\nf 1 2 3\nusemtl a\nf 1 3 4\nusemtl b\nf 2 3 4\nusemtl c\nf 1 2 4\n"
-    mesh = load_mesh(written(tmp_path, "a.obj", SQUARE + faces))
-    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    order = [[0, 1, 3], [0, 2, 3], [0, 1, 2], [1, 2, 3]]
-    np.testing.assert_array_equal(mesh.vertices[mesh.faces], corners[order])
+    file = """\
+ply
+format ascii 1.0
+element vertex 6
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+property list uchar float texcoord
+end_header
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+2 0 0
+2 1 0
+4 0 1 2 3 8 0 0 1 0 1 1 0 1
+4 1 4 5 2 8 0.5 0 0 0 0 0.5 0.5 0.5
+"""
+    mesh = load_mesh(written(tmp_path, "a.ply", file))
+    assert mesh.uv is not None
+    x, y = np.moveaxis(mesh.vertices[mesh.faces], 2, 0)[:2]
+    # The first square has its own place as coordinates; both first halves come first.
+    first = np.array([[True], [False]] * 2)
+    expected = np.stack([np.where(first, x, (2 - x) / 2), np.where(first, y, y / 2)], axis=-1)
+    np.testing.assert_array_equal(mesh.uv[mesh.faces], expected)

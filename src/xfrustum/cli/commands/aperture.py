@@ -93,7 +93,7 @@ def raster(request: _Raster) -> None:
 
     check_writable_image(request.out)
     options.look_at(opened, [chosen], black_is_right=True)
-    options.warn_of_culling(opened, settings)
+    options.warn_of_culling(opened, settings.cull)
     with Rasterizer(
         opened, effects=request.light.chosen(opened, (chosen,), settings)
     ) as rasterizer:

@@ -88,7 +88,7 @@ def report(request: _Report) -> None:
     )
     opened = request.light.applied(options.open_scene(request.scene))
     from xfrustum.reports.error_report.report import make_report
-    from xfrustum.reports.error_report.request import ReportOptions
+    from xfrustum.reports.error_report.sweep import ReportOptions
 
     chosen: AutoApertures | tuple[Aperture, ...]
     if isinstance(request.apertures, str):
@@ -97,7 +97,7 @@ def report(request: _Report) -> None:
         apertures = tuple(opened.plate.aperture(*index) for index in request.apertures or ())
         chosen = apertures or opened.default_apertures()
         options.look_at(opened, chosen)
-    options.warn_of_culling(opened, request.sweep.get("cull"))
+    options.warn_of_culling(opened, request.sweep["cull"])
     how = ReportOptions(
         apertures=chosen,
         tracer=request.tracer,
@@ -136,8 +136,8 @@ def compare(request: _Compare) -> None:
 
     options.check_out(request.out, comparison.FILES)
     compared = comparison.compare_files(request.truth, request.raster)
-    for note in filter(None, (compared.note, compared.unexamined)):
-        options.note(note)
+    for line in filter(None, (compared.note, compared.unexamined)):
+        options.note(line)
     if request.out is not None:
         comparison.write_comparison(compared, request.out)
     request.tell(compared.comparison.summary, lambda: comparison_table(compared.comparison))

@@ -45,37 +45,22 @@ class _Chosen(options.Measured):
         return chosen(self.level, self.case)
 
 
-class _List(_Chosen):
-    pass
-
-
 @options.command("xfrustum conformance list --level L0", conformance)
-def list_(request: _List) -> None:
+def list_(request: _Chosen) -> None:
     """List the cases of the suite."""
-    from xfrustum.scenes.conformance.suite import LEVELS, SUITE
+    from xfrustum.scenes.conformance.suite import SUITE
 
     cases = request.cases
     names = ("name", "level", "hogels", "digest")
     entries = [{name: getattr(case, name) for name in names} for case in cases]
 
-    def text() -> str:
-        width, lines = max(len(case.name) for case in cases), list[str]()
-        for level, subject in LEVELS.items():
-            some = [case for case in cases if case.level == level]
-            lines += [f"{level}: {subject} ({len(some)} cases)"] if some else []
-            lines += [
-                f"  {case.name:<{width}}  {case.encoding:<11}  {len(case.hogels)} hogels  "
-                f"{case.why}"
-                for case in some
-            ]
-        return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
-
-    request.tell(lambda: {"suite": SUITE, "cases": entries}, text)
-
-
-# The function cannot be named `list` without hiding the builtin.
-list_.name = "list"
-conformance.commands["list"] = conformance.commands.pop("list_", list_)
+    width = max((len(case.name) for case in cases), default=0)
+    lines = [
+        f"{case.name:<{width}}  {case.encoding:<11}  {len(case.hogels)} hogels  {case.why}"
+        for case in cases
+    ]
+    lines.append(f"suite {SUITE}: {len(cases)} cases")
+    request.tell(lambda: {"suite": SUITE, "cases": entries}, lambda: "\n".join(lines))
 
 
 class _Show(options.Printed):
@@ -102,10 +87,11 @@ def show(request: _Show) -> None:
             for truth in cases.traced(case, scene):
                 index = truth.camera.aperture.index
                 run.write_hogel(case, request.out / "truth", index, run.encoded_truth(case, truth))
-    lines = [f"{key}: {described[key]}" for key in _SHOWN if described[key] is not None]
-    lines.append(f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects")
-    lines += [f"digest: {case.digest}"]
-    lines += [] if request.out is None else [str(request.out / "case"), str(request.out / "truth")]
+    lines = [
+        *(f"{key}: {described[key]}" for key in _SHOWN if described[key] is not None),
+        f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects",
+        f"digest: {case.digest}",
+    ]
     request.tell(lambda: {**described, "digest": case.digest}, lambda: "\n".join(lines))
 
 

@@ -51,15 +51,15 @@ class _Asked(options.Measured):
 
     def source(self, scene: Scene) -> Source | None:
         """Return the source of the hogels; None without a renderer."""
-        from xfrustum.reports.view import Drawing, Images, StoredPlate
+        from xfrustum.reports.view import drawing, image_files, stored_plate
         from xfrustum.scenes.files.foreign_images import Encoding
 
         if self.settings is not None:
-            return Drawing(scene, self.settings, self.light.chosen(scene, drawn=self.settings))
+            return drawing(scene, self.settings, self.light.chosen(scene, drawn=self.settings))
         if self.plate is not None:
-            return StoredPlate(self.plate, scene)
+            return stored_plate(self.plate, scene)
         if self.images is not None:
-            return Images(self.images, scene, Encoding(self.encoding or Encoding.RGB))
+            return image_files(self.images, scene, Encoding(self.encoding or Encoding.RGB))
         return None
 
 

@@ -51,17 +51,9 @@ class _Plate(options.Measured):
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
         # Silently dropping light would store a plate that looks complete.
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
-            problem = (
-                "a rasterizer has no shadows and no interreflection: add --truth, or leave out "
-            )
-            problem += "light transport"
-        elif self.layout and (
-            self.blocks is not None or (self.engine and not self.engine.part.everything)
-        ):
-            problem = (
-                "--layout writes whole plates: leave out --apertures and --part, or draw these "
-            )
-            problem += "first, without it"
+            problem = "a rasterizer has no shadows and no interreflection: add --truth"
+        elif self.layout and (self.blocks or (self.engine and not self.engine.part.everything)):
+            problem = "--layout writes whole plates: leave out --apertures and --part"
         # Checking and repairing must see one consistent store; workers write at the same time.
         elif self.check and self.engine is not None:
             problem = "--check reads a plate in this process: leave out --workers and the like"
@@ -97,7 +89,8 @@ def plate(request: _Plate) -> None:
     )
     chosen = blocks_of_apertures(opened.plate, request.blocks or [(None, None)])
     options.look_at(opened, chosen, black_is_right=True)
-    options.warn_of_culling(opened, request.settings)
+    if request.settings is not None:
+        options.warn_of_culling(opened, request.settings.cull)
     content = PlateContent(
         color=ColorType(request.color),
         ids=request.ids,
@@ -107,38 +100,50 @@ def plate(request: _Plate) -> None:
     if placed is not None:
         # A layout that cannot store these channels fails before anything is drawn.
         placed.check(opened, content, judged=request.judge)
-    how: dict[str, Any] = {"block": request.block, "judge": request.judge, "check": request.check}
-    how |= {"engine": request.engine or HERE, "progress": request.progress}
     group = request.out if placed is None else placed.group
     arrays = arrays_of(opened, content, None, judged=request.judge)
     size = plate_size(group, arrays, chosen, files=placed is not None)
     # The estimate is an upper bound: compressed hogels usually need less.
     if not request.ignore_disk_space:
         size.require_room()
-    # Printed only once drawing starts, after all refusals.
-    how["begun"] = lambda: options.note(size.words)
-    files = write_plate(opened, request.settings, group, chosen, content, **how)
-    for note in files.notes:
-        options.note(note)
+    files = write_plate(
+        opened,
+        request.settings,
+        group,
+        chosen,
+        content,
+        block=request.block,
+        judge=request.judge,
+        check=request.check,
+        engine=request.engine or HERE,
+        progress=request.progress,
+        # Printed only once drawing starts, after all refusals.
+        begun=lambda: options.note(size.words),
+    )
+    for line in files.notes:
+        options.note(line)
     written = None if placed is None else placed.write(opened)
-    # A group that was drawn for the files of a layout alone is gone.
-    summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
-    summary |= {
+    summary: dict[str, Any] = {
+        # A group that was drawn for the files of a layout alone is gone.
+        "out": files.out if files.out.exists() else None,
         "drawn": files.drawn,
         "found": files.present,
         "damaged": files.damaged,
         "table": files.table,
+        "bytes_at_most": size.needed,
+        "layout": None,
     }
-    summary["bytes_at_most"] = size.needed
     lines = [f"{files.drawn} hogels drawn, {files.present} found"]
     lines += [str(place) for place in (summary["out"], files.table) if place is not None]
-    laid_out = None
     if written is not None:
         tell_losses(written)
         lines += [f"{written.files} files ({written.written_as})", str(written.out)]
-        laid_out = {"layout": written.written_as, "out": written.out, "files": written.files}
-        laid_out |= {"losses": written.losses, "notes": written.notes}
-    request.tell(lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))
+        names = ("out", "files", "losses", "notes")
+        summary["layout"] = {
+            "layout": written.written_as,
+            **{name: getattr(written, name) for name in names},
+        }
+    request.tell(lambda: summary, lambda: "\n".join(lines))
 
 
 if TYPE_CHECKING:
@@ -215,20 +220,25 @@ def survey(request: _Survey) -> int:
     if not request.settings:
         raise click.UsageError("give --near or --nears")
     if request.resolution is not None and request.resolution != (own := opened.frustum.resolution):
-        resolution, coarser = request.resolution, max(map(truediv, own, request.resolution))
+        coarser = max(map(truediv, own, request.resolution))
         options.note(
-            f"hogels have {resolution[0]} x {resolution[1]} pixels in place of the scene's "
-            f"{own[0]} x "
-            f"{own[1]}: {request.tolerance_px:g} px of these are "
-            f"{request.tolerance_px * coarser:.3g} "
-            "px of the scene's"
+            f"hogels have {request.resolution} in place of the scene's {own} pixels: "
+            f"{request.tolerance_px:g} px are {request.tolerance_px * coarser:.3g} of the scene's"
         )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=request.resolution))
     names = ("everything", "sample", "until", "seed")
     sampling = sample_request(**{name: getattr(request, name) for name in names})
-    how: dict[str, Any] = {"tolerance_px": request.tolerance_px, "tracer": request.tracer}
-    how |= {"note": options.note, "progress": request.progress, "engine": request.engine}
-    answer = surveyed(opened, request.settings, request.out, sampling, **how)
+    answer = surveyed(
+        opened,
+        request.settings,
+        request.out,
+        sampling,
+        tolerance_px=request.tolerance_px,
+        tracer=request.tracer,
+        note=options.note,
+        progress=request.progress,
+        engine=request.engine,
+    )
     options.warn_of(opened)
     # A part of a job array leaves no page.
     place = request.out / PAGE if answer.extent.complete else request.out

@@ -1,4 +1,8 @@
-"""Encoded pictures of truths, frames and errors, with the same scales over a whole report."""
+"""Encoded pictures of truths, frames and errors, on the same scales everywhere.
+
+Error maps take a `reduction`, the number of image pixels per picture pixel along each side; a
+block shows its worst pixel.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import io
 import math
 import zlib
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +41,6 @@ RADIANCE_RANGE = (1e-4, 1.0)
 """Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
-ALONE_COLORS = {"embree": "rgb(213, 94, 0)", "mitsuba": "rgb(0, 114, 178)"}
-"""Colors of pixels that a tracer alone would have got wrong."""
-#: color of surfaces under marks
-OUTLINE_COLOR = "rgb(170, 170, 170)"
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
     "pivot": "rgb(86,180,233)",
@@ -106,35 +106,6 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     return min(low, LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 
 
-def setting_pictures(
-    comparison: Comparison,
-    charge: NDArray[np.int8] | None,
-    scale: tuple[float, tuple[float, float]],
-    reduction: int = 1,
-) -> dict[str, bytes]:
-    """Encode a raster image and its errors, by name.
-
-    `charge` is what `cause_map` takes, None where causes were left out; `scale` the longest reach
-    in scene units, and both ends of the height scale in multiples of it (`height_range`);
-    `reduction` the number of image pixels per picture pixel, along each side. Errors keep the worst
-    of a block.
-    """
-    errors, colors = comparison.errors, comparison.colors
-    surface = np.zeros_like(errors.triangle) if errors.surface is None else errors.surface
-    pictures = {
-        "raster": picture(errors.raster, reduction),
-        "displacement": displacement_map(errors.moved, reduction),
-        "surface": mask(surface, SURFACE_COLOR, reduction),
-        "triangle": mask(errors.triangle, TRIANGLE_COLOR, reduction),
-        "height": height_map(errors.height, *scale, reduction),
-    }
-    if charge is not None:
-        pictures["causes"] = cause_map(charge, reduction)
-    if colors is not None:
-        pictures["radiance"] = radiance_map(colors.error, reduction)
-    return pictures
-
-
 class LatestPictures:
     """Encoded pictures of the latest frames, reused for equal frames.
 
@@ -142,7 +113,7 @@ class LatestPictures:
     """
 
     def __init__(self) -> None:
-        self._latest: deque[tuple[Comparison, NDArray[np.int8] | None, dict[str, bytes]]]
+        self._latest: deque[tuple[tuple[NDArray[Any] | None, ...], dict[str, bytes]]]
         self._latest = deque(maxlen=KEPT_FRAMES)
 
     def encode(
@@ -152,17 +123,31 @@ class LatestPictures:
         scale: tuple[float, tuple[float, float]],
         reduction: int,
     ) -> dict[str, bytes]:
-        """Return the pictures of a frame; see `setting_pictures`."""
-        for earlier, its_charge, pictures in tuple(self._latest):
-            same_errors = earlier.errors.moved is comparison.errors.moved
-            if (
-                same_errors
-                and _equal(its_charge, charge)
-                and _equal(earlier.errors.raster.color, comparison.errors.raster.color)
-            ):
+        """Encode a raster image and its errors, by name.
+
+        `charge` (H, W) has the place in `CAUSE_COLORS` of each wrong surface's link, negative where
+        the pixel is right, and the place after the last where it is unexplained; None without
+        causes. `scale` has the longest reach in scene units, and the ends of a `height_range`.
+        """
+        errors, colors = comparison.errors, comparison.colors
+        frame = errors.moved, charge, errors.raster.color
+        for earlier, pictures in tuple(self._latest):
+            if all(map(_equal, earlier, frame)):
                 return pictures
-        pictures = setting_pictures(comparison, charge, scale, reduction)
-        self._latest.append((comparison, charge, pictures))
+        surface = np.zeros_like(errors.triangle) if errors.surface is None else errors.surface
+        pictures = {
+            "raster": picture(errors.raster, reduction),
+            "displacement": displacement_map(errors.moved, reduction),
+            "surface": mask(surface, SURFACE_COLOR, reduction),
+            "triangle": mask(errors.triangle, TRIANGLE_COLOR, reduction),
+            "height": height_map(errors.height, *scale, reduction),
+        }
+        if charge is not None:
+            palette = [*CAUSE_COLORS.values(), UNEXPLAINED_COLOR]
+            pictures["causes"] = class_map((charge + 1).astype(np.uint8), palette, reduction)
+        if colors is not None:
+            pictures["radiance"] = radiance_map(colors.error, reduction)
+        self._latest.append((frame, pictures))
         return pictures
 
 
@@ -198,21 +183,12 @@ def displacement_map(length: Floats, reduction: int = 1) -> bytes:
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
     """
-    known = np.isfinite(length)
-    level = np.floor(_level(length[known], DISPLACEMENT_RANGE_PX, _STEPS))
-    return _palette_png(known, 1 + np.clip(level, 0, _STEPS - 1), DISPLACEMENT_SCALE, reduction)
 
+    def index(values: NDArray[np.floating]) -> Floats:
+        level = np.floor(_level(values, DISPLACEMENT_RANGE_PX, _STEPS))
+        return 1 + np.clip(level, 0, _STEPS - 1)
 
-def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
-    """Encode the link that each wrong surface is charged to as PNG, transparent where right.
-
-    `charge` (H, W) are places of links in `CAUSE_COLORS`, negative where the pixel is right; the
-    place after the last stands for unexplained pixels. A block shows the last of its links.
-    """
-    wrong = charge >= 0
-    return _palette_png(
-        wrong, charge[wrong] + 1, [*CAUSE_COLORS.values(), UNEXPLAINED_COLOR], reduction
-    )
+    return _error_map(length, index, DISPLACEMENT_SCALE, reduction)
 
 
 def height_map(
@@ -223,11 +199,12 @@ def height_map(
     Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the
     ends of a `height_range`, in fractions of the reach.
     """
-    known = np.isfinite(height)
-    error = height[known]
-    level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
-    step = np.copysign(np.ceil(level), error)
-    return _palette_png(known, 1 + _HEIGHT_STEPS + step, HEIGHT_SCALE, reduction, 1 + _HEIGHT_STEPS)
+
+    def index(error: NDArray[np.floating]) -> Floats:
+        level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
+        return 1 + _HEIGHT_STEPS + np.copysign(np.ceil(level), error)
+
+    return _error_map(height, index, HEIGHT_SCALE, reduction)
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
@@ -236,15 +213,16 @@ def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
     The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged
     are transparent.
     """
-    size = np.abs(error).max(axis=-1)
-    known = size >= RADIANCE_RANGE[0]
-    level = np.floor(_level(size[known], RADIANCE_RANGE, _STEPS))
-    return _palette_png(known, np.clip(1 + level, 0, _STEPS), RADIANCE_SCALE, reduction)
+
+    def index(size: NDArray[np.floating]) -> Floats:
+        return np.clip(1 + np.floor(_level(size, RADIANCE_RANGE, _STEPS)), 0, _STEPS)
+
+    return _error_map(np.abs(error).max(axis=-1), index, RADIANCE_SCALE, reduction)
 
 
 def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
     """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
-    return _palette_png(wrong, 1, [color], reduction)
+    return class_map(wrong.astype(np.uint8), [color], reduction)
 
 
 def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 1) -> bytes:
@@ -252,57 +230,9 @@ def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 
 
     A block shows the largest of its numbers.
     """
-    known = index > 0
-    return _palette_png(known, index[known], colors, reduction)
-
-
-def alone_pictures(
-    truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1
-) -> dict[str, bytes]:
-    """Encode the pixels that each tracer alone gets wrong, and as `truth` the surfaces under them.
-
-    A tracer without a wrong pixel has no picture; without any, there are no pictures.
-    """
-    marks = {
-        name: mask(here, ALONE_COLORS[name], reduction)
-        for name, here in wrong.items()
-        if here.any()
-    }
-    return marks and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **marks}
-
-
-def _level(
-    values: NDArray[np.floating], ends: tuple[float, float], steps: int
-) -> NDArray[np.floating]:
-    """Return where values lie on a logarithmic scale, from 0 to `steps` at its ends."""
-    low, high = np.log10(ends)
-    with np.errstate(divide="ignore"):
-        level: NDArray[np.floating] = (np.log10(values) - low) / (high - low) * steps
-    return level
-
-
-def _palette_png(
-    known: Mask,
-    index: NDArray[np.number] | int,
-    colors: Sequence[str],
-    reduction: int,
-    neutral: int = 0,
-) -> bytes:
-    """Encode the indices of known pixels, i for the i-th color; others are transparent.
-
-    A block shows its index that is farthest from `neutral`, and of two the larger one.
-    """
-    shown = np.zeros(known.shape, dtype=np.uint8)
-    shown[known] = index
     if reduction > 1:
-        block = (reduction, reduction)
-        highest = block_reduce(shown, block, np.max).astype(np.int16)
-        lowest = block_reduce(np.where(known, shown, neutral), block, np.min, neutral).astype(
-            np.int16
-        )
-        is_lower = (highest > 0) & (neutral - lowest > highest - neutral)
-        shown = np.where(is_lower, lowest, highest).astype(np.uint8)
-    encoded = Image.fromarray(shown)
+        index = block_reduce(index, (reduction, reduction), np.max)
+    encoded = Image.fromarray(index)
     encoded.putpalette(_palette(tuple(colors)))
     buffer = io.BytesIO()
     # Noise and long runs: looking for runs alone makes files as small as level 6, in a third of the
@@ -315,3 +245,31 @@ def _palette_png(
 @cache
 def _palette(colors: tuple[str, ...]) -> bytes:
     return np.rint([(0, 0, 0), *(rgb(color) for color in colors)]).astype(np.uint8).tobytes()
+
+
+def _error_map(
+    error: NDArray[np.floating],
+    index: Callable[[NDArray[np.floating]], Floats],
+    colors: Sequence[str],
+    reduction: int,
+) -> bytes:
+    """Encode errors (H, W) by their places on a scale of colors; undefined ones are transparent."""
+    if reduction > 1:
+        # The largest and the smallest error of each block, NaN where all are undefined.
+        finite, block = np.where(np.isfinite(error), error, np.nan), (reduction, reduction)
+        above, below = (
+            block_reduce(finite, block, end.reduce, np.nan) for end in (np.fmax, np.fmin)
+        )
+        error = np.where(above >= -below, above, below)
+    known = np.isfinite(error)
+    shown = np.zeros(known.shape, dtype=np.uint8)
+    shown[known] = index(error[known])
+    return class_map(shown, colors)
+
+
+def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> Floats:
+    """Return where values lie on a logarithmic scale, from 0 to `steps` at its ends."""
+    low, high = np.log10(ends)
+    with np.errstate(divide="ignore"):
+        level: Floats = (np.log10(values) - low) / (high - low) * steps
+    return level
