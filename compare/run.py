@@ -17,7 +17,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import chain, groupby, islice, pairwise
+from itertools import chain, islice, pairwise
 from types import MappingProxyType
 from typing import Self, TypeVar
 
@@ -251,40 +251,46 @@ class Evaluator:
         for setting in settings:
             one_of(setting, DoubleFrustum, "settings")
             setting.check_against(self.scene.frustum)
-        # In groups of the same cameras; groups of one near follow one another.
-        # Sorting is stable: settings of one near keep their order.
-        nears = list(dict.fromkeys(setting.near for setting in settings))
-        cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-        for setting in sorted(
-            dict.fromkeys(settings), key=lambda setting: nears.index(setting.near)
-        ):
+        # By near, then by cameras, both in the order in which they are first named.
+        nears: dict[float, dict[DoubleFrustum, list[DoubleFrustum]]] = {}
+        for setting in dict.fromkeys(settings):
+            cameras = nears.setdefault(setting.near, {})
             cameras.setdefault(with_exact_depth(setting), []).append(setting)
-        return self._judged(apertures, list(cameras.values()), request, truths)
+        groups = [list(cameras.values()) for cameras in nears.values()]
+        return self._judged(self._truths(apertures, request, truths), groups, request)
 
     def _judged(
-        self,
-        apertures: Iterable[Aperture],
-        groups: list[list[DoubleFrustum]],
-        request: FrameRequest,
-        truths: Mapping[Aperture, HogelImage],
+        self, truths: Iterator[_Truth], groups: CameraGroups, request: FrameRequest
     ) -> Generator[JudgedFrame, None, None]:
         """Trace and draw in this thread, judge in others, and yield the frames in order."""
         pixels = math.prod(self.scene.frustum.resolution)
         # A task holds all frames of its cameras. With fewer than two tasks, drawing and judging
         # would take turns instead of overlapping.
-        most = max(2, images_under_way(pixels) // max(map(len, groups)))
-        # NumPy and the tracers release the interpreter lock in their large loops: threads scale,
-        # and images need not be copied to other processes.
-        pool = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
+        largest = max(len(settings) for of_near in groups for settings in of_near)
+        most = max(2, images_under_way(pixels) // largest)
 
         def tasks() -> Iterator[Future[list[JudgedFrame]]]:
             # The next truth is traced early: its predictor is made while frames are drawn.
-            hogels = pairwise(chain(self._truths(pool, apertures, request, truths), [None]))
-            for hogel, _ in hogels:
-                assert hogel is not None, "only the last has no successor"
-                for images in self._drawn(hogel, groups, request):
+            begun = (
+                (truth, pool.submit(Predictor, truth.image, self.reference, self.model))
+                if request.causes
+                else (truth, None)
+                for truth in truths
+            )
+            for (truth, predictor), _ in pairwise(chain(begun, [(None, None)])):
+                assert truth is not None, "only the last has no successor"
+                for frames, start in self._drawn(truth, groups, request):
+                    images = FrameImages(
+                        truth=truth,
+                        frames=frames,
+                        start=start,
+                        predictor=predictor.result() if predictor else None,
+                    )
                     yield pool.submit(judge_frames, self.reference, self.model, request, images)
 
+        # NumPy and the tracers release the interpreter lock in their large loops: threads scale,
+        # and images need not be copied to other processes.
+        pool = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
         try:
             with closing(in_order(tasks(), most)) as judged:
                 for frames in judged:
@@ -295,59 +301,56 @@ class Evaluator:
 
     def _truths(
         self,
-        pool: ThreadPoolExecutor,
         apertures: Iterable[Aperture],
         request: FrameRequest,
         truths: Mapping[Aperture, HogelImage],
     ) -> Iterator[_Truth]:
-        """Yield each truth, and begin to prepare the closed forms of its errors."""
         colored = request.color and request.colored_truths
         for aperture in apertures:
             one_of(aperture, Aperture, "aperture")
-            begun, truth = time.perf_counter(), truths.get(aperture)
-            trace_s = 0.0
-            if truth is None:
-                truth = self.reference.trace(aperture, colored=colored)
+            begun, image, trace_s = time.perf_counter(), truths.get(aperture), 0.0
+            if image is None:
+                image = self.reference.trace(aperture, colored=colored)
                 trace_s = time.perf_counter() - begun
-            predictor = None
-            if request.causes:
-                predictor = pool.submit(Predictor, truth, self.reference, self.model)
-            yield _Truth(aperture=aperture, image=truth, trace_s=trace_s, predictor=predictor)
+            yield _Truth(aperture=aperture, image=image, trace_s=trace_s)
 
     def _drawn(
-        self, hogel: _Truth, groups: list[list[DoubleFrustum]], request: FrameRequest
-    ) -> Iterator[FrameImages]:
-        """Draw a hogel with each group of settings; trace the models of their cameras."""
-        for _, of_near in groupby(groups, key=lambda group: group[0].near):
+        self, truth: _Truth, groups: CameraGroups, request: FrameRequest
+    ) -> Iterator[tuple[Frames, tuple[HogelImage, ...]]]:
+        """Yield the frames of a hogel by each camera, with the chain up to R0, for causes."""
+        for of_near in groups:
             # Geometries of one near share some traced models.
             traced: dict[DoubleFrustum, HogelImage] = {}
             for settings in of_near:
                 frames = {
-                    setting: self._draw(hogel.aperture, setting, color=request.color)
+                    setting: self._draw(truth.aperture, setting, color=request.color)
                     for setting in settings
                 }
                 start: tuple[HogelImage, ...] = ()
                 if request.causes:
                     exact = with_exact_depth(settings[0])
                     # The frame with exact depth may be among the requested frames.
-                    last = frames.get(exact) or self._draw(hogel.aperture, exact, color=False)
+                    last, _ = frames.get(exact) or self._draw(truth.aperture, exact, color=False)
                     models = traced_models(
-                        self.reference, hogel.aperture, exact, traced, shaded=False
+                        self.reference, truth.aperture, exact, traced, shaded=False
                     )
-                    start = (hogel.image, *models, last.drawn.image)
-                yield FrameImages(
-                    aperture=hogel.aperture,
-                    truth=hogel.image,
-                    trace_s=hogel.trace_s,
-                    frames=frames,
-                    start=start,
-                    predictor=hogel.predictor.result() if hogel.predictor else None,
-                )
+                    start = (truth.image, *models, last.image)
+                yield frames, start
 
-    def _draw(self, aperture: Aperture, setting: DoubleFrustum, *, color: bool) -> _TimedFrame:
+    def _draw(
+        self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
+    ) -> tuple[Drawn, float]:
+        """Draw a frame; return it with the wall seconds."""
         begun = time.perf_counter()
         drawn = self.rasterizer.draw(aperture, setting, normals=False, color=color)
-        return _TimedFrame(drawn=drawn, raster_s=time.perf_counter() - begun)
+        return drawn, time.perf_counter() - begun
+
+
+#: settings by near, and of each near by their cameras
+CameraGroups = Sequence[Sequence[Sequence[DoubleFrustum]]]
+
+#: frames with the wall seconds of drawing them
+Frames = Mapping[DoubleFrustum, tuple[Drawn, float]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -357,25 +360,14 @@ class _Truth:
     aperture: Aperture
     image: HogelImage
     trace_s: float
-    predictor: Future[Predictor] | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _TimedFrame:
-    """A frame, and the wall seconds of drawing it."""
-
-    drawn: Drawn
-    raster_s: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameImages:
     """Images of one hogel with settings that differ in their depth buffers alone."""
 
-    aperture: Aperture
-    truth: HogelImage
-    trace_s: float
-    frames: Mapping[DoubleFrustum, _TimedFrame]
+    truth: _Truth
+    frames: Frames
     start: tuple[HogelImage, ...]  #: T0 to R0, for causes; empty without
     predictor: Predictor | None  #: closed forms of the hogel; None without causes
 
@@ -384,20 +376,20 @@ def judge_frames(
     reference: Reference, device: DeviceModel, request: FrameRequest, images: FrameImages
 ) -> list[JudgedFrame]:
     """Compare frames of the same cameras with the truth; with causes predict and charge errors."""
-    begun, settings = time.perf_counter(), list(images.frames)
-    start, predictions = None, []
-    cached, shared_s, predict_s = None, 0.0, 0.0
+    begun, settings, truth = time.perf_counter(), list(images.frames), images.truth
+    start, cached, predictions = None, None, []
+    shared_s, predict_s = 0.0, 0.0
     if images.predictor is not None:
         start = ChainStart.from_images(reference, images.start, device)
         cached, shared_s = start.exact, time.perf_counter() - begun
         predictions = images.predictor.predict_each(settings)
         predict_s = time.perf_counter() - begun - shared_s
     judged = []
-    for place, (setting, frame) in enumerate(images.frames.items()):
+    for place, (setting, (drawn, raster_s)) in enumerate(images.frames.items()):
         begun = time.perf_counter()
         comparison = compare_images(
-            images.truth,
-            frame.drawn.image,
+            truth.image,
+            drawn.image,
             reference,
             radiance=request.radiance,
             perceptual=request.perceptual,
@@ -412,23 +404,23 @@ def judge_frames(
             budget = charged(start, comparison.errors, predictions[place])
             # Every frame bears its share of the work that the frames have in common.
             causes_s = time.perf_counter() - compared + shared_s / len(settings)
-        judged.append(
-            JudgedFrame(
-                aperture=images.aperture,
-                truth=images.truth,
-                settings=setting,
-                image=frame.drawn.image,
-                comparison=comparison,
-                prediction=prediction,
-                budget=budget,
-                times=StageTimes(
-                    trace=images.trace_s,
-                    raster=frame.raster_s,
-                    compare=compared - begun,
-                    predict=predict_s / len(settings),
-                    causes=causes_s,
-                ),
-                gpu_s=frame.drawn.gpu_s,
-            )
+        times = StageTimes(
+            trace=truth.trace_s,
+            raster=raster_s,
+            compare=compared - begun,
+            predict=predict_s / len(settings),
+            causes=causes_s,
         )
+        frame = JudgedFrame(
+            aperture=truth.aperture,
+            truth=truth.image,
+            settings=setting,
+            image=drawn.image,
+            comparison=comparison,
+            prediction=prediction,
+            budget=budget,
+            times=times,
+            gpu_s=drawn.gpu_s,
+        )
+        judged.append(frame)
     return judged
