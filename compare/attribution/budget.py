@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.metrics import error_maps
-from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
+from xfrustum.compare.prediction.chain import Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor
 from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
+from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Offset, Pivot
-from xfrustum.scenes.plate.plate import Frustum
 from xfrustum.scenes.representation import ShortRepr
 
 #: value in a map of charges of a pixel that is right in the end, or not judged
@@ -163,8 +161,6 @@ class ChainStart(ShortRepr):
     sizes: tuple[Size, ...]
     #: causes of the changes by rasterization with exact depth
     rounding: Causes
-    #: effect of the pivot alone on the points of T2; None without any
-    shear: ShearNumbers | None
 
     @classmethod
     def from_images(
@@ -212,7 +208,6 @@ class ChainStart(ShortRepr):
             sizes=tuple(_size(step, known) for step in steps),
             # The last traced model and R0 differ by rounding alone.
             rounding=explain(reference.scene, images[-2], drawn, device),
-            shear=shear_numbers(images[PIVOT + 1], reference.scene.frustum),
         )
 
     @property
@@ -412,64 +407,3 @@ def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> li
         RoundingCamera(bundle=camera.bundle, precision=precision, heights=camera.heights)
         for camera in model_cameras(scene.frustum, raster.camera.aperture, settings)
     ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShearNumbers:
-    """Displacement of surface points by a shear about other centers than the aperture.
-
-    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns and
-    rows.
-    """
-
-    #: that show a surface off the plate: all are measured
-    pixels: int
-    rms_px: float
-    closed_form_rms_px: float
-    mean_px: tuple[float, float]
-    closed_form_mean_px: tuple[float, float]
-    #: between a traced shift and its closed form
-    largest_difference_px: float
-
-
-def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
-    """Measure the shear of T2, a traced model whose cameras are sheared about their own centers.
-
-    Points are compared with themselves, so that nothing depends on which surfaces come into view.
-    None where there is no such shear (another pivot, no offset, a centered frustum), and where no
-    surface off the plate is shown.
-    """
-    settings, shown = model.camera.settings, model.off_plate
-    assert settings is not None, "a model says whose cameras it shows"
-    sheared = (
-        # Without an offset or without a shear both pivots draw the same.
-        settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE and frustum.recentered
-    )
-    if not sheared or not shown.any():
-        return None
-    points = model.position[shown].astype(np.float64)
-    about_aperture = np.empty((len(points), 2))
-    for camera in model_cameras(
-        frustum, model.camera.aperture, replace(settings, pivot=Pivot.APERTURE)
-    ):
-        side: Mask = (points[:, 2] < 0) == camera.orthoscopic
-        about_aperture[side] = pixel_places(points[side], camera.bundle)
-    moved = error_maps.pixel_centers(model.camera)[shown] - about_aperture
-    shear, half_extent = (np.asarray(pair) for pair in film_window(frustum, model.camera.aperture))
-    width, height = model.camera.resolution
-    share = settings.near / (np.abs(points[:, 2]) + settings.near)
-    expected = -share[:, None] * (shear / half_extent * np.array([width / 2, -height / 2]))
-
-    def sizes(shifts: Floats) -> tuple[float, tuple[float, float]]:
-        columns, rows = shifts.mean(axis=0).tolist()
-        return float(np.sqrt(np.mean(np.square(error_maps.lengths(shifts))))), (columns, rows)
-
-    (rms, mean), (closed_form_rms, closed_form_mean) = sizes(moved), sizes(expected)
-    return ShearNumbers(
-        pixels=len(points),
-        rms_px=rms,
-        closed_form_rms_px=closed_form_rms,
-        mean_px=mean,
-        closed_form_mean_px=closed_form_mean,
-        largest_difference_px=float(error_maps.lengths(moved - expected).max()),
-    )

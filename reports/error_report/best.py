@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TypeVar
 
-from xfrustum.compare.attribution.budget import Cause, CauseNumbers, ShearNumbers
+from xfrustum.compare.attribution.budget import Cause, CauseNumbers
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import PixelSet, Spread, is_worse
@@ -66,7 +66,6 @@ class RowNumbers:
     near_per_reach: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
     unexplained: int | None
-    shear: ShearNumbers | None
     predicted_displacement_px: Spread | None
     predicted_surface: PredictedSurface | None
     smallest_separation: Separations | None
@@ -96,8 +95,6 @@ class Measurement:
     times_s: StageTimes
     #: time of the device, a part of `times_s.raster`
     gpu_s: float
-    #: effect of the pivot on the shown points, if any
-    shear: ShearNumbers | None = None
     #: By `surface` and, of a shaded scene, `radiance`: judged pixels that show the wrong surface,
     #: or a color that is off by more than 1/255.
     wrong: Mapping[str, PixelSet] = field(repr=False)
@@ -150,7 +147,6 @@ class Measurement:
             near_per_reach=self.settings.near / reach,
             comparison=self.comparison,
             unexplained=self.unexplained,
-            shear=self.shear,
             predicted_displacement_px=predicted.displacement_px if predicted else None,
             predicted_surface=PredictedSurface.from_prediction(predicted) if predicted else None,
             smallest_separation=predicted.separation if predicted else None,

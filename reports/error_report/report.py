@@ -473,7 +473,8 @@ def render_page(measured: Sweep, content: dict[str, Any], notes: dict[str, str])
         "height_range": pictures.height_range(scene, scene.frustum.longest_reach),
         "pixels_per_degree": PIXELS_PER_DEGREE,
         "name_of": lambda settings: names[geometry_of(settings)],
-        "sheared": any(row.shear for row in measured.rows),
+        "sheared": scene.frustum.recentered
+        and any(each.pivot is Pivot.CAMERA for each in measured.geometries),
         "without_offset": any(each.offset is Offset.NONE for each in measured.geometries),
         "unexplained": sum(row.unexplained or 0 for row in measured.rows),
         "page_data": _page_data(measured, content["rows"]),

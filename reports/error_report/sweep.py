@@ -348,7 +348,6 @@ def _row(
         comparison=comparison.numbers,
         causes=budget.causes if budget else (),
         unexplained=budget.explanation.counts()["unexplained"] if budget else None,
-        shear=budget.start.shear if budget else None,
         predicted=frame.prediction,
         times_s=frame.times,
         gpu_s=frame.gpu_s,
