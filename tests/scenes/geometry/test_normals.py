@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
@@ -46,7 +46,7 @@ def winding_normals(part: SceneObject) -> Floats:
     return np.cross(b - a, c - a)
 
 
-@settings(deadline=None, derandomize=True)
+@examples(100)
 @given(matrix=MATRICES, corners=VECTORS, shift=st.tuples(*[st.floats(-3, 3)] * 3))
 def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
     matrix: Floats, corners: Floats, shift: tuple[float, float, float]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from xfrustum.scenes import (
     Scene,
     open_scene,
 )
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.library import hard_cases as hard
 
@@ -62,19 +63,18 @@ def companions_of(image: HogelImage) -> dict[Index, list[int]]:
     return {index: sorted(triangles) for index, triangles in ties.items()}
 
 
-def pixel_grid(name: str) -> tuple[Indices, Indices]:
-    """Return column and row of every pixel, (H, W) each."""
-    width, height = scene_of(name).frustum.resolution
-    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-    return columns, rows
+class View:
+    """Truth of an aperture, with the column, the row and the line's slopes of every pixel."""
+
+    def __init__(self, name: str, aperture: Index = MIDDLE) -> None:
+        self.image, scene = truth_of(name, aperture), scene_of(name)
+        self.row, self.column = np.indices(self.image.triangle.shape)
+        self.where = scene.plate.aperture(*aperture)
+        self.dx, self.dy, _ = np.moveaxis(lines_by_definition(scene, self.where), 2, 0)
+        self.ties = companions_of(self.image)
 
 
-def slopes(name: str, aperture: Index = MIDDLE) -> tuple[Floats, Floats]:
-    """Return dx and dy of every pixel's line, (H, W) each."""
-    scene = scene_of(name)
-    d = lines_by_definition(scene, scene.plate.aperture(*aperture))
-    return d[..., 0], d[..., 1]
-
+equal = np.testing.assert_array_equal
 
 VIEWS = [
     pytest.param(name, aperture, id=f"{name}-{aperture[0]},{aperture[1]}")
@@ -115,14 +115,12 @@ def test_the_truth_is_finite_and_consistent(name: str, aperture: Index) -> None:
     assert image.normal is not None and image.color is not None
     assert image.certainty is not None and image.tied_triangles is not None
     shown = image.triangle != NOTHING
-    np.testing.assert_array_equal(image.covered, shown)
+    equal(image.covered, shown)
     assert np.isfinite(image.position[shown]).all() and np.isnan(image.position[~shown]).all()
     np.testing.assert_allclose(np.linalg.norm(image.normal[shown], axis=-1), 1.0, rtol=1e-12)
     assert np.isnan(image.normal[~shown]).all()
     assert np.isfinite(image.color).all() and not image.color[~shown].any()
-    np.testing.assert_array_equal(
-        image.object[shown], scene.object_of_triangle[image.triangle[shown]]
-    )
+    equal(image.object[shown], scene.object_of_triangle[image.triangle[shown]])
     assert (image.object[~shown] == NOTHING).all()
     viewer, back = scene.frustum.reach
     assert (image.height[shown] <= viewer).all() and (image.height[shown] >= -back).all()
@@ -250,154 +248,194 @@ def test_giants_are_traced_in_bounded_memory(
 
 # Each hard case shows its closed form, pixel by pixel.
 
+#: Fields of the truth and masks of its certainties, exact, by case and aperture.
+FORMS: dict[tuple[str, Index], Callable[[View], dict[str, Any]]] = {}
+Form = Callable[[View], dict[str, Any]]
 
-def certain(image: HogelImage, kind: Certainty) -> Mask:
-    assert image.certainty is not None
-    return np.asarray(image.certainty == kind)
+
+def shows(*names: str, apertures: tuple[Index, ...] = (MIDDLE,)) -> Callable[[Form], Form]:
+    """Register the closed form of some cases."""
+
+    def register(form: Form) -> Form:
+        FORMS.update({(f"hard/{name}", at): form for name in names for at in apertures})
+        return form
+
+    return register
 
 
 def inside(values: Indices, limits: tuple[float, float]) -> Mask:
     return np.asarray((values > limits[0]) & (values < limits[1]))
 
 
-@pytest.mark.parametrize(("part", "columns"), [(0, (2, 30)), (1, (34, 62))])
-def test_lines_through_vertices_and_edges_meet_all_triangles_there(
-    part: int, columns: Index
-) -> None:
-    """In the image the sheet is a grid of squares cut along one diagonal, whatever its depths."""
-    name, rows = "hard/vertices-and-edges", (2, 58)
-    image, ties = truth_of(name), companions_of(truth_of(name))
-    column, row = pixel_grid(name)
-    sheet = (column >= columns[0]) & (column <= columns[1]) & (row >= rows[0]) & (row <= rows[1])
-    assert (image.object[sheet] == part).all(), "no crack"
-    assert image.covered.sum() == 2 * sheet.sum()
-    across, down = (column - columns[0]) % hard.GRID_STEP, (row - rows[0]) % hard.GRID_STEP
-    expected = np.where((across == 0) | (down == 0) | (across == down), 2, 1)
-    expected[(across == 0) & (down == 0)] = 6
-    interior = inside(column, columns) & inside(row, rows)
-    counts = np.ones_like(column)
-    for index, triangles in ties.items():
+@shows("vertices-and-edges")
+def all_triangles_at_vertices_and_edges(view: View) -> dict[str, Any]:
+    """Two sheets are grids of squares in the image, cut along a diagonal, whatever their depths."""
+    row, rows = view.row, (2, 58)
+    counts = np.ones_like(row)
+    for index, triangles in view.ties.items():
         counts[index] = len(triangles)
-    np.testing.assert_array_equal(counts[interior], expected[interior])
-    assert (certain(image, Certainty.PROVEN) == (expected == 1))[interior].all()
+    expected = np.full_like(row, NOTHING)
+    for part, columns in enumerate([(2, 30), (34, 62)]):
+        column = view.column
+        sheet = (
+            (column >= columns[0]) & (column <= columns[1]) & (row >= rows[0]) & (row <= rows[1])
+        )
+        expected[sheet] = part  # without a crack
+        across, down = (column - columns[0]) % hard.GRID_STEP, (row - rows[0]) % hard.GRID_STEP
+        met = np.where((across == 0) | (down == 0) | (across == down), 2, 1)
+        met[(across == 0) & (down == 0)] = 6
+        interior = inside(column, columns) & inside(row, rows)
+        equal(counts[interior], met[interior])
+        equal((view.image.certainty == Certainty.PROVEN)[interior], (met == 1)[interior])
+    return {"object": expected}
 
 
-def test_the_outline_of_a_triangle_belongs_to_it() -> None:
-    image = truth_of("hard/closed-edges")
-    column, row = pixel_grid("hard/closed-edges")
+@shows("closed-edges")
+def outlines_belong_to_triangles(view: View) -> dict[str, Any]:
+    column, row = view.column, view.row
     first = (column >= 8) & (row >= 8) & (column + row <= 48)
     second = (column <= 60) & (row <= 60) & (column + row >= 96)
     outline = first & ((column == 8) | (row == 8) | (column + row == 48))
     outline |= second & ((column == 60) | (row == 60) | (column + row == 96))
-    np.testing.assert_array_equal(image.triangle, np.where(first, 0, np.where(second, 1, NOTHING)))
-    np.testing.assert_array_equal(certain(image, Certainty.EXACT), outline)
-    np.testing.assert_array_equal(certain(image, Certainty.PROVEN), ~outline)
-    for (r, c), depth in {(8, 8): 32.0, (8, 40): 64.0, (40, 8): 48.0, (60, 60): -32.0}.items():
-        assert image.height[r, c] == -depth
+    heights = view.image.height[[8, 8, 40, 60], [8, 40, 8, 60]]
+    assert heights.tolist() == [-32.0, -64.0, -48.0, 32.0]
+    triangle = np.where(first, 0, np.where(second, 1, NOTHING))
+    return {"triangle": triangle, "exact": outline, "proven": ~outline}
 
 
-def test_a_surface_through_the_aperture_is_met_there_but_by_the_lines_that_lie_in_it() -> None:
-    image = truth_of("hard/surface-through-aperture")
-    column, _ = pixel_grid("hard/surface-through-aperture")
-    in_surface = column == hard.THROUGH_COLUMN
-    np.testing.assert_array_equal(image.triangle, np.where(in_surface, 1, 0))
-    np.testing.assert_array_equal(image.height, np.where(in_surface, -100.0, 0.0))
-    np.testing.assert_array_equal(certain(image, Certainty.EXACT), in_surface)
-    assert (image.position[~in_surface] == 0).all()
+@shows("surface-through-aperture")
+def only_lines_within_a_surface_pass_it(view: View) -> dict[str, Any]:
+    within = view.column == hard.THROUGH_COLUMN
+    return {"triangle": within, "height": np.where(within, -100.0, 0.0), "exact": within}
 
 
-def test_every_line_through_the_tip_of_a_pyramid_is_a_tie_of_its_sides() -> None:
-    image = truth_of("hard/vertex-on-aperture")
-    assert certain(image, Certainty.TIE).all()
-    assert (image.position == 0).all()
-    assert set(map(tuple, companions_of(image).values())) == {(0, 1, 2, 3)}
-    control = truth_of("hard/vertex-on-aperture", (3, 2))
-    assert certain(control, Certainty.PROVEN).all()
-    assert (control.height[control.covered] < 0).all()
+@shows("vertex-on-aperture")
+def every_line_through_a_tip_is_a_tie_of_its_sides(view: View) -> dict[str, Any]:
+    return {"tie": True, "position": 0, "ties": {(0, 1, 2, 3)}}
 
 
-def test_an_edge_through_the_aperture_is_a_tie_but_for_lines_in_either_side() -> None:
-    image = truth_of("hard/edge-through-aperture")
-    column, row = pixel_grid("hard/edge-through-aperture")
-    in_first, in_second = row == hard.THROUGH_ROW, column == hard.THROUGH_COLUMN
-    expected = np.where(in_first, np.where(in_second, 2, 1), 0)
-    np.testing.assert_array_equal(image.triangle, expected)
-    np.testing.assert_array_equal(image.height, np.where(expected == 2, -100.0, 0.0))
-    np.testing.assert_array_equal(certain(image, Certainty.TIE), ~(in_first | in_second))
-    assert set(map(tuple, companions_of(image).values())) == {(0, 1)}
+@shows("vertex-on-aperture", apertures=((3, 2),))
+def beside_the_tip_nothing_ties(view: View) -> dict[str, Any]:
+    assert (view.image.height[view.image.covered] < 0).all()
+    return {"proven": True}
 
 
-IN_PLATE = {"inside": (1, 3), "on an edge": (2, 2), "on a corner": (0, 4), "beside": (3, 1)}
+@shows("edge-through-aperture")
+def only_lines_within_either_side_of_an_edge_are_no_tie(view: View) -> dict[str, Any]:
+    in_first, in_second = view.row == hard.THROUGH_ROW, view.column == hard.THROUGH_COLUMN
+    triangle = np.where(in_first, np.where(in_second, 2, 1), 0)
+    height = np.where(triangle == 2, -100.0, 0.0)
+    return {
+        "triangle": triangle,
+        "height": height,
+        "tie": ~(in_first | in_second),
+        "ties": {(0, 1)},
+    }
 
 
-@pytest.mark.parametrize("place", IN_PLATE)
-def test_a_triangle_in_the_plate_is_met_wherever_it_holds_the_aperture(place: str) -> None:
-    image = truth_of("hard/triangle-in-plate", IN_PLATE[place])
-    met = place != "beside"
-    assert (image.triangle == (0 if met else 1)).all() and (
-        image.height == (0 if met else -100)
-    ).all()
-    assert not certain(image, Certainty.TIE).any()
+@shows("triangle-in-plate", apertures=((1, 3), (2, 2), (0, 4)))
+def a_triangle_in_the_plate_holds_the_aperture_inside_on_an_edge_on_a_corner(
+    view: View,
+) -> dict[str, Any]:
+    return {"triangle": 0, "height": 0, "tie": False}
 
 
-@pytest.mark.parametrize(("name", "times"), [("hard/coincident-copies", 2), ("hard/duplicates", 3)])
-def test_copies_tie_with_each_other_and_show_the_first(name: str, times: int) -> None:
-    image, once = truth_of(name), len(scene_of(name).faces) // times
-    np.testing.assert_array_equal(certain(image, Certainty.TIE), image.covered)
+@shows("triangle-in-plate", apertures=((3, 1),))
+def beside_a_triangle_in_the_plate_the_wall_shows(view: View) -> dict[str, Any]:
+    return {"triangle": 1, "height": -100, "tie": False}
+
+
+@shows("coincident-copies", "duplicates")
+def copies_tie_with_each_other_and_show_the_first(view: View) -> dict[str, Any]:
+    image = view.image
+    scene = scene_of(image.camera.scene)
+    times = 2 if scene.name == "hard/coincident-copies" else 3
+    once = len(scene.faces) // times
     assert image.covered.sum() > 1000
-    for pixel, triangles in companions_of(image).items():
+    for pixel, triangles in view.ties.items():
         first = [t for t in triangles if t < once]
         assert triangles == [t + k * once for k in range(times) for t in first]
         assert image.triangle[pixel] == first[0]
+    return {"tie": image.covered}
 
 
-def test_the_same_plane_in_other_triangles_ties_everywhere() -> None:
-    name = "hard/coincident-other-triangles"
-    image = truth_of(name)
-    dx, dy = slopes(name)
-    s = 64 / (1 + dx / 4 + dy / 8)
-    covered = np.maximum(np.abs(dx), np.abs(dy)) * s <= 24
-    np.testing.assert_array_equal(image.covered, covered)
-    np.testing.assert_array_equal(certain(image, Certainty.TIE), covered)
-    np.testing.assert_allclose(-image.height[covered], s[covered], rtol=1e-14)
-    assert (image.object[covered] == 0).all()
-    for triangles in companions_of(image).values():
-        assert min(triangles) < 2 <= max(triangles)
+@shows("coincident-other-triangles")
+def the_same_plane_in_other_triangles_ties_everywhere(view: View) -> dict[str, Any]:
+    s = 64 / (1 + view.dx / 4 + view.dy / 8)
+    covered = np.maximum(np.abs(view.dx), np.abs(view.dy)) * s <= 24
+    np.testing.assert_allclose(-view.image.height[covered], s[covered], rtol=1e-14)
+    assert all(min(triangles) < 2 <= max(triangles) for triangles in view.ties.values())
+    return {"covered": covered, "tie": covered, "object": np.where(covered, 0, NOTHING)}
 
 
-def test_the_upper_of_nearly_coincident_sheets_shows_down_to_one_step_of_a_double() -> None:
-    name = "hard/nearly-coincident"
-    image = truth_of(name)
-    column, row = pixel_grid(name)
-    some = np.zeros_like(image.covered)
+@shows("nearly-coincident")
+def the_upper_sheet_shows_down_to_one_step_of_a_double(view: View) -> dict[str, Any]:
+    cells = np.zeros_like(view.image.covered)
     for index in range(len(hard.SEPARATIONS) + 1):
-        for rows in hard.SHEET_ROWS:
-            cell = inside(column, hard.sheet_columns(index)) & inside(row, rows)
-            assert (image.object[cell] == 1).all(), (index, rows)
-            last = index == len(hard.SEPARATIONS)
-            assert certain(image, Certainty.EXACT if last else Certainty.PROVEN)[cell].all()
-            some |= cell
-    np.testing.assert_array_equal(image.covered, some)
+        across = inside(view.column, hard.sheet_columns(index))
+        cell = across & np.logical_or.reduce([inside(view.row, rows) for rows in hard.SHEET_ROWS])
+        last = index == len(hard.SEPARATIONS)
+        assert (view.image.certainty[cell] == (Certainty.EXACT if last else Certainty.PROVEN)).all()
+        cells |= cell
+    return {"object": np.where(cells, 1, NOTHING)}
 
 
-def test_the_reach_is_closed() -> None:
-    image = truth_of("hard/at-the-reach")
-    column, row = pixel_grid("hard/at-the-reach")
-    behind, in_front = (
-        inside(column, hard.AT_REACH[0]) & inside(row, rows) for rows in hard.AT_REACH
-    )
-    np.testing.assert_array_equal(image.covered, behind | in_front)
-    assert (image.height[behind] == -hard.REACH).all() and (
-        image.height[in_front] == hard.REACH
-    ).all()
-    assert (image.object[image.covered] == 0).all()
+@shows("at-the-reach")
+def the_reach_is_closed(view: View) -> dict[str, Any]:
+    across = inside(view.column, hard.AT_REACH[0])
+    behind, before = (across & inside(view.row, rows) for rows in hard.AT_REACH)
+    height = np.where(behind, -hard.REACH, np.where(before, hard.REACH, np.nan))
+    return {"height": height, "object": np.where(behind | before, 0, NOTHING)}
 
 
-@pytest.mark.parametrize("name", ["hard/nothing", "hard/only-out-of-reach"])
-def test_where_nothing_is_in_reach_nothing_shows_and_that_is_proven(name: str) -> None:
-    image = truth_of(name)
-    assert not image.covered.any()
-    assert certain(image, Certainty.PROVEN).all()
+@shows("nothing", "only-out-of-reach")
+def nothing_in_reach_is_proven(view: View) -> dict[str, Any]:
+    return {"covered": False, "proven": True}
+
+
+@shows("edge-on")
+def an_edge_covers_nothing_and_a_triangle_turned_by_a_step_of_a_double_its_column(
+    view: View,
+) -> dict[str, Any]:
+    tall = np.abs(view.dy) * hard.TURNED_MIDDLE <= hard.TURNED_HALF_HEIGHT
+    turned = (view.column == hard.TURNED_COLUMN) & tall
+    assert turned.sum() == 26
+    height = np.where(turned, -hard.TURNED_MIDDLE, -100.0)
+    return {"triangle": np.where(turned, 1, 2), "height": height, "tie": False}
+
+
+@shows("needles")
+def needles_cover_exactly_the_pixel_centers_that_they_run_over(view: View) -> dict[str, Any]:
+    expected = np.full_like(view.row, NOTHING)
+    expected[4:61, 20] = 0
+    expected[np.arange(4, 33), np.arange(30, 59)] = 2
+    expected[44, 4:61] = 3  # in front of the first
+    return {"triangle": expected, "tie": False}
+
+
+@shows("zero-area")
+def triangles_without_area_are_not_there(view: View) -> dict[str, Any]:
+    return {"triangle": len(scene_of("hard/zero-area").faces) - 1, "height": -100, "tie": False}
+
+
+@shows("smallest")
+def the_smallest_sheets_hide_each_other_and_the_wall(view: View) -> dict[str, Any]:
+    expected = np.full_like(view.row, 2)
+    expected[4:61, 4:41], expected[12:53, 20:57] = 0, 1
+    heights = np.array([-2 * hard.SMALLEST, -hard.SMALLEST, -100.0])
+    return {"object": expected, "height": heights[expected]}
+
+
+@pytest.mark.parametrize(("name", "aperture"), FORMS)
+def test_a_case_shows_its_closed_form(name: str, aperture: Index) -> None:
+    view = View(name, aperture)
+    for field, expected in FORMS[name, aperture](view).items():
+        if field == "ties":
+            assert set(map(tuple, view.ties.values())) == expected
+        elif field in ("proven", "exact", "tie"):
+            equal(view.image.certainty == Certainty[field.upper()], expected, field)
+        else:
+            equal(getattr(view.image, field), expected, field)
 
 
 @pytest.mark.parametrize(("name", "side"), [("hard/only-in-front", 1), ("hard/only-behind", -1)])
@@ -405,50 +443,7 @@ def test_one_side_alone_shows_alone(name: str, side: int) -> None:
     heights = truth_of(name).height[truth_of(name).covered]
     # The nearest and the farthest point of a ball about height 50 of radius 12, and 1 % of facets.
     assert len(heights) > 500 and (np.abs(side * heights - 50) < 12.1).all()
-    assert (side * (heights - side * 50)).mean() * side > 0, "the side turned to the viewer"
-
-
-def test_an_edge_on_triangle_covers_nothing_and_one_turned_by_a_step_of_a_double_its_column() -> (
-    None
-):
-    image = truth_of("hard/edge-on")
-    column, _ = pixel_grid("hard/edge-on")
-    _, dy = slopes("hard/edge-on")
-    turned = (column == hard.TURNED_COLUMN) & (
-        np.abs(dy) * hard.TURNED_MIDDLE <= hard.TURNED_HALF_HEIGHT
-    )
-    assert turned.sum() == 26
-    np.testing.assert_array_equal(image.triangle, np.where(turned, 1, 2))
-    np.testing.assert_array_equal(image.height, np.where(turned, -hard.TURNED_MIDDLE, -100.0))
-    assert not certain(image, Certainty.TIE).any()
-
-
-def test_needles_cover_exactly_the_pixel_centers_that_they_run_over() -> None:
-    image = truth_of("hard/needles")
-    expected = np.full(image.triangle.shape, NOTHING)
-    expected[4:61, 20] = 0
-    expected[np.arange(4, 33), np.arange(30, 59)] = 2
-    expected[44, 4:61] = 3  # in front of the first
-    np.testing.assert_array_equal(image.triangle, expected)
-    assert not certain(image, Certainty.TIE).any()
-
-
-def test_triangles_without_area_are_not_there() -> None:
-    image = truth_of("hard/zero-area")
-    scene = scene_of("hard/zero-area")
-    assert (image.triangle == len(scene.faces) - 1).all()
-    assert (image.height == -100).all()
-    assert not certain(image, Certainty.TIE).any()
-
-
-def test_the_smallest_sheets_hide_each_other_and_the_wall() -> None:
-    image = truth_of("hard/smallest")
-    expected = np.full(image.triangle.shape, 2)
-    expected[4:61, 4:41], expected[12:53, 20:57] = 0, 1
-    np.testing.assert_array_equal(image.object, expected)
-    np.testing.assert_array_equal(
-        image.height, np.choose(expected, [-2 * hard.SMALLEST, -hard.SMALLEST, -100.0])
-    )
+    assert (heights - side * 50).mean() > 0, "the side turned to the viewer"
 
 
 @pytest.mark.parametrize(
@@ -466,17 +461,17 @@ def test_neither_place_in_the_file_nor_size_moves_a_bit(
     where = plain.plate.aperture(*aperture)
     expected, image = Reference(plain).trace(where), truth_of(name, aperture)
     assert expected.covered.sum() > 500
-    np.testing.assert_array_equal(image.triangle, expected.triangle)
-    np.testing.assert_array_equal(image.position, expected.position * scale)
-    np.testing.assert_array_equal(image.certainty, expected.certainty)
+    equal(image.triangle, expected.triangle)
+    equal(image.position, expected.position * scale)
+    equal(image.certainty, expected.certainty)
     settings = DoubleFrustum(near=1e-3 * 150)
     with Rasterizer(plain) as near, Rasterizer(scene) as other:
         drawn = near.render(where, settings)
         same = other.render(
             scene.plate.aperture(*aperture), replace(settings, near=settings.near * scale)
         )
-    np.testing.assert_array_equal(same.triangle, drawn.triangle)
-    np.testing.assert_array_equal(same.position, drawn.position * np.float32(scale))
+    equal(same.triangle, drawn.triangle)
+    equal(same.position, drawn.position * np.float32(scale))
 
 
 @pytest.mark.parametrize(
@@ -487,55 +482,45 @@ def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(
     name: str, aperture: Index
 ) -> None:
     """Lines end at the first of the planes x = +-24, y = +-24 and z = 20 toward the viewer."""
-    image = truth_of(name, aperture)
-    where = scene_of(name).plate.aperture(*aperture)
-    dx, dy = slopes(name, aperture)
-    ways = [
-        (half + center * np.sign(d)) / np.abs(d)
-        for half, center, d in zip(hard.ROOM[:2], (where.x, where.y), (dx, dy), strict=True)
-    ]
-    np.testing.assert_allclose(
-        image.height, np.minimum(np.minimum(*ways), hard.ROOM[2]), rtol=1e-14
-    )
+    view = View(name, aperture)
+    across = (hard.ROOM[0] + view.where.x * np.sign(view.dx)) / np.abs(view.dx)
+    along = (hard.ROOM[1] + view.where.y * np.sign(view.dy)) / np.abs(view.dy)
+    height = np.minimum(np.minimum(across, along), hard.ROOM[2])
+    np.testing.assert_allclose(view.image.height, height, rtol=1e-14)
     if name == "hard/steep":
-        assert 11 < np.abs(dx).max() < 11.5
+        assert 11 < np.abs(view.dx).max() < 11.5
     else:
-        assert image.height.max() < 1e-6
+        assert height.max() < 1e-6
 
 
 def test_a_screen_in_front_shears_the_other_way_and_from_the_middle_not_at_all() -> None:
     behind, in_front = "hard/screen-near-plate", "hard/screen-near-plate-in-front"
-    np.testing.assert_array_equal(truth_of(in_front).triangle, truth_of(behind).triangle)
-    np.testing.assert_array_equal(truth_of(in_front).position, truth_of(behind).position)
+    equal(truth_of(in_front).triangle, truth_of(behind).triangle)
+    equal(truth_of(in_front).position, truth_of(behind).position)
     camera, other = truth_of(in_front, (0, 3)).camera, truth_of(behind, (0, 3)).camera
     assert camera.shear == (-other.shear[0], -other.shear[1]) != (0.0, 0.0)
     assert camera.half_extent == other.half_extent
 
 
 def test_the_picture_on_the_screen_fills_every_aperture_alike() -> None:
-    name = "hard/sheared-five-screens"
-    scene, middle = scene_of(name), truth_of(name)
-    column, row = pixel_grid(name)
-    half = hard.SHEARED_SCREEN.size[0] / 2
-    x, y = half * ((2 * column + 1) / 64 - 1), half * (1 - (2 * row + 1) / 64)
+    name, screen = "hard/sheared-five-screens", hard.SHEARED_SCREEN
+    middle = View(name)
+    half = screen.size[0] / 2
+    x, y = half * ((2 * middle.column + 1) / 64 - 1), half * (1 - (2 * middle.row + 1) / 64)
     hole = (np.abs(x + 2.5) < 2.5) & (np.abs(y + 2.5) < 2.5)
     assert hole.sum() == 256
+    assert (middle.image.object[hole] == len(scene_of(name).objects) - 1).all()
     for aperture in hard.CASES[name].apertures:
         image = truth_of(name, aperture)
-        np.testing.assert_array_equal(image.triangle, middle.triangle)
-        np.testing.assert_array_equal(image.certainty, middle.certainty)
-        np.testing.assert_array_equal(
-            image.height, np.where(hole, -90.0, hard.SHEARED_SCREEN.height)
-        )
-        np.testing.assert_array_equal(image.position[~hole][:, 0], x[~hole])
-        np.testing.assert_array_equal(image.position[~hole][:, 1], y[~hole])
+        equal(image.triangle, middle.image.triangle)
+        equal(image.certainty, middle.image.certainty)
+        equal(image.height, np.where(hole, -90.0, screen.height))
+        equal(image.position[~hole, :2], np.stack([x, y], axis=-1)[~hole])
     shear = truth_of(name, (0, 0)).camera
     assert abs(shear.shear[0]) == 10 * shear.half_extent[0], "five widths of the screen"
-    assert (image.object[hole] == len(scene.objects) - 1).all()
 
 
 def test_one_pixel_is_a_tie_along_the_diagonal_of_the_box() -> None:
-    image = truth_of("hard/one-pixel")
-    assert image.triangle.shape == (1, 1) and image.height[0, 0] == -32
-    assert certain(image, Certainty.TIE).all()
-    assert len(companions_of(image)[0, 0]) == 2
+    view = View("hard/one-pixel")
+    assert view.image.triangle.shape == (1, 1) and view.image.height[0, 0] == -32
+    assert [len(triangles) for triangles in view.ties.values()] == [2]

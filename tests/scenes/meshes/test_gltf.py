@@ -4,7 +4,7 @@ import base64
 import json
 import sys
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote_from_bytes
@@ -402,47 +402,11 @@ def test_joints_count_with_a_skin_alone_and_their_weights_add_up_to_one(tmp_path
     np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
 
 
-def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[list[Any]]:
-    """Yield the path of every value of a document."""
-    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
-        yield [*at, key]
-        if isinstance(value, dict | list):
-            yield from places(value, (*at, key))
-
-
-STRANGE: tuple[Any, ...] = (None, True, "7", -1, 3, 1.5, 10**30, 1e300, [], {}, [9] * 16)
-
-
-@pytest.mark.parametrize("make", [skinned, instanced, sparse], ids=lambda make: make.__name__)
-def test_values_of_any_type_end_in_a_mesh_or_in_one_line(
-    make: Callable[[], Writer], tmp_path: Path
-) -> None:
-    """Every value of three documents replaced by values of some JSON types, one at a time."""
-    writer = make()
-    text = writer.save(tmp_path / "mesh.gltf").read_text()
-    outcomes = set()
-    for number, path in enumerate(places(json.loads(text))):
-        for strange in STRANGE[number % 4 :: 4]:  # three or two of the values at each place
-            writer.tree = json.loads(text)
-            replaced(writer, path, strange)
-            try:
-                read(writer, tmp_path, "mesh.gltf")
-                outcomes.add("mesh")
-            except InputError as error:
-                outcomes.add("refusal")
-                assert "\n" not in str(error)
-    assert len(outcomes) == 2
-
-
-def test_a_text_nested_without_end_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "deep.gltf"
-    for text, words in (
-        ('{"extras":' * 200_000, "recursion"),
-        ('{"nodes":[' + "{}," * 1_200_000 + "{}]}", "objects of JSON"),
-    ):
-        path.write_text(text)
-        with pytest.raises(InputError, match=words):
-            load_mesh(path)
+def test_objects_of_a_document_are_counted_before_they_are_made(tmp_path: Path) -> None:
+    path = tmp_path / "many.gltf"
+    path.write_text('{"nodes":[' + "{}," * 1_200_000 + "{}]}")
+    with pytest.raises(InputError, match="objects of JSON"):
+        load_mesh(path)
 
 
 def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
@@ -459,23 +423,23 @@ def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
 
 
 def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> None:
-    """A hundred primitives share 20,000 vertices."""
+    """A hundred primitives share 19,998 vertices."""
     writer, count = Writer(), 19_998
     points = np.random.default_rng(4).normal(size=(count, 3)).astype("<f4")
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
     faces = np.arange(count, dtype="<u4").reshape(-1, 3)[:, ::-1]
-    mesh = writer.mesh(points, attributes={"NORMAL": writer.array(points)})
-    [primitive] = writer.tree["meshes"][mesh].pop("primitives")
-    parts = np.array_split(faces, 100)
-    writer.tree["meshes"][mesh]["primitives"] = [
-        primitive | {"indices": writer.array(own.ravel())} for own in parts
+    stored = writer.array(points)
+    writer.node(mesh=writer.mesh(stored, attributes={"NORMAL": stored}))
+    [mesh] = writer.tree["meshes"]
+    mesh["primitives"] = [
+        mesh["primitives"][0] | {"indices": writer.array(own.ravel())}
+        for own in np.array_split(faces, 100)
     ]
-    writer.node(mesh=mesh)
     with input_memory(1 << 26):
         whole = read(writer, tmp_path)
     assert len(whole.vertices) == count and whole.vertex_normals is not None
     np.testing.assert_array_equal(corners(whole), points[faces])
-    normals = points[faces] / np.linalg.norm(points[faces], axis=-1, keepdims=True)
-    np.testing.assert_allclose(whole.vertex_normals[whole.faces], normals, atol=1e-6)
+    np.testing.assert_allclose(whole.vertex_normals[whole.faces], points[faces], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])

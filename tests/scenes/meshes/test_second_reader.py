@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.scenes.meshes.soups import DATA, INPUTS, SOUP, needs_data
-from tests.second_reader import READERS, __main__, read
+from tests.second_reader import READERS, read
 from tests.second_reader.compare import compare, difference, product_triangles
 from tests.second_reader.model import Reading
 from tests.second_reader.polygons import cut
@@ -68,16 +68,6 @@ def test_twins_have_equal_triangles(plain: str, feature: str) -> None:
     reading.rounding += 2.0**-24 * float(np.abs(triangles).max())
     assert difference(triangles, reading) is None
     assert difference(product_triangles(INPUTS / feature), reading) is None
-
-
-@needs_data
-def test_the_table_has_triangles_areas_and_bounds(capsys: pytest.CaptureFixture[str]) -> None:
-    names = ["letter_ngon.ply", "box_normalized_int16.glb", "cesium_rtc.glb"]
-    assert __main__.main([str(INPUTS / name) for name in names]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    for row, figures in ((1, "44          3520"), (4, "12  0.0089280088"), (7, "refused: ")):
-        assert figures in lines[row] and figures in lines[row + 1]
-    assert lines[-1] == "3 files, 56 triangles, 0 differ"
 
 
 @pytest.mark.parametrize("block", thinned(range(8), 4))
