@@ -65,20 +65,32 @@ DAMAGE = (
     ArithmeticError,
 )
 
-_CERTAINTY = "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined"
-
-#: Type, fill value, dimensions and meaning of each image; the type of color is chosen.
-_IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
-    Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance"),
+#: Type, fill value, dimensions, meaning and unit of each image; the type of color is chosen, and
+#: the unit of height is the scene's.
+_IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str, str | None]] = {
+    Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance", "1"),
     Channel.TRIANGLE: (
         "<i4",
         NOTHING,
         ("v", "u"),
         "number of the visible triangle, -1 where there is none",
+        None,
     ),
-    Channel.HEIGHT: ("<f4", np.nan, ("v", "u"), "height of the visible surface above the plate"),
-    Channel.NORMAL: ("<f4", np.nan, ("v", "u", "xyz"), "unit normal of the visible triangle"),
-    Channel.CERTAINTY: ("u1", int(Certainty.UNEXAMINED), ("v", "u"), _CERTAINTY),
+    Channel.HEIGHT: (
+        "<f4",
+        np.nan,
+        ("v", "u"),
+        "height of the visible surface above the plate",
+        "",
+    ),
+    Channel.NORMAL: ("<f4", np.nan, ("v", "u", "xyz"), "unit normal of the visible triangle", "1"),
+    Channel.CERTAINTY: (
+        "u1",
+        int(Certainty.UNEXAMINED),
+        ("v", "u"),
+        "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined",
+        None,
+    ),
 }
 
 
@@ -191,20 +203,20 @@ class PlateArrays:
     @cached_property
     def images(self) -> tuple[ImageArray, ...]:
         """Arrays of images in the order in which a block's are written."""
-        arrays, units = [], {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}
+        arrays = []
         for channel in self.content.channels:
-            kind, fill, dimensions, meaning = _IMAGES[channel]
+            kind, fill, dimensions, meaning, unit = _IMAGES[channel]
             dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
             if dtype == np.uint8 and channel is Channel.COLOR:
                 meaning = f"{meaning} from 0 to 1 times 255, rounded"
+            units = {} if unit is None else {"units": unit or self.units}
             array = ImageArray(
                 name=channel,
                 dtype=dtype,
                 fill=fill,
                 shape=(*self.frustum.resolution[::-1], *(3 for _ in dimensions[2:])),
                 dimensions=(*PLATE_DIMENSIONS, *dimensions),
-                attributes={"long_name": meaning}
-                | ({"units": units[channel]} if channel in units else {}),
+                attributes={"long_name": meaning, **units},
             )
             arrays.append(array)
         return tuple(arrays)
@@ -233,29 +245,26 @@ class PlateArrays:
         """Yield the blocks of some hogels in the order in which the hogels are named first."""
         (width, height), hogels = self.side, self.plate.hogels
         across = -(-hogels[0] // width)
-        named: dict[int, list[Aperture]] = {}
+        # Rectangles may have millions of hogels, which are listed one block at a time.
         if isinstance(apertures, ApertureBlocks):
-            # Rectangles may have millions of hogels, which are listed one block at a time.
-            for columns, rows in apertures.blocks:
-                for row in range(rows.start // height, -(-rows.stop // height)):
-                    first, last = (
-                        row * across + end // width for end in (columns.start, columns.stop - 1)
-                    )
-                    named |= {number: [] for number in range(first, last + 1)}
+            rectangles, requested = apertures.blocks, apertures
         else:
-            for aperture in dict.fromkeys(apertures):
-                number = aperture.row // height * across + aperture.column // width
-                named.setdefault(number, []).append(aperture)
-        for number, some in named.items():
+            requested = dict.fromkeys(apertures)
+            cells = [aperture.index for aperture in requested]
+            rectangles = [(range(column, column + 1), range(row, row + 1)) for column, row in cells]
+        numbers = dict.fromkeys(
+            row * across + column
+            for columns, rows in rectangles
+            for row in range(rows.start // height, -(-rows.stop // height))
+            for column in range(columns.start // width, -(-columns.stop // width))
+        )
+        for number in numbers:
             row, column = divmod(number, across)
             columns = range(column * width, min((column + 1) * width, hogels[0]))
             rows = range(row * height, min((row + 1) * height, hogels[1]))
-            inside = some or [
-                aperture
-                for aperture in ApertureBlocks(self.plate, ((columns, rows),))
-                if aperture in apertures
-            ]
-            yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
+            every = ApertureBlocks(self.plate, ((columns, rows),))
+            inside = tuple(aperture for aperture in every if aperture in requested)
+            yield Block(number=number, columns=columns, rows=rows, apertures=inside)
 
 
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
@@ -339,7 +348,6 @@ def _difference(
     """Return the first difference of a group from the expected one in words."""
     if group.attrs.get("units") != arrays.units:
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
-    coordinates = {name: values for name, _, values, _, _ in arrays.coordinates()}
     for name in expected.array_keys():
         if name not in group:
             return f"has no array {name}"
@@ -347,16 +355,15 @@ def _difference(
         for key in expects:
             if stored.get(key) != expects[key]:
                 return f"{key} of {name} is {stored.get(key)}, and should be {expects[key]}"
-        if name in coordinates:
-            values = np.asarray(group[name][:])  # type: ignore[index]
-            wrong = np.flatnonzero(values != coordinates[name])
-            if wrong.size:
-                first = wrong[0]
-                return (
-                    f"{wrong.size:,} of {values.size:,} values of {name} are not the scene's: "
-                    f"{name}[{first}] is {values[first]:.6g}, and should be "
-                    f"{coordinates[name][first]:.6g}"
-                )
+    for name, _, expects, _, _ in arrays.coordinates():
+        values = np.asarray(group[name][:])  # type: ignore[index]
+        wrong = np.flatnonzero(values != expects)
+        if wrong.size:
+            first = wrong[0]
+            return (
+                f"{wrong.size:,} of {values.size:,} values of {name} are not the scene's: "
+                f"{name}[{first}] is {values[first]:.6g}, and should be {expects[first]:.6g}"
+            )
     return None
 
 
@@ -395,10 +402,8 @@ def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]
             attributes=dict(array.attributes),
         )
     maps = [(name, "<f8", np.nan, name.replace("_", " "), unit) for name, unit in arrays.measures]
-    for name, dtype, fill, meaning, unit in (
-        *maps,
-        (FINISHED, "u1", 0, "1 where the hogel is there", "1"),
-    ):
+    maps.append((FINISHED, "u1", 0, "1 where the hogel is there", "1"))
+    for name, dtype, fill, meaning, unit in maps:
         group.create_array(
             name,
             shape=arrays.plate.hogels[::-1],

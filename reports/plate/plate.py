@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from importlib import metadata
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -43,18 +43,32 @@ from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlateOptions:
+    """Images, storage and work of a plate."""
+
+    content: PlateContent = field(default_factory=PlateContent)
+    #: columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None
+    #: for the blocks of an existing store, or as many as `BLOCK_BYTES` hold
+    block: tuple[int, int] | None = None
+    #: trace every hogel too, and store its measures beside its pixels
+    judge: bool = False
+    #: read every stored hogel in full, and draw it again where it is damaged
+    check: bool = False
+    engine: Engine = HERE
+    #: show a progress bar on standard error
+    progress: bool = False
+
+
 def measures_of(scene: Scene) -> dict[str, str]:
     """Return the unit of each measure of a scene's hogels, colors where it has an appearance."""
-    nothing = dict.fromkeys(("surface", "triangle", "displacement_px", "height", "radiance"))
-    counts = dict.fromkeys(("pixels", "judged", "covered", "at_plate"), 0)
-    certainty = {kind.name.lower(): 0 for kind in Certainty}
-    empty = ComparisonNumbers(**counts, **nothing, certainty=certainty)  # type: ignore[arg-type]
+    numbers: dict[str, Any] = dict.fromkeys(ComparisonNumbers.__dataclass_fields__)
+    numbers["certainty"] = {kind.name.lower(): 0 for kind in Certainty}
+    empty = ComparisonNumbers(**numbers)
     row = MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)
-    units = {"height": scene.units, "displacement_px": "px"}
+    units = {"height": scene.units, "displacement": "px"}
     return {
-        column.name: next(
-            (unit for name, unit in units.items() if column.name.startswith(name)), "1"
-        )
+        column.name: units.get(column.name.partition("_")[0], "1")
         for column in columns_of(MeasuredHogel, [row])
         if column.name not in PLACES
         and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
@@ -64,12 +78,9 @@ def measures_of(scene: Scene) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelSource:
-    """Renderer that makes a plate hogel by hogel.
+    """Renderer of a plate."""
 
-    A renderer that makes many hogels at once is another class with `description` and `tiles`.
-    """
-
-    #: in the order of the apertures
+    #: function that yields hogels in the order of the apertures
     hogels: Callable[[Iterable[Aperture]], Iterator[PlateHogel]]
     #: everything that decides the pixels
     description: dict[str, Any]
@@ -89,16 +100,15 @@ class HogelSource:
                 begun.append(block)
                 yield from block.apertures
 
-        tile: Tile | None = None
-        for hogel in self.hogels(apertures()):
+        hogels = iter(self.hogels(apertures()))
+        for hogel in hogels:
             # Hogels arrive in the order of request: the oldest open block is theirs.
-            tile = tile or Tile.empty(begun[0], arrays.images)
-            tile.put(hogel)
-            done(1)
-            if np.count_nonzero(tile.drawn) == len(tile.block.apertures):
-                begun.popleft()
-                yield tile
-                tile = None
+            block = begun.popleft()
+            tile = Tile.empty(block, arrays.images)
+            for some in chain([hogel], islice(hogels, len(block.apertures) - 1)):
+                tile.put(some)
+                done(1)
+            yield tile
 
 
 @contextmanager
@@ -266,17 +276,22 @@ class PlateJob(Job):
     scene: Scene
     #: None for truths
     settings: DoubleFrustum | None
-    content: PlateContent
     out: Path
     arrays: PlateArrays
-    #: whether an existing store keeps its own blocks
-    free: bool
-    judge: bool
-    check: bool
+    options: PlateOptions
+
+    @cached_property
+    def store(self) -> PlateStore:
+        """Store as this process reads it, opened once a session has made it."""
+        return PlateStore(self.out, self.arrays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Every process opens the store for itself.
+        return {name: value for name, value in vars(self).items() if name != "store"}
 
     def finished(self, block: Block) -> bool:
         """Return whether the store has all requested hogels of a block."""
-        return not _opened(self.out, self.arrays).missing(block, check=self.check)[0]
+        return not self.store.missing(block, check=self.options.check)[0]
 
     def size(self, block: Block) -> int:
         """Return the number of requested hogels of a block."""
@@ -289,13 +304,11 @@ class PlateJob(Job):
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
         """Open the renderer and the store, or make it; InputError at a store of another device."""
-        with open_source(self.scene, self.settings, self.content, judge=self.judge) as source:
-            store = open_store(self.out, self.arrays, source.description, free=self.free)
-            yield PlateSession(source, store, self.check)
-
-
-#: Store of the latest job, which is queried for many blocks.
-_opened = lru_cache(1)(PlateStore)
+        options = self.options
+        with open_source(self.scene, self.settings, options.content, judge=options.judge) as source:
+            free = options.block is None
+            store = open_store(self.out, self.arrays, source.description, free=free)
+            yield PlateSession(source, store, options.check)
 
 
 @dataclass(frozen=True)
@@ -306,9 +319,9 @@ class PlateSession:
     store: PlateStore
     check: bool
 
-    def arrays(self) -> PlateArrays:
-        """Return the arrays of the store; by then a worker has opened or made it."""
-        return self.store.arrays
+    def place(self) -> Path:
+        """Return the folder of the store, which is open by then."""
+        return self.store.out
 
     def make(self, block: Block) -> None:
         """Draw the missing hogels of a block."""
@@ -326,87 +339,64 @@ class PlateSession:
             writing.result()
 
 
-def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
+def write_plate(
     scene: Scene,
     settings: DoubleFrustum | None,
     out: Path | str,
     apertures: Iterable[Aperture] | None = None,
-    content: PlateContent | None = None,
-    *,
-    block: tuple[int, int] | None = None,
-    judge: bool = False,
-    check: bool = False,
-    engine: Engine = HERE,
-    progress: bool = False,
+    options: PlateOptions | None = None,
     begun: Callable[[], object] = lambda: None,
 ) -> PlateFiles:
     """Draw apertures of a plate that are missing in its store, block by block, a shard each.
 
     Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn
-    by `engine` in the order in which their apertures are named. Killed at any moment it loses no
-    finished block; called again it goes on with the others and ends with the arrays of a run that
-    was not disturbed.
-
-    A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without
-    shards; None for the blocks of an existing store, or as many as `BLOCK_BYTES` hold.
-    With `judge` every hogel is traced too, and its measures are stored beside its pixels. With
-    `check` every stored hogel is read in full, and drawn again where it is damaged. `begun` is
-    called once the store is open, before the first hogel is drawn.
+    in the order in which their apertures are named. Killed at any moment it loses no finished
+    block; called again it goes on with the others and ends with the arrays of a run that was not
+    disturbed. `begun` is called once the store is open, before the first hogel is drawn.
 
     InputError: see `open_source` and `open_store`; or the block is none, no scheduler answers, or a
     worker has another device than the command that began the plate.
     """
-    content, out, part = content or PlateContent(), Path(out), engine.part
+    options, out = options or PlateOptions(), Path(out)
+    engine, part, check = options.engine, options.engine.part, options.check
     requested = scene.plate.apertures() if apertures is None else apertures
     if not isinstance(requested, ApertureBlocks):
         requested = list(dict.fromkeys(requested))
-    arrays = arrays_of(scene, content, block, judged=judge)
-    job = PlateJob(
-        scene=scene,
-        settings=settings,
-        content=content,
-        out=out,
-        arrays=arrays,
-        free=block is None,
-        judge=judge,
-        check=check,
-    )
+    arrays = arrays_of(scene, options.content, options.block, judged=options.judge)
+    job = PlateJob(scene=scene, settings=settings, out=out, arrays=arrays, options=options)
     drawn = broken = 0
     count = sum(1 for _ in islice(part.of(arrays.blocks(requested)), MOST_WORKERS))
     with open_workers(engine, count, draws=settings is not None) as workers:
-        arrays = workers.ask(job, PlateSession.arrays)
-        store = PlateStore(out, arrays)
+        workers.ask(job, PlateSession.place)
         begun()
 
         def blocks() -> Iterator[Block]:
             # Made anew for each use: a plate has millions of hogels.
-            return part.of(arrays.blocks(requested))
+            return part.of(job.store.arrays.blocks(requested))
 
         def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:
             nonlocal drawn, broken
             for some in blocks():
-                missing, damaged = store.missing(some, check=check)
+                missing, damaged = job.store.missing(some, check=check)
                 drawn, broken = drawn + len(missing), broken + damaged
                 done(len(some.apertures) - len(missing))
                 if missing:
                     yield replace(some, apertures=missing)
 
-        total = len(requested)
-        if not part.everything:
-            total = sum(map(job.size, blocks()))
-        if workers.count == 1 and not workers.elsewhere:
-            with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+        total = len(requested) if part.everything else sum(map(job.size, blocks()))
+        with progress_bar(total, job.name, job.unit, shown=options.progress) as bar:
+            if workers.count == 1 and not workers.elsewhere:
                 workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
-        else:
-            deque(unfinished(), maxlen=0)
-            workers.run(job, blocks(), total, progress=progress)
+            else:
+                deque(unfinished(), maxlen=0)
+                workers.make(job, blocks(), bar)
     return PlateFiles(
         out=out,
         drawn=drawn,
         present=total - drawn,
         damaged=broken,
         notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
-        table=out.with_suffix(".parquet") if judge else None,
+        table=out.with_suffix(".parquet") if options.judge else None,
     )
 
 

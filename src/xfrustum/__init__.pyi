@@ -23,6 +23,7 @@ from .reports.exchange.convert import convert as convert
 from .reports.planning import PlanReport as PlanReport
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles
+from .reports.plate.plate import PlateOptions as PlateOptions
 from .reports.plate.plate import write_plate as write_plate
 from .reports.plate.reader import camera_of as camera_of
 from .reports.scene_check.checking import SceneCheck as SceneCheck

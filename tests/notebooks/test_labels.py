@@ -8,7 +8,7 @@ import pytest
 
 from tests.notebooks.test_shown import SETTINGS, small_scene
 from tests.support.worlds import World
-from xfrustum import InputError, Rasterizer, compare_images, write_plate
+from xfrustum import InputError, PlateOptions, Rasterizer, compare_images, write_plate
 from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
 xarray = pytest.importorskip(
@@ -22,7 +22,7 @@ def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -
     aperture = scene.plate.aperture(3, 1)
     channels = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
     content = PlateContent(channels=channels, color=ColorType.FLOAT32)
-    write_plate(scene, SETTINGS, tmp_path / "plate.zarr", [aperture], content)
+    write_plate(scene, SETTINGS, tmp_path / "plate.zarr", [aperture], PlateOptions(content=content))
     hogel = xarray.open_zarr(tmp_path / "plate.zarr").isel(row=1, column=3)
     with Rasterizer(scene) as rasterizer:
         image = rasterizer.render(aperture, SETTINGS)

@@ -18,7 +18,7 @@ from PIL import Image
 from zarr.storage import _local as local_store
 
 from tests.conftest import CHECKOUT
-from tests.reports.plate.test_plate_stream import BLOCK, EVERYTHING, SETTINGS, small, tree
+from tests.reports.plate.test_plate_stream import BLOCK, EVERYTHING, SETTINGS, drawn, small, tree
 from tests.support.long_tail import kept, thinned
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -27,7 +27,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import convert
 from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.plate import PlateFiles, arrays_of, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.plate import PlateFiles, arrays_of, blocks_of_apertures
 from xfrustum.reports.plate.reader import PlateReader, camera_of
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.reports.view import stored_plate
@@ -43,7 +43,7 @@ ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plate with all channels, in blocks."""
     out = tmp_path_factory.mktemp("whole") / "p.zarr"
-    return write_plate(small(), SETTINGS, out, content=ALL, block=BLOCK).out
+    return drawn(out, content=ALL, block=BLOCK).out
 
 
 @pytest.fixture
@@ -106,21 +106,21 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
     scene, out = small(), tmp_path / "x.zarr"
     content = PlateContent(color=ColorType.FLOAT32, channels=tuple(Channel))
     here = scene.plate.aperture(0, 4)
-    assert write_plate(scene, None, out, [here], content).drawn == 1
+    assert drawn(out, [here], None, content=content).drawn == 1
     truth, reader = Reference(scene).trace(here), PlateReader(out)
     for channel in Channel:
         stored = reader.image(channel, *here.index)
         np.testing.assert_array_equal(stored, getattr(truth, channel).astype(stored.dtype))
     assert camera_of(out, 0, 4).settings is None
     with pytest.raises(InputError, match="other settings"):
-        write_plate(scene, SETTINGS, out, [here], replace(content, channels=(Channel.COLOR,)))
+        drawn(out, [here], content=replace(content, channels=(Channel.COLOR,)))
     with pytest.raises(InputError, match="certainty is the truth's alone"):
-        write_plate(scene, SETTINGS, tmp_path / "y.zarr", [here], content)
+        drawn(tmp_path / "y.zarr", [here], content=content)
 
 
 def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
     scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
-    out = write_plate(scene, None, tmp_path / "x.zarr", [scene.plate.middle]).out
+    out = drawn(tmp_path / "x.zarr", [scene.plate.middle], None, scene).out
     description = PlateReader(out).description
     transport = {"shadows": True, "interreflection": False, "samples": 4}
     assert description["transport"] == transport and "settings" not in description
@@ -134,8 +134,7 @@ CHOSEN = [(3, 2), (0, 0), (1, 0), (6, 4)]
 
 def judged(out: Path, chosen: list[tuple[int, int]] = CHOSEN, **more: Any) -> PlateFiles:
     apertures = [small().plate.aperture(*index) for index in chosen]
-    how = {"block": SQUARE, "judge": True, **more}
-    return write_plate(small(), SETTINGS, out, apertures, EVERYTHING, **how)
+    return drawn(out, apertures, **{"block": SQUARE, "judge": True, **more})
 
 
 @pytest.fixture(scope="module")
@@ -240,10 +239,10 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
     here, written = [scene.plate.aperture(0, 0)], []
     for judge in (False, True):
         out = tmp_path / f"{judge}.zarr"
-        write_plate(scene, SETTINGS, out, here, ALL, block=(1, 1), judge=judge)
+        drawn(out, here, scene=scene, content=ALL, block=(1, 1), judge=judge)
         written.append({path: data for path, data in tree(out).items() if "/c/" in path})
     with pytest.raises(InputError, match="other content"):
-        write_plate(scene, SETTINGS, tmp_path / "False.zarr", here, ALL, judge=True)
+        drawn(tmp_path / "False.zarr", here, scene=scene, content=ALL, judge=True)
     pixels, with_measures = written
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
@@ -309,7 +308,7 @@ def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
     spoil, message = SPOILED[kind]
     spoil(plate)
     readers: list[Callable[[], object]] = [
-        lambda: write_plate(small(), SETTINGS, plate, content=ALL),
+        lambda: drawn(plate, content=ALL),
         lambda: stored_plate(plate, small()),
         lambda: convert(plate, tmp_path / "out", write_as="hogels"),
     ]
@@ -326,7 +325,7 @@ def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
     (plate / "color/c/0/0/0/0/0").unlink()
     with pytest.raises(InputError, match=r"hogel 0,0 is damaged \(its file is gone\)"):
         convert(plate, tmp_path / "out", write_as="hogels")
-    assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
+    assert drawn(plate, content=ALL).drawn == 6
     assert convert(plate, tmp_path / "out", write_as="hogels").files == 35
 
 
@@ -379,7 +378,7 @@ def test_the_programs_of_the_page_run_one_after_the_other(
     spans = [((column, column), (30, 30)) for column in DRAWN_COLUMNS]
     content = PlateContent(channels=(Channel.COLOR, Channel.HEIGHT))
     chosen = blocks_of_apertures(scene.plate, spans)
-    write_plate(scene, SETTINGS, Path("row.zarr"), chosen, content, judge=True)
+    drawn(Path("row.zarr"), chosen, scene=scene, content=content, judge=True)
     names: dict[str, object] = {}
     for program in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
         exec(compile(program, "docs/plates.md", "exec"), names)

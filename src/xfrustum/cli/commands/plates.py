@@ -80,7 +80,12 @@ def plate(request: _Plate) -> None:
         )
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.plate import arrays_of, blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.plate import (
+        PlateOptions,
+        arrays_of,
+        blocks_of_apertures,
+        write_plate,
+    )
     from xfrustum.reports.plate.store import plate_size
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
@@ -100,25 +105,23 @@ def plate(request: _Plate) -> None:
     if placed is not None:
         # A layout that cannot store these channels fails before anything is drawn.
         placed.check(opened, content, judged=request.judge)
+    how = PlateOptions(
+        content=content,
+        block=request.block,
+        judge=request.judge,
+        check=request.check,
+        engine=request.engine or HERE,
+        progress=request.progress,
+    )
     group = request.out if placed is None else placed.group
     arrays = arrays_of(opened, content, None, judged=request.judge)
     size = plate_size(group, arrays, chosen, files=placed is not None)
     # The estimate is an upper bound: compressed hogels usually need less.
     if not request.ignore_disk_space:
         size.require_room()
+    # Printed only once drawing starts, after all refusals.
     files = write_plate(
-        opened,
-        request.settings,
-        group,
-        chosen,
-        content,
-        block=request.block,
-        judge=request.judge,
-        check=request.check,
-        engine=request.engine or HERE,
-        progress=request.progress,
-        # Printed only once drawing starts, after all refusals.
-        begun=lambda: options.note(size.words),
+        opened, request.settings, group, chosen, how, begun=lambda: options.note(size.words)
     )
     for line in files.notes:
         options.note(line)
