@@ -14,7 +14,6 @@ figure7        Figure 7 of the paper as a page
 inspection     Hogels in panes, and the values at wrong pixels
 notebook       Notebook display of results: pictures, and the base class
 parts          Hogels in blocks, and a folder of Parquet parts
-plan_text      Sentences of a plan
 planning       `xfrustum plan`: settings to draw with, and their errors
 plate/         Plates drawn into stores, by any number of processes
 scene_check/   Checks and effects of a scene, and scene files for a mesh

@@ -6,8 +6,9 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
@@ -22,6 +23,7 @@ from xfrustum.compare.eye.noticeable import (
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, plan_apertures
 from xfrustum.compare.planning.requirement import (
     CRACK,
+    SMALLEST_PER_REACH,
     STEREO,
     NearLimit,
     Quality,
@@ -31,13 +33,16 @@ from xfrustum.compare.planning.requirement import (
     view_zone,
     with_viewer,
 )
-from xfrustum.compare.planning.search import BufferLimit
+from xfrustum.compare.planning.search import (
+    ENOUGH_MARGIN,
+    MAX_CUTS,
+    SEPARATION_MARGIN,
+    BufferLimit,
+)
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, PlateScan, scout
 from xfrustum.reference import Reference
-from xfrustum.reports import plan_text
-from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.provenance import (
     plate_command,
@@ -46,10 +51,9 @@ from xfrustum.reports.common.provenance import (
     settings_words,
     versions,
 )
-from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.heat_map import MARK, choices, plate_cells, plate_map
+from xfrustum.reports.common.templates_environment import html_page, plain_text
+from xfrustum.reports.heat_map import choices, plate_cells, plate_map
 from xfrustum.reports.notebook import NotebookRepr
-from xfrustum.reports.plan_text import DEPTH, EYE, MEASURES, NOTHING, NOTICED, PIXELS
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
@@ -68,6 +72,19 @@ CONFIRMED_HOGELS = 20_000
 
 #: shares of the scanned hogels whose largest near is listed
 QUANTILES = (0.01, 0.1, 0.5, 0.9)
+
+#: Names of the judges that may bind near.
+PIXELS, EYE, DEPTH, NOTHING = "pixels", "eye", "depth buffer", "none"
+
+#: Visible effects of near.
+NOTICED = {STEREO: "change of depth", CRACK: "crack at the plate"}
+
+#: Errors of a hogel, by the names of their fields.
+MEASURES = {
+    "displacement_p99_px": "displacement (99 %)",
+    "surface_fraction": "wrong surfaces",
+    "depth_wrong": "surfaces wrong by depth",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -106,15 +123,15 @@ class PlanReport(NotebookRepr):
     def binds(self) -> str:
         """Name of the judge that keeps near from being larger, or that one pair of frusta fails."""
         made = self.plan
+        pixels = None if made.limits is None else made.limits.pixels
         # Cuts exist because one pair fails at any near: depth sets the lower limit, pixels the
         # upper.
         if made.settings is None or made.slabs:
-            return DEPTH if made.limits is not None and made.limits.pixels is not None else PIXELS
+            return PIXELS if pixels is None else DEPTH
         near = None if self.eye_limit is None else self.eye_limit.largest_near
-        if made.requirement.pixels_count:
-            pixels = made.limits.pixels if made.limits is not None else None
-            return EYE if near is not None and pixels is not None and near < pixels else PIXELS
-        return NOTHING if near is None else EYE
+        if not made.requirement.pixels_count:
+            return NOTHING if near is None else EYE
+        return EYE if near is not None and pixels is not None and near < pixels else PIXELS
 
     @property
     def near_range(self) -> tuple[float, float] | None:
@@ -124,6 +141,54 @@ class PlanReport(NotebookRepr):
         # Cuts were placed for one near: a smaller one needs other cuts.
         least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
         return min(least or self.plan.near, self.plan.near), self.plan.near
+
+    @cached_property
+    def _sentences(self) -> list[str]:
+        """Answer and reason."""
+        limits, mark = self.plan.limits, "\f"
+        hogels = np.zeros(0) if limits is None else limits.hogels[np.isfinite(limits.hogels)]
+        values = {
+            "report": self,
+            "amiss": self._amiss,
+            "usual": float(np.median(hogels)) if hogels.size else None,
+            "smallest": SMALLEST_PER_REACH * self.scene.frustum.longest_reach,
+            "noticed": NOTICED,
+            "max_wrong": MAX_WRONG,
+            "max_cuts": MAX_CUTS,
+            "enough_margin": ENOUGH_MARGIN,
+            "enough_separation": SEPARATION_MARGIN,
+            "paragraph": mark,
+        }
+        text = plain_text("plan-sentences.txt.j2", values)
+        return [" ".join(part.split()) for part in text.split(mark)]
+
+    @property
+    def sentence(self) -> str:
+        """Answer: settings, whether they hold, the binding limit, and a coarser choice."""
+        return self._sentences[0]
+
+    @property
+    def reason(self) -> str:
+        """Reason for the plan, or for the lack of one."""
+        return self._sentences[1]
+
+    def _amiss(self, quality: Quality, sheets_named: bool = False) -> list[str]:
+        """Return the errors that exceed their limits."""
+        moved = f"displaced by {quality.displacement_p99_px:.2g} px"
+        # Displacement is undefined in the plate: a figure would be wrong.
+        if math.isinf(quality.displacement_p99_px):
+            moved = "in the plate itself, where displacement is undefined"
+        ratios = self.plan.requirement.ratios(quality)
+        words = {
+            "displacement_p99_px": f"one pixel in a hundred {moved}",
+            "surface_fraction": f"{percent(quality.surface_fraction)} of all pixels with the "
+            "wrong surface",
+            "depth_wrong": f"{percent(quality.depth_wrong)} of all pixels wrong by depth",
+        }
+        parts = [words[name] for name, ratio in ratios.items() if ratio > 1]
+        if not sheets_named and quality.misordered > MAX_MISORDERED_FRACTION:
+            parts.append(f"{percent(quality.misordered)} of the sheets' pixels out of order")
+        return parts
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -171,8 +236,8 @@ class PlanReport(NotebookRepr):
                 "depth": made.depth,
                 "mapping": made.mapping,
                 "within": made.within,
-                "sentence": plan_text.sentence(self),
-                "reason": plan_text.reason(self),
+                "sentence": self.sentence,
+                "reason": self.reason,
                 "binds": self.binds,
                 "limits": {
                     "pixels": None if limits is None else limits.pixels,
@@ -230,16 +295,17 @@ class PlanReport(NotebookRepr):
 
     def table(self) -> str:
         """Return the plan as text that ends in the commands."""
-        lines = [filled(plan_text.sentence(self))]
+        lines = [filled(self.sentence)]
         if self.plan.settings is not None:
-            lines += ["", filled(plan_text.reason(self)), "", self._errors(), ""]
-            lines += [aligned([_head(self.scene.units), *(row.cells for row in allowed(self))]), ""]
+            head = "", f"near from, {self.scene.units}", f"up to, {self.scene.units}", ""
+            lines += ["", filled(self.reason), "", self._errors(), ""]
+            lines += [aligned([head, *allowed(self)]), ""]
         if self.view_zone is not None:
-            zone, unit = self.view_zone, MILLIMETERS.get(self.scene.units, 1.0)
-            some, every = zone.some_eyes_apart * unit, zone.all_eyes_apart * unit
+            unit = MILLIMETERS.get(self.scene.units, 1.0)
+            some, every = self.view_zone.some_eyes_apart, self.view_zone.all_eyes_apart
             lines.append(
-                f"view zone: eyes up to {digits(some)} mm apart see some hogels, up to "
-                f"{digits(every)} all"
+                f"view zone: eyes up to {digits(some * unit)} mm apart see some hogels, up to "
+                f"{digits(every * unit)} all"
             )
         if (known := self.plan.plate) is not None:
             counts = f"{known.hogels:,} hogels: {known.scouted} scanned, {known.measured} measured"
@@ -251,44 +317,35 @@ class PlanReport(NotebookRepr):
         known = self.plan.plate
         if known is None or known.worst is None or known.worst_by is None:
             return ""
-        worst, p99 = known.worst, known.worst.displacement_p99_px
+        p99, (column, row) = known.worst.displacement_p99_px, known.worst.aperture.index
         moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
-        column, row = worst.aperture.index
         return (
             f"; worst by {MEASURES[known.worst_by]}: {column},{row}, displaced {moved}, "
-            f"{percent(worst.surface_fraction)} wrong surface"
+            f"{percent(known.worst.surface_fraction)} wrong surface"
         )
 
     def _errors(self) -> str:
         """Return predicted and measured errors beside their limits."""
-        made, units = self.plan, self.scene.units
-        requirement, frustum = made.requirement, self.scene.frustum
-        separation = requirement.separation_in(frustum)
-        limits = (
-            ("displacement, 99 %, px", requirement.limit_px, "displacement_p99_px"),
-            (
-                "wrong surface",
-                MAX_WRONG if requirement.pixels_count else math.inf,
-                "surface_fraction",
-            ),
-            ("wrong by depth", requirement.max_wrong, "depth_wrong"),
-            (
-                f"sheets {separation:.3g} {units} apart misordered",
-                MAX_MISORDERED_FRACTION,
-                "misordered",
-            ),
-            (f"sheets are ordered from, {units}", separation, "separation"),
-        )
-        rows: list[tuple[str, ...]] = [
-            ("at the worst aperture", "at most", "predicted", "measured")
-        ]
-        for words, limit, name in limits:
-            both = (f"{getattr(quality, name):.3g}" for quality in (made.predicted, made.measured))
-            rows.append((words, "any" if math.isinf(limit) else f"{limit:.3g}", *both))
+        made, units, required = self.plan, self.scene.units, self.plan.requirement
+        apart = required.separation_in(self.scene.frustum)
+        wrong = MAX_WRONG if required.pixels_count else math.inf
+        limits = {
+            "displacement_p99_px": ("displacement, 99 %, px", required.limit_px),
+            "surface_fraction": ("wrong surface", wrong),
+            "depth_wrong": ("wrong by depth", required.max_wrong),
+            "misordered": (f"sheets {apart:.3g} {units} apart misordered", MAX_MISORDERED_FRACTION),
+            "separation": (f"sheets are ordered from, {units}", apart),
+        }
+        rows = [("at the worst aperture", "at most", "predicted", "measured")]
+        for name, (words, limit) in limits.items():
+            predicted, result = (
+                f"{getattr(quality, name):.3g}" for quality in (made.predicted, made.measured)
+            )
+            rows.append((words, "any" if math.isinf(limit) else f"{limit:.3g}", predicted, result))
         return f"{aligned(rows)}\nrounding by the model of {made.device_model}"
 
     def _said(self) -> str:
-        return plan_text.sentence(self)
+        return self.sentence
 
     def _facts(self) -> str:
         return "" if self.plan.settings is None else self._errors()
@@ -423,101 +480,38 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
     return [plate.aperture(*index) for index in list(chosen)[:count]]
 
 
-class Allowed(NamedTuple):
-    """Range of near that one judge allows, scene units; `low` is infinite where it allows none."""
+def allowed(report: PlanReport) -> list[tuple[str, str, str, str]]:
+    """Return the range of near that each judge allows: name, ends, and whether it binds.
 
-    name: str
-    low: float = 0.0
-    high: float = math.inf
-    binds: bool = False
-
-    @property
-    def cells(self) -> tuple[str, str, str, str]:
-        """Text of a row; an end that bounds nothing is left out."""
-        low = "none" if math.isinf(self.low) else digits(self.low) if self.low else ""
-        high = "" if math.isinf(self.high) else digits(self.high)
-        return self.name, low, high, "binds" if self.binds else ""
-
-
-def _head(units: str) -> tuple[str, str, str, str]:
-    return "", f"near from, {units}", f"up to, {units}", ""
-
-
-def allowed(report: PlanReport) -> list[Allowed]:
-    """Return the range of near that each judge allows, for tables and figures."""
-    limits, requirement, rows = report.plan.limits, report.plan.requirement, list[Allowed]()
+    An end that bounds nothing is left out.
+    """
+    limits, rows = report.plan.limits, list[tuple[str, str, str, str]]()
     if limits is None:
         return rows
     if limits.pixels is not None:
-        name = f"pixels, {requirement.tolerance_px:g} px at the worst hogel"
-        rows.append(Allowed(name, high=limits.pixels, binds=report.binds == PIXELS))
+        name = f"pixels, {report.plan.requirement.tolerance_px:g} px at the worst hogel"
+        rows.append((name, "", digits(limits.pixels), "binds" if report.binds == PIXELS else ""))
     for eye in limits.eyes:
-        high = math.inf if eye.largest_near is None else eye.largest_near
+        high = "" if eye.largest_near is None else digits(eye.largest_near)
         binds = report.binds == EYE and eye == report.eye_limit
-        rows.append(Allowed(f"eyes, {NOTICED[eye.name]}", high=high, binds=binds))
+        rows.append((f"eyes, {NOTICED[eye.name]}", "", high, "binds" if binds else ""))
     for buffer in limits.buffers:
-        low = math.inf if buffer.smallest_near is None else buffer.smallest_near
-        name = f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}"
-        rows.append(Allowed(name, 0.0 if buffer.any_near else low))
+        low = "none" if buffer.smallest_near is None else digits(buffer.smallest_near)
+        name = f"depth buffer, {buffer.depth.upper()} {buffer.mapping}"
+        rows.append((name, "" if buffer.any_near else low, "", ""))
     return rows
 
 
 def write_plan(report: PlanReport, out: Path) -> tuple[Path, ...]:
     """Write the page and plan.json, all or nothing."""
-    figures, limits = {"limits": limits_figure(report)}, report.plan.limits
+    figures, limits, plate = {}, report.plan.limits, report.scene.plate
     if report.scan is not None and limits is not None and np.isfinite(limits.hogels).any():
         tolerance_px = report.plan.requirement.tolerance_px
         title = f"largest near that keeps {tolerance_px:g} px, {report.scene.units}"
         places = [aperture.index for aperture in report.scan.apertures]
         # A cell shows the strictest of its hogels.
-        values, known = plate_cells(report.scene.plate.hogels, places, limits.hogels, np.fmin)
-        figure = plate_map(report.scene.plate, values, title, known=known, logarithmic=True)
-        figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
-        figures["map"] = figure
-    page = {
-        "found": report,
-        "sentence": plan_text.sentence(report),
-        "reason": plan_text.reason(report),
-        "figures": figures,
-        "rows": [row.cells for row in allowed(report)],
-        "versions": versions(),
-    }
+        values, known = plate_cells(plate.hogels, places, limits.hogels, np.fmin)
+        figures["map"] = plate_map(plate, values, title, known=known, logarithmic=True)
+        figures["map"]["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
+    page = {"made": report, "figures": figures, "rows": allowed(report), "versions": versions()}
     return write_files(out, {PAGE: html_page("plan.html.j2", page), DATA: report.summary()})
-
-
-def limits_figure(report: PlanReport) -> Figure:
-    """Draw the range of near that each judge allows as bars, and the near of the plan as a line."""
-    reach, near, rows = report.scene.frustum.longest_reach, report.plan.near, allowed(report)
-    ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
-    # A logarithmic axis has no zero: bars without a lower limit begin one and a half decades below.
-    low = min([*ends, near or reach]) / 30
-    bars = [
-        (row.name.replace(", ", ",<br>"), row.low or low, min(row.high, reach))
-        # A limit that allows no near has no bar.
-        for row in rows
-        if math.isfinite(row.low)
-    ]
-    bar = {
-        "type": "bar",
-        "orientation": "h",
-        "y": [name for name, *_ in bars],
-        "base": [start for _, start, _ in bars],
-        "x": [end - start for _, start, end in bars],
-        "customdata": [end for *_, end in bars],
-        "hovertemplate": "%{y}: %{base:.3g} to %{customdata:.3g}<extra></extra>",
-        "marker": {"color": look(1)[0]},
-    }
-    line = {"type": "line", "x0": near, "x1": near, "yref": "y domain", "y0": 0, "y1": 1}
-    layout = {
-        "height": 110 + 40 * len(bars),
-        "showlegend": False,
-        "xaxis": {
-            "title": f"near, {report.scene.units}",
-            **log_axis([low, reach]),
-            "dtick": max(1, round(math.log10(reach / low) / 5)),
-            "range": [math.log10(low), math.log10(reach)],
-        },
-        "yaxis": {"type": "category", "autorange": "reversed"},
-        "shapes": [] if near is None else [{**line, "line": {"color": MARK, "width": 2}}],
-    }
-    return styled([bar], layout)

@@ -15,7 +15,6 @@ from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
-from xfrustum.reports.plan_text import reason as reason_of
 from xfrustum.reports.planning import plan
 from xfrustum.reports.survey.survey import survey
 from xfrustum.scenes import InputError, Scene, open_scene
@@ -69,7 +68,7 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
     try:
         report = plan(scene, None, requirement)
         made = report.plan
-        reason = reason_of(report)
+        reason = report.reason
     except InputError as error:
         reason = str(error)
     if made is not None and made.settings is not None:
