@@ -16,8 +16,8 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 	tests/scenes/files/test_scene_file.py tests/reference/test_lines.py \
 	'tests/reference/test_reference.py::test_every_line_shows_what_brute_force_shows[asymmetric-resolution4-aperture4]' \
 	tests/raster/test_raster.py tests/compare/metrics/test_compare.py \
-	'tests/compare/diagnosis/test_faults.py::test_in_a_renderer_that_is_right_nothing_is_named' \
-	'tests/compare/diagnosis/test_faults.py::test_a_fault_of_sampling_of_the_cameras_or_of_composition_is_named_from_few_small_hogels[near]' \
+	'tests/compare/diagnosis/test_diagnosis.py::test_in_a_renderer_that_is_right_nothing_is_named' \
+	'tests/compare/diagnosis/test_diagnosis.py::test_defects_are_named_with_their_sizes_alone_and_in_pairs[near]' \
 	tests/cli/test_cli.py
 
 .PHONY: help report test test-quick test-all test-blender test-device fuzz kill setup lock docs clean

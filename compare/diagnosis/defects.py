@@ -28,17 +28,13 @@ from xfrustum.compare.renderer_model.drawn_model import (
     OneCamera,
     Recentering,
     RendererModel,
-    places,
     smallest_named,
 )
 from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
-EQUAL_ANGLES, WRAPPED, RESAMPLED = "equal-angles", "wrapped", "resampled"
-Z_NEGATED, AXES_EXCHANGED, OBJECT_MISSING = "z-negated", "axes-exchanged", "object-missing"
-STALE, EXCHANGED = "stale-hogel", "hogels-exchanged"
-TOGETHER = "together"  # several numbers none of which explains anything without the others
+EQUAL_ANGLES, Z_NEGATED, AXES_EXCHANGED = "equal-angles", "z-negated", "axes-exchanged"
 
 MISTAKEN_UNITS = tuple(
     factor for ratio in (10.0, 25.4, 2.54, 100.0, 1000.0) for factor in (ratio, 1 / ratio)
@@ -58,9 +54,8 @@ class Defect:
     alternatives: tuple[str, ...] = ()  #: names of defects that show the same images, or nearly so
     explains: float | None = None  #: share of the wrong pixels that the whole diagnosis explains
     stated: float | str | None = None  #: nominal value, where it belongs in the sentence
-    #: what else the sentence states: other values that show the same images, hogels, or lengths
-    details: tuple[Any, ...] = ()
-    parts: tuple["Defect", ...] = ()  #: defects that explain only together
+    #: other values that show the same images, or codes that the sentence states
+    details: tuple[str, ...] = ()
     refuted: bool = False  #: whether hogels fail after correction for it
 
 
@@ -157,58 +152,24 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
                 details=tuple(str(shear) for shear in shears if shear not in known),
             )
         )
-    if model.film != nominal.film:
-        defects += _of_film(model.film)
+    if model.film is not nominal.film:
+        value = "x and y" if model.film is Film.XY else str(model.film)
+        defects.append(Defect(fault=EQUAL_ANGLES, value=value))
     defects += _numbers(scene, nominal, fit)
-    compositions = [
-        [hypothesis.fault for hypothesis in hypotheses_in(other)] for other in fit.alternatives
-    ]
-    defects += [
-        Defect(
-            fault=hypothesis.fault,
-            value=hypothesis.value,
-            alternatives=_others(hypothesis.fault, compositions),
-        )
-        for hypothesis in hypotheses_in(model)
-    ]
+    compositions = [[defect.fault for defect in hypotheses_in(of)] for of in fit.alternatives]
+    for hypothesis in hypotheses_in(model):
+        others = _others(hypothesis.fault, compositions)
+        defect = Defect(fault=hypothesis.fault, value=hypothesis.value, alternatives=others)
+        defects.append(defect)
+    if model.axes != nominal.axes:
+        name = Z_NEGATED if model.axes == "x, y, -z" else AXES_EXCHANGED
+        defects.append(Defect(fault=name, value=model.axes))
     return tuple(defects)
 
 
 def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """Return the names of all alternatives that lack a name."""
     return tuple(dict.fromkeys(other for of in names if name not in of for other in of))
-
-
-def _of_film(film: Film) -> Iterator[Defect]:
-    """Yield the defects of a film on which pixels are not spaced evenly."""
-    if film.angles:
-        yield Defect(fault=EQUAL_ANGLES, value="x and y" if film.angles == "xy" else film.angles)
-    if film.unsheared or any(film.rolled):
-        x, y = film.rolled
-        sides = [f"{abs(x)} px to the {'right' if x > 0 else 'left'}"] if x else []
-        sides += [f"{abs(y)} px {'down' if y > 0 else 'up'}"] if y else []
-        value = "in place of the frustum's shear" if film.unsheared else f"by {' and '.join(sides)}"
-        yield Defect(fault=WRAPPED, value=value)
-    if film.size != 1:
-        how = "interpolated" if film.smooth else "nearest"
-        yield Defect(fault=RESAMPLED, value=film.size, unit="ratio", details=(how,))
-
-
-def with_joint_numbers(
-    defects: Sequence[Defect], groups: Sequence[str], model: RendererModel
-) -> tuple[Defect, ...]:
-    """Return defects with the numbers of some groups as one, for none explains anything alone."""
-    names = [one_camera_name(FAULT_NAMES[place], model) for place in places(*groups)]
-    joint = [defect for defect in defects if defect.fault in names]
-    if len(joint) < 2:
-        return tuple(defects)
-    together = Defect(
-        fault=TOGETHER,
-        value=", ".join(f"{defect.fault} {defect.value:.4g}" for defect in joint),
-        alternatives=tuple(dict.fromkeys(name for defect in joint for name in defect.alternatives)),
-        parts=tuple(joint),
-    )
-    return (*(defect for defect in defects if defect not in joint), together)
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
@@ -235,45 +196,43 @@ def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[s
 
 def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator[Defect]:
     """Yield the defects of numbers that are off, with their intervals."""
-    values, stated, least, most = fit.model.parameters, nominal.parameters, fit.low, fit.high
+    values, stated, screen = fit.model.parameters, nominal.parameters, scene.frustum.screen
     off = np.abs(values - stated) > smallest_named(scene)
-    odd = np.flatnonzero(off & ~((least <= stated) & (stated <= most))).tolist()
+    odd = np.flatnonzero(off & ~((fit.low <= stated) & (stated <= fit.high)))
     named = [one_camera_name(FAULT_NAMES[place], fit.model) for place in odd]
     alternatives = [_names(scene, nominal, model) for model in fit.alternatives]
-    for place, own in zip(odd, named, strict=True):
-        name, numbers = FAULT_NAMES[place], np.array([values, stated, least, most])[:, place]
+    units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
+    for place, own in zip(odd.tolist(), named, strict=True):
+        name, unit = FAULT_NAMES[place], units.get(KINDS[place], scene.units)
+        numbers = np.array([entry[place] for entry in (values, stated, fit.low, fit.high)])
         # Places of screens are stated in scene units, other numbers unchanged.
-        screen = scene.frustum.screen
         if screen is not None and name == "screen-height":
-            numbers = screen.height * numbers
+            numbers, unit = screen.height * numbers, scene.units
         elif screen is not None and name.startswith("screen-center"):
             numbers = screen.center["xy".index(name[-1])] + numbers
         value, should, *ends = numbers.tolist()
-        low, high = min(ends), max(ends)
-        others: dict[str, None] = {}
-        for names in alternatives:
-            if own not in names:
-                # If a candidate has several, a ratio replaces a ratio, and a length one along the
-                # same axis.
-                rest = [other for other in names if other not in named]
-                rest = [other for other in rest if _is_ratio(other) == _is_ratio(own)] or rest
-                along = [
-                    other
-                    for other in rest
-                    if axis_of(other) in ("", axis_of(own)) or not axis_of(own)
-                ]
-                others |= dict.fromkeys(along or rest)
-        units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
-        screened = name.startswith("screen-")
+        others = [
+            other
+            for names in alternatives
+            if own not in names
+            for other in _instead(own, [other for other in names if other not in named])
+        ]
         yield Defect(
             fault=own,
             value=value,
-            low=low if math.isfinite(low) else None,
-            high=high if math.isfinite(high) else None,
-            unit=scene.units if screened else units.get(KINDS[place], scene.units),
-            alternatives=tuple(others),
+            low=min(ends) if math.isfinite(min(ends)) else None,
+            high=max(ends) if math.isfinite(max(ends)) else None,
+            unit=unit,
+            alternatives=tuple(dict.fromkeys(others)),
             stated=should,
         )
+
+
+def _instead(own: str, names: Sequence[str]) -> Sequence[str]:
+    """Return the names that replace a number: a ratio a ratio, a length one of the same axis."""
+    alike = [name for name in names if _is_ratio(name) == _is_ratio(own)] or names
+    axis = axis_of(own)
+    return [name for name in alike if not axis or axis_of(name) in ("", axis)] or alike
 
 
 def _is_ratio(name: str) -> bool:

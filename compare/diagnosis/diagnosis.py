@@ -7,13 +7,13 @@ test set is no diagnosis; `with_correction_tested` demands the same of all judge
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import chain
 
 import numpy as np
 
+from xfrustum.compare.diagnosis.claims import PixelClaims, claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import (
     MISTAKEN_UNITS,
     SHADINGS,
@@ -21,52 +21,24 @@ from xfrustum.compare.diagnosis.defects import (
     Defect,
     defects_of,
     hypotheses_in,
-    with_joint_numbers,
 )
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
-from xfrustum.compare.diagnosis.enumeration import (
-    Candidate,
-    compositions,
-    films,
-    with_axes,
-    with_other_hogels,
-    without_objects,
-)
-from xfrustum.compare.diagnosis.geometry_fit import (
-    GeometryFit,
-    PixelClaims,
-    claims_of,
-    fit_geometry,
-    outside_px,
-)
+from xfrustum.compare.diagnosis.enumeration import compositions, equivalents, with_axes
+from xfrustum.compare.diagnosis.geometry_fit import LENSES, GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register, with_near
-from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet, shows
+from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
-from xfrustum.compare.renderer_model.drawn_model import (
-    OTHER_FIELDS,
-    Film,
-    Recentering,
-    RendererModel,
-    screen_lengths,
-)
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.compare.renderer_model.drawn_model import Recentering, RendererModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 # Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted
 # and the two symmetries.
 MIN_FITTED_CLAIMS = 100
 
-# Shares of the scene's vertices below the heights at which twins of pictures are tried.
-TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
-
-# Largest relative difference between the pitches of columns and rows at which they count as equal:
-# each may be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
-MAX_PITCH_DIFFERENCE = 1e-3
-
-# Largest number of camera defects beside which other axes are not tried: pictures and hogels in
-# another order, which two mistakes of a renderer make as well.
+# Largest number of camera defects that explain all: beside more, other axes are tried, because
+# pictures and hogels in another order make two mistakes as well.
 MAX_CAMERA_DEFECTS = 2
 
 # Factors of the shear of views that are tried, and relative changes of the best one that are tried
@@ -114,9 +86,8 @@ class Diagnosis:
 
     model: RendererModel  #: candidate that explains the images, else the nominal model
     faults: tuple[Defect, ...] = ()  #: differences from the nominal model
-    does_not_explain: tuple[
-        Defect, ...
-    ] = ()  #: defects of the best candidate that explains too little
+    #: defects of the best candidate that explains too little
+    does_not_explain: tuple[Defect, ...] = ()
     evidence: Evidence = Evidence()
     refutation: Refutation | None = None  #: why the defects are no diagnosis, of all judged hogels
 
@@ -162,8 +133,7 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
         if not encoding.faults:
             return Findings(encoding=encoding, diagnosis=stated, judging=judging)
     # Step 2: the other reading with the diagnosis of the images in it. Where numbers were stated
-    # and
-    # colors are stored, shading was not stated: only geometry counts.
+    # and colors are stored, shading was not stated: only geometry counts.
     if encoding.as_colors:
         judging = replace(judging, compared=Compared.GEOMETRY)
     if encoding.reading is not None:
@@ -172,9 +142,7 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
     diagnosis = diagnosis_of(decoded)
     wrong, left = test.wrong(nominal), decoded.wrong(diagnosis.model, explained=True)
     share = max(0.0, 1.0 - left / wrong) if wrong else 0.0
-    faults = tuple(
-        replace(defect, explains=share) for defect in (*encoding.faults, *diagnosis.faults)
-    )
+    faults = _explaining((*encoding.faults, *diagnosis.faults), share)
     if share >= MIN_EXPLAINED_FRACTION:
         diagnosis = replace(diagnosis, faults=faults)
         return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)
@@ -187,13 +155,11 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
 def diagnosis_of(test: TestSet) -> Diagnosis:
     """Find the model of a renderer whose pixels are read as stated."""
     nominal = test.nominal
-    if not test.images or any(test.of([image]).wrong(nominal) for image in test.images):
-        diagnosis = _of_wrong(test)
-    else:
+    if test.images and not any(test.of([image]).wrong(nominal) for image in test.images):
         # Nothing needs an explanation: a candidate that fits a little better fits noise.
         evidence = Evidence(basis=Basis.RIGHT, hogels=len(test.tested))
-        diagnosis = Diagnosis(model=nominal, evidence=evidence)
-    return _with_shading(test, _with_film(test, diagnosis))
+        return _with_shading(test, Diagnosis(model=nominal, evidence=evidence))
+    return _with_shading(test, _with_lens(test, _of_wrong(test)))
 
 
 def declared(
@@ -233,26 +199,17 @@ def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Dia
     )
 
 
+def _explaining(defects: Iterable[Defect], share: float | None) -> tuple[Defect, ...]:
+    return tuple(replace(defect, explains=share) for defect in defects)
+
+
 def _of_wrong(test: TestSet) -> Diagnosis:
     """Find the model of a renderer some of whose images are wrong."""
     # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
-    nominal = test.nominal
-    fit = GeometryFit(model=nominal, low=nominal.parameters, high=nominal.parameters)
-    claims, claiming = _claims(test)
-    pictures = [
-        image for image in test.images if image.color is not None or (image.object != NOTHING).any()
-    ]
-    evidence = Evidence()
-    if claims is not None:
-        fit = fit_geometry(claims, nominal)
-        counts = {"hogels": claiming, "claims": len(claims), "spoiled": len(fit.spoiled)}
-        evidence = Evidence(basis=Basis.CLAIMS, holds=fit.holds, **counts)
-    elif pictures:
-        fit = register(test.reference, pictures, nominal)
-        basis = Basis.OBJECTS if fit.by_objects else Basis.COLORS
-        evidence = Evidence(basis=basis, hogels=len(pictures))
+    nominal, whole = test.nominal, test
+    fit, evidence = _fitted(test)
     kept = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
-    whole, test = test, test.of(kept)
+    test = test.of(kept)
     # Step 2: the candidate that explains most, and the test whether it explains enough and spoils
     # nothing.
     best = _best(test, fit)
@@ -266,81 +223,72 @@ def _of_wrong(test: TestSet) -> Diagnosis:
     elif share is not None and test.pays(best.model):
         diagnosis = replace(diagnosis, model=best.model, faults=faults)
     # else the wrong pixels have causes that are no defect, and need no other model
-    # Step 3: scene and single hogels, where something is left to explain, or where other axes alone
-    # may make the pictures that several mistakes of cameras make together.
-    left = whole.leaves_outliers(diagnosis.model)
-    if not left and len(diagnosis.faults) <= MAX_CAMERA_DEFECTS:
-        return diagnosis
-    plain, values = fit.model.with_parameters(nominal.parameters), nominal.parameters
-    bare = [
-        replace(fit, model=model, low=values, high=values, alternatives=())
-        for model in (plain, nominal)
+    # Step 3: other axes, where something is left to explain, or where they alone may make the
+    # pictures that several mistakes of cameras make together.
+    if len(diagnosis.faults) > MAX_CAMERA_DEFECTS or _leaves_outliers(whole, diagnosis.model):
+        start = best if diagnosis.faults else GeometryFit.exact(nominal)
+        return _with_axes(whole, start, diagnosis)
+    return diagnosis
+
+
+def _leaves_outliers(test: TestSet, model: RendererModel) -> bool:
+    """Return whether a candidate leaves any hogel with many wrong pixels without a cause."""
+    return any(test.of([image]).outlying(model) for image in test.images)
+
+
+def _fitted(test: TestSet) -> tuple[GeometryFit, Evidence]:
+    """Return the fit to the claims of images, else to their pictures, and the evidence."""
+    claims, claiming = _claims(test)
+    if claims is not None:
+        fit = fit_geometry(claims, test.nominal)
+        spoiled, basis = len(fit.spoiled), Basis.CLAIMS
+        return fit, Evidence(
+            basis=basis, hogels=claiming, claims=len(claims), spoiled=spoiled, holds=fit.holds
+        )
+    pictures = [
+        image for image in test.images if image.color is not None or (image.object != NOTHING).any()
     ]
-    fits = [best] if diagnosis.faults else [best, fit, *bare]
-    distinct = list({fit.model: fit for fit in reversed(fits)}.values())[::-1]
-    if not left:
-        return _with_other_defects(whole, with_axes(whole, distinct[-1]), diagnosis)
-    candidates = chain(
-        with_other_hogels(whole, claims, distinct),
-        # One mistake that turns everything comes before objects that are left out.
-        with_axes(whole, distinct[-1]),
-        without_objects(whole, distinct),
-    )
-    return _with_other_defects(whole, candidates, diagnosis)
+    if not pictures:
+        return GeometryFit.exact(test.nominal), Evidence()
+    colored = any(image.color is not None for image in pictures)
+    basis = Basis.COLORS if colored else Basis.OBJECTS
+    fit = register(test.reference, pictures, test.nominal)
+    return fit, Evidence(basis=basis, hogels=len(pictures))
 
 
-def _with_other_defects(
-    test: TestSet, candidates: Iterator[Candidate], diagnosis: Diagnosis
-) -> Diagnosis:
-    """Return a diagnosis with scene or hogel defects that explain more, or need fewer."""
-    for fit, more in candidates:
-        named = {index for index, _ in fit.model.shows}
-        odd = [image for image in test.images if image.camera.aperture.index in named]
-        # Hogels that are named by themselves must be explained by themselves too.
-        of_named, model = test.of(odd) if odd else test, test.reduced(fit.model)
-        model = replace(model, **{name: getattr(fit.model, name) for name in OTHER_FIELDS})
-        if not (test.explains(model) and of_named.explains(model)):
+def _with_axes(test: TestSet, start: GeometryFit, diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with other axes that explain more, or need fewer defects."""
+    for fit in with_axes(test, start):
+        model = replace(test.reduced(fit.model), axes=fit.model.axes)
+        if not (test.explains(model) and test.spares(model)):
             continue
-        known, share = replace(fit, model=model, alternatives=()), of_named.share(model)
-        if not known.holds:
-            # Intervals of a fit that something misled are too wide, and would leave out numbers
-            # that pay.
-            known = known.unbounded(test.nominal)
-        faults = (*_named(test, known), *(replace(defect, explains=share) for defect in more))
-        better = of_named.pays(model, diagnosis.model)
-        simpler = len(faults) < len(diagnosis.faults) and not of_named.pays(diagnosis.model, model)
-        if test.spares(model) and (better or simpler):
+        # Intervals of a fit that something misled are too wide, and would leave out numbers that
+        # pay.
+        known = fit if fit.holds else fit.unbounded(test.nominal)
+        faults = _named(test, replace(known, model=model, alternatives=()))
+        fewer = len(faults) < len(diagnosis.faults) and not test.pays(diagnosis.model, model)
+        if fewer or test.pays(model, diagnosis.model):
             diagnosis = replace(diagnosis, model=model, faults=faults, does_not_explain=())
-            # Several missing objects may be one mistake of the cameras, which is tried later.
-            if len(more) <= 1 and not test.leaves_outliers(diagnosis.model):
+            if not _leaves_outliers(test, model):
                 break
     return diagnosis
 
 
-def _with_film(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis that names the film, where that explains what nothing else does.
+def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with equal angles, where these explain pictures that nothing else does.
 
-    Pictures that are moved by whole pixels may be rolled, which their borders show.
+    The fit of geometry has tried them on images that name triangles.
     """
-    nominal, shift = test.nominal, np.rint(diagnosis.model.shift).astype(int)
-    if diagnosis.faults:
-        more = any(
-            getattr(diagnosis.model, name) != getattr(nominal, name) for name in OTHER_FIELDS
-        )
-        rolled = Film(rolled=(int(-shift[0]), int(-shift[1])))
-        model = replace(diagnosis.model, shift=nominal.shift, film=rolled)
-        if not shift.any() or more or not test.pays(model, diagnosis.model):
-            return diagnosis
-    elif not test.images or not test.wrong(nominal):
+    nominal, named = test.nominal, any((i.triangle != NOTHING).any() for i in test.images)
+    if diagnosis.faults or named or not test.images or not test.wrong(nominal):
         return diagnosis
-    else:
-        # A few hogels choose the film, which all of them test.
-        few = test.few()
-        model = min((replace(nominal, film=film) for film in films(few)), key=few.wrong)
+    # A few hogels choose the lens, which all of them test.
+    few = test.few()
+    model = min((replace(nominal, film=film) for film in LENSES), key=few.wrong)
     if not (test.explains(model) and test.spares(model) and test.pays(model)):
         return diagnosis
-    fit = GeometryFit(model=model, low=model.parameters, high=model.parameters)
-    return Diagnosis(model=model, faults=_named(test, fit), evidence=diagnosis.evidence)
+    faults = _named(test, GeometryFit.exact(model))
+    return replace(diagnosis, model=model, faults=faults, does_not_explain=())
 
 
 def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
@@ -380,20 +328,17 @@ def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
 def _named(test: TestSet, fit: GeometryFit) -> tuple[Defect, ...]:
     """Return the defects of a candidate, with the share of wrong pixels that they explain."""
     defects = defects_of(test.reference.scene, test.nominal, fit)
-    share = test.share(fit.model) if defects else None
-    if len(defects) > 1:
-        defects = with_joint_numbers(defects, test.joint_groups(fit.model), fit.model)
-    return tuple(replace(defect, explains=share) for defect in defects)
+    return _explaining(defects, test.share(fit.model) if defects else None)
 
 
 def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
     """Return the candidate that explains most wrong pixels, without needless defects."""
     # Step 1: the fitted candidate, with the halves put together as the images have them.
     nominal, recentered = test.nominal, test.reference.scene.frustum.recentered
-    model, *others = _composed(test, fit.model)
+    model, *others = compositions(test, fit.model)
     if model.one_camera is not None and model.orientation != nominal.orientation:
         # To turn the picture and one half of it back is to turn the other half alone.
-        turned, *rest = _composed(test, replace(fit.model, orientation=nominal.orientation))
+        turned, *rest = compositions(test, replace(fit.model, orientation=nominal.orientation))
         if test.explains(turned):
             model, others = turned, rest
     shears = [shear for shear in Recentering if recentered and shear != nominal.recentering]
@@ -402,7 +347,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         sheared = (replace(fit.model, recentering=shear) for shear in shears)
         model = next(filter(test.explains, sheared), model)
     if test.explains(model):
-        also = (*fit.alternatives, *others, *_alike(test, model, by_depth=fit.by_color))
+        also = (*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color))
         return replace(fit, model=model, alternatives=also)
     # Step 2: its alternatives. Claims hold equally under them, but the reach may cut them
     # differently.
@@ -411,7 +356,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
     if best is None:
         # Step 3: nominal numbers and gross mistakes, because other defects may have misled the fit.
         best = test.reduced(min(_unfitted(test, fit, model, shears), key=test.wrong))
-        others = list(_alike(test, best))
+        others = equivalents(test, best)
     # Bounds are known of numbers that were fitted with the same shear and cameras, and of nominal
     # ones.
     same = (best.recentering, best.one_camera) == (fit.model.recentering, fit.model.one_camera)
@@ -428,7 +373,7 @@ def _unfitted(
     nominal, tried = test.nominal, [model]
     plain = fit.model.with_parameters(nominal.parameters)
     if plain != fit.model:
-        plain = _composed(test, plain)[0]
+        plain = compositions(test, plain)[0]
         tried.append(plain)
     if test.explains(plain):
         return tried
@@ -437,128 +382,17 @@ def _unfitted(
         halves = {name: getattr(nominal, name) for name in ("front", "overlaid", "culled")}
         for way in (nominal, replace(plain, **halves)):
             for size in (replace(way, scene_scale=factor) for factor in MISTAKEN_UNITS):
-                tried += [size, *_alike(test, size)]
+                tried += [size, *equivalents(test, size)]
     if fit.by_color:
         # Registration makes pictures larger, as a near offset does at one depth only.
-        tried.append(_composed(test, with_near(test, model))[0])
+        tried.append(compositions(test, with_near(test, model))[0])
         if nominal not in (model, plain):
             # Where one half alone is mirrored, registration may have turned the picture to suit it.
-            tried.append(_composed(test, nominal)[0])
+            tried.append(compositions(test, nominal)[0])
         # Registration moves pictures and makes them larger; it shears none unlike another.
-        tried += [
-            replace(way, recentering=shear)
-            for way in dict.fromkeys((plain, nominal))
-            for shear in sorted(shears)
-        ]
+        ways = dict.fromkeys((plain, nominal))
+        tried += [replace(way, recentering=shear) for way in ways for shear in sorted(shears)]
     return tried
-
-
-def _composed(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return a candidate with the composition that images have, and its equals by the images."""
-    speaking = [image for image in test.images if shows(image)]
-    models = list(compositions(test.reference, model, speaking)) if speaking else [model]
-    best = test.reduced(models[0]) if models[0] != test.nominal else models[0]
-    if best != models[0]:
-        return [best]
-    return [best, *filter(test.explains, models[1:])]
-
-
-def _alike(
-    test: TestSet, model: RendererModel, *, by_depth: bool = False
-) -> tuple[RendererModel, ...]:
-    """Return candidates with other defects that show the same images, or nearly so (`by_depth`)."""
-    same = (
-        _moved_alike(test, model)
-        if test.reference.scene.frustum.screen is None
-        else _sheared_alike(test, model)
-    )
-    tried = _alike_at_depths(test, model) if by_depth else []
-    return (*same, *_sheared_instead(test, model), *filter(test.explains, tried))
-
-
-def _moved_alike(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return the twins of moved or scaled scenes of centered frusta.
-
-    An image depends on (P - a) / s alone. Moving the apertures to one side equals moving the scene
-    to the other side, and enlarging the scene equals shrinking the plate by the same factor, except
-    for surfaces beyond the reach.
-    """
-    nominal, same = test.nominal, []
-    (x, y, z), factor, pitch = model.scene_offset, model.scene_scale, model.pitch[0]
-    if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
-        same.append(replace(model, aperture_offset=(-x, -y), scene_offset=(0.0, 0.0, z)))
-    if factor != nominal.scene_scale and model.pitch == nominal.pitch:
-        same.append(replace(model, scene_scale=1.0, pitch=(pitch / factor, pitch / factor)))
-    elif pitch != nominal.pitch[0] and abs(pitch / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
-        same.append(replace(model, scene_scale=factor / pitch, pitch=nominal.pitch))
-    return same
-
-
-def _sheared_alike(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return the twins of a wrong shear.
-
-    Where everything visible lies on one side of the plate, images do not show the other camera; in
-    one aperture alone, a missing or reversed shear equals a screen at another place.
-    """
-    nominal, scene, tried = test.nominal, test.reference.scene, []
-    if model.recentering is nominal.recentering:
-        return []
-    if model.recentering is not Recentering.NONE:
-        kept = (nominal.recentering, model.recentering, Recentering.NONE)
-        tried += [replace(model, recentering=shear) for shear in Recentering if shear not in kept]
-    apertures = {model.placed(model.answers(scene, image.camera.aperture)) for image in test.images}
-    factor, screen = model.recentering.factor(1), scene.frustum.screen
-    if len(apertures) == 1 and factor == model.recentering.factor(-1) and screen is not None:
-        (there,) = apertures
-        x, y = (
-            (factor - 1) * (middle - place)
-            for middle, place in zip(screen.center, (there.x, there.y), strict=True)
-        )
-        tried.append(replace(model, recentering=nominal.recentering, screen_center=(x, y)))
-    most = test.wrong(model, explained=True)
-    return [other for other in tried if test.wrong(other, explained=True) <= most]
-
-
-def _alike_at_depths(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return candidates that look like another field of view or shift at some depths of the scene.
-
-    At one depth, a near offset n looks like a field of view 1 + n / |z| times as large, and a moved
-    scene or plate like a shift of the sampling points.
-    """
-    nominal, scene, tried = test.nominal, test.reference.scene, []
-    plain = model.with_parameters(nominal.parameters)
-    if plain == model:
-        return []
-    _, half = film_window(scene.frustum, scene.plate.middle)
-    shift, factor = np.asarray(model.shift), float(np.mean(model.fov))
-    if scene.frustum.screen is not None:
-        shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
-    tilt = 2 * shift / scene.frustum.resolution * half * (1, -1)
-    for z in np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS):
-        if factor != 1.0:
-            near = float(np.clip((factor - 1) * abs(z), 0.0, 0.5 * scene.frustum.longest_reach))
-            tried.append(replace(model, fov=nominal.fov, near=near))
-        if tilt.any():
-            x, y = (tilt * z).tolist()
-            tried.append(replace(plain, fov=model.fov, scene_offset=(x, y, 0.0)))
-            tried.append(replace(plain, fov=model.fov, aperture_offset=(-x, -y)))
-    return tried
-
-
-def _sheared_instead(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return wrong shears that show images of one aperture as a moved screen does."""
-    nominal, scene = test.nominal, test.reference.scene
-    apertures = {model.answers(scene, image.camera.aperture) for image in test.images}
-    if model.screen_center == nominal.screen_center or len(apertures) != 1:
-        return []
-    plain, most = (
-        replace(model, screen_center=nominal.screen_center),
-        test.wrong(model, explained=True),
-    )
-    tried = (
-        replace(plain, recentering=shear) for shear in (Recentering.NONE, Recentering.BOTH_REVERSED)
-    )
-    return [other for other in tried if test.wrong(other, explained=True) <= most]
 
 
 def _with_view_shear(test: TestSet) -> Diagnosis | None:

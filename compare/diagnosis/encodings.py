@@ -11,12 +11,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
+from xfrustum.compare.diagnosis.claims import PixelClaims, claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import Defect
-from xfrustum.compare.diagnosis.geometry_fit import PixelClaims, claims_of, fit_geometry, outside_px
+from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
+from xfrustum.compare.diagnosis.testset import spread
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (
@@ -32,6 +35,7 @@ from xfrustum.scenes.files.foreign_images import (
     Encoding,
     Reading,
     Transfer,
+    bytes_of,
     is_picture,
     radiance,
     read_again,
@@ -39,19 +43,13 @@ from xfrustum.scenes.files.foreign_images import (
     stored_rgb,
 )
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.plate.plate import Aperture
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
 # Colors are stored through another curve than was stated; the last name stands for other curves.
 SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
-WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = (
-    "wrong-encoding",
-    "8-bit-overflow",
-    "resampled",
-    "lossy",
-)
-RESTARTING = "numbers-restarting"
+WRONG_ENCODING, RESTARTING = "wrong-encoding", "numbers-restarting"
+OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
 TRANSFER_FAULTS = (SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER)
 ENCODING_FAULTS = (
     *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
@@ -132,51 +130,39 @@ class IdRepair:
     """Repair of damaged numbers by the truth, and the share of pixels that it explains.
 
     Restored numbers serve the figures after correction only; no image passes because of them.
-    `bits` are the low bits of each number that `OVERFLOW` has kept, `first` the first number of
-    each object, from which `RESTARTING` counts.
     """
 
-    kind: str
+    kind: str  #: `OVERFLOW`, `RESTARTING`, `RESAMPLED`, `LOSSY` or `FIRST_NUMBER`
     reading: Reading
-    bits: int = 24
-    first: tuple[int, ...] = ()
+    bits: int = 24  #: low bits of each number that `OVERFLOW` has kept
+    first: tuple[int, ...] = ()  #: first number of each object, from which `RESTARTING` counts
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    nominal: RendererModel = TRUE  # the renderer by its author's statements
+    nominal: RendererModel = TRUE  #: the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever damage explains the stored one."""
-        plate, name = reference.scene.plate, _name(self.reading)
-        aperture = plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels))
-        truth = _stated(reference, self.nominal, aperture)
-        pair, as_read = (
-            _TruthPair.from_images(truth, image, self.orientation),
-            read_again(image, self.reading),
-        )
+        plate, as_read = reference.scene.plate, read_again(image, self.reading)
+        index = self.order.index(image.camera.aperture.index, plate.hogels)
+        truth = _stated(reference, self.nominal, index)
+        pair = _TruthPair.from_images(truth, image, self.orientation)
+        name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
         # The pixel's own number is tried last, and wins.
-        meant = getattr(pair, name)
-        for mask, number in reversed(list(zip(pair.explained(self), meant, strict=False))):
+        meant = list(zip(pair.explained(self), pair.numbers(self.reading), strict=False))
+        for mask, number in reversed(meant):
             numbers[mask] = number[mask]
-        restored = self.orientation.applied(numbers)
-        return (
-            replace(as_read, object=restored)
-            if name == "object"
-            else replace(as_read, triangle=restored)
-        )
+        restored: dict[str, Any] = {name: self.orientation.applied(numbers)}
+        return replace(as_read, **restored)
 
 
-def _stated(reference: Reference, nominal: RendererModel, aperture: Aperture) -> HogelImage:
+def _stated(reference: Reference, nominal: RendererModel, index: tuple[int, int]) -> HogelImage:
     """Return the image by the author's statements: the truth, or with a near offset."""
+    aperture = reference.scene.plate.aperture(*index)
     if nominal == TRUE:
         return reference.trace(aperture)
     return reference_colors(reference, nominal, trace_drawn(reference, nominal, aperture))
-
-
-def _name(reading: Reading) -> str:
-    """Return the name of the numbers that pixels hold by a reading."""
-    return "object" if reading.encoding is Encoding.OBJECT_ID else "triangle"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,24 +182,32 @@ class _TruthPair:
         height, width = truth.triangle.shape
         step = max(1, min(height, width) // lines) if lines else 1
         places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
-        triangle, objects = (
-            np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
-            for padded in (
-                np.pad(entry, 1, mode="edge") for entry in (truth.triangle, truth.object)
+
+        def with_neighbors(numbers: Numbers) -> Numbers:
+            padded = np.pad(numbers, 1, mode="edge")
+            return np.stack(
+                [padded[r : r + height : step, c : c + width : step] for r, c in places]
             )
+
+        return cls(
+            rgb=orientation.upright(stored_rgb(image))[::step, ::step],
+            triangle=with_neighbors(truth.triangle),
+            object=with_neighbors(truth.object),
+            gray=as_gray(as_stored(truth, image))[::step, ::step],
         )
-        rgb = orientation.upright(stored_rgb(image))[::step, ::step]
-        gray = as_gray(as_stored(truth, image))[::step, ::step]
-        return cls(rgb=rgb, triangle=triangle, object=objects, gray=gray)
 
     @property
     def lit(self) -> Mask:
         """Pixels that store anything but 0."""
         return np.asarray((self.rgb != 0).any(axis=-1))
 
+    def numbers(self, reading: Reading) -> Numbers:
+        """Return the truth's numbers (9, h, w) that a reading counts."""
+        return self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
+
     def stored(self, reading: Reading) -> Numbers:
         """Return the integers that the truth would have stored, (9, h, w)."""
-        return reading.stored(getattr(self, _name(reading)))
+        return reading.stored(self.numbers(reading))
 
     def same(self, reading: Reading) -> Mask:
         """Mark pixels that store the truth's number of the pixel or a neighbor, (9, h, w)."""
@@ -224,10 +218,10 @@ class _TruthPair:
 
         Where numbers are mixed, n is 1: bytes lie in the range of those around them.
         """
-        reading, stored = damage.reading, self.stored(damage.reading)
-        packed = reading.packed(self.rgb)
+        reading = damage.reading
+        stored, packed = self.stored(reading), reading.packed(self.rgb)
         if damage.kind == FIRST_NUMBER:
-            first = getattr(self, _name(reading))[:1] == 0
+            first = self.numbers(reading)[:1] == 0
             return np.asarray((packed == reading.background) & first)
         if damage.kind == RESTARTING:
             # The last of these stands for no object.
@@ -238,21 +232,19 @@ class _TruthPair:
             low = stored & (2**damage.bits - 1)
             return np.asarray((packed == low) | ((damage.bits == 8) & (packed == low * 0x010101)))
         margin = MAX_LOSSY_STEPS if damage.kind == LOSSY else 0
-        matching = np.ones((1, *stored.shape[1:]), dtype=np.bool_)
-        for channel, shift in zip(reading.channels, (16, 8, 0), strict=True):
-            parts, byte = stored >> shift & 255, self.rgb[..., channel].astype(np.int32)
-            matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
-        return matching
+        parts = bytes_of(stored).astype(np.int32)[..., np.argsort(reading.channels)]
+        low, high = parts.min(axis=0) - margin, parts.max(axis=0) + margin
+        return np.asarray(((self.rgb >= low) & (self.rgb <= high)).all(axis=-1)[None])
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
     """The way to read a renderer's images; without a reading the stated one holds."""
 
-    faults: tuple[Defect, ...] = ()  # its differences from the stated one
+    faults: tuple[Defect, ...] = ()  #: its differences from the stated one
     reading: Reading | None = None
-    # Puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after
-    # correction.
+    #: puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after
+    #: correction
     restoring: IdRepair | None = None
 
     @property
@@ -263,9 +255,8 @@ class FoundEncoding:
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image read in this way, with lost numbers restored."""
-        return (
-            self.plainly(image) if self.restoring is None else self.restoring.read(reference, image)
-        )
+        restoring = self.restoring
+        return self.plainly(image) if restoring is None else restoring.read(reference, image)
 
     def plainly(self, image: HogelImage) -> HogelImage:
         """Return an image read in this way, without restoring lost numbers."""
@@ -291,11 +282,11 @@ def find_encoding(
     filled = [image for image in images if (stored_integers(image, stated) != 0).any()]
     if not filled:
         return FoundEncoding()
-    search = _Search(reference, filled, nominal, stated)
-    result = search.reading()
-    if result is not None and result.reading is not None and result.reading.first_is_lost:
+    search = _Search(reference=reference, images=filled, nominal=nominal, stated=stated)
+    result = search.reading() or FoundEncoding()
+    if result.reading is not None and result.reading.first_is_lost:
         return replace(result, restoring=search.agreement(result.reading, FIRST_NUMBER))
-    return result or FoundEncoding()
+    return result
 
 
 def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEncoding:
@@ -306,22 +297,19 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     if not all(is_picture(image) and image.color is not None for image in images):
         return FoundEncoding()
     # A few pictures suffice: a plate has one transfer function.
-    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_COMPARED_HOGELS).astype(int))
-    stored = [radiance(stored_rgb(images[index]), Encoding.RGB) for index in chosen]
-    truths = [reference.trace(images[index].camera.aperture).color for index in chosen]
-    expected = np.sort(
-        np.clip(np.concatenate([truth.ravel() for truth in truths if truth is not None]), 0.0, 1.0)
-    )
-    values = np.sort(np.concatenate([entry.ravel() for entry in stored]))
+    chosen = spread(images, MAX_COMPARED_HOGELS)
+    truths = [reference.trace(image.camera.aperture).color for image in chosen]
+    expected = np.concatenate([truth.ravel() for truth in truths if truth is not None])
+    stored = [radiance(stored_rgb(image), Encoding.RGB).ravel() for image in chosen]
     # Transfer functions rise: values and radiance have the same order.
+    expected, values = np.sort(np.clip(expected, 0.0, 1.0)), np.sort(np.concatenate(stored))
     distances = {
         transfer: float(np.abs(transfer.linear(values) - expected).mean()) for transfer in Transfer
     }
-    first, pixels = images[chosen[0]].color, stored_rgb(images[chosen[0]])
+    first, pixels = chosen[0].color, stored_rgb(chosen[0])
+    assert first is not None
     ways = STATED_TRANSFERS.items()
-    stated = next(
-        candidate for candidate, way in ways if np.array_equal(first, radiance(pixels, way))
-    )
+    stated = next(way for way, code in ways if np.array_equal(first, radiance(pixels, code)))
     best = min(distances, key=distances.__getitem__)
     if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
         return FoundEncoding()
@@ -331,30 +319,27 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     return FoundEncoding(faults=(defect,), reading=reading)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
     """The search for another reading of images that are stated to hold something."""
 
-    def __init__(
-        self,
-        reference: Reference,
-        images: Sequence[HogelImage],
-        nominal: RendererModel,
-        stated: Reading,
-    ) -> None:
-        self.scene, self.images, self.nominal, self.stated = (
-            reference.scene,
-            images,
-            nominal,
-            stated,
-        )
-        count = min(MAX_COMPARED_HOGELS, len(images))
-        chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
-        # The images that are compared with the truth, under any orientation and order.
-        self.compared = [images[index] for index in chosen]
-        several = len({image.camera.aperture.index for image in images}) > 1
-        self.orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
-        plate = reference.scene.plate
-        self.truth = cache(lambda index: _stated(reference, nominal, plate.aperture(*index)))
+    reference: Reference
+    images: Sequence[HogelImage]
+    nominal: RendererModel
+    stated: Reading
+
+    @cached_property
+    def conventions(self) -> list[tuple[Orientation, Orientation]]:
+        """Every order of apertures and orientation of pictures, the plainest first."""
+        scene = self.reference.scene
+        several = len({image.camera.aperture.index for image in self.images}) > 1
+        orders = list(orientations(scene.plate.hogels)) if several else [UPRIGHT]
+        return list(itertools.product(orders, orientations(scene.frustum.resolution)))
+
+    @cached_property
+    def truth(self) -> Callable[[tuple[int, int]], HogelImage]:
+        """The image of an aperture by the author's statements, traced once."""
+        return lru_cache(None)(lambda index: _stated(self.reference, self.nominal, index))
 
     def reading(self) -> FoundEncoding | None:
         """Find another reading that holds where the stated one fails."""
@@ -374,73 +359,57 @@ class _Search:
             left = self._misfit(stated)
             if left <= MAX_HELD_MISFIT_PX:
                 return None
-            result = self._by_claims(stated, left)
-            result = result or self._restarting()
+            result = self._by_claims(stated, left) or self._restarting()
             # Enlarged pictures claim triangles beside the right ones: they fail by less than a
-            # pixel, and are explained by their film (`enumeration.films`).
+            # pixel.
             if result is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
-            result = result or self._by_objects(objects, 0.0)
             # Numbers that lie where some camera draws their triangles are whole; of few triangles,
             # damage would account for nearly any.
-            result = result or self._drawn()
+            result = result or self._by_objects(objects, 0.0) or self._drawn()
         # Remaining readings are compared with the truth.
-        result = result or self._spoiled()
+        result = result or self._overflown() or self._mixed()
         # Pixels that name things in the scene are numbers, right or wrong, and not colors.
         if result is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
-            colors = self._colors()
-            if colors is not None:
-                return FoundEncoding(faults=_defects(stated, colors, ()), reading=colors)
+            return self._colors()
         return result
 
     def _best(
-        self,
-        damage: IdRepair,
-        matching: Callable[[_TruthPair], Mask] | None = None,
-        background: int = 0,
+        self, damage: IdRepair, matching: Callable[[_TruthPair], Mask] | None = None
     ) -> tuple[IdRepair, list[_TruthPair]]:
         """Return damage under the conventions in which most pixels match, and the pairs."""
-        matching = matching or partial(_TruthPair.explained, damage=damage)
-        damage = replace(damage, nominal=self.nominal)
-        best: list[_TruthPair] = []
-        for order, orientation in itertools.product(
-            self.orders, orientations(self.scene.frustum.resolution)
-        ):
-            parts, shown, matched = [], 0, 0
-            for image in self.compared:
-                truth = self.truth(
-                    order.index(image.camera.aperture.index, self.scene.plate.hogels)
-                )
+        matching = matching or (lambda pair: pair.explained(damage))
+        damage, best = replace(damage, nominal=self.nominal), list[_TruthPair]()
+        hogels = self.reference.scene.plate.hogels
+        for order, orientation in self.conventions:
+            pairs, shown, matched = [], 0, 0
+            for image in spread(self.images, MAX_COMPARED_HOGELS):
+                truth = self.truth(order.index(image.camera.aperture.index, hogels))
                 pair = _TruthPair.from_images(truth, image, orientation, COMPARED_LINES)
                 some = pair.triangle[0] != NOTHING
-                some |= not background and pair.lit
-                shown, matched = (
-                    shown + some.sum(),
-                    matched + (matching(pair).any(axis=0) & some).sum(),
-                )
-                parts.append(pair)
+                if not damage.reading.background:
+                    some |= pair.lit
+                shown += some.sum()
+                matched += (matching(pair).any(axis=0) & some).sum()
+                pairs.append(pair)
             share = float(matched / shown) if shown else 0.0
-            best = best or parts
             # Where conventions agree equally well, the first one, no change, wins.
-            if share > damage.share + 1e-6:
-                damage, best = (
-                    replace(damage, share=share, orientation=orientation, order=order),
-                    parts,
-                )
+            if not best or share > damage.share + 1e-6:
+                damage = replace(damage, share=share, orientation=orientation, order=order)
+                best = pairs
         return damage, best
 
     def agreement(self, reading: Reading, kind: str = RESAMPLED) -> IdRepair:
         """Return the conventions under which most pixels store numbers of truth or neighbors."""
-        same = partial(_TruthPair.same, reading=reading)
-        return self._best(IdRepair(kind=kind, reading=reading), same, reading.background)[0]
+        return self._best(IdRepair(kind=kind, reading=reading), lambda pair: pair.same(reading))[0]
 
-    def _colors(self) -> Reading | None:
-        """Return how to read pixels that are colors of the scene; None where they are not."""
+    def _colors(self) -> FoundEncoding | None:
+        """Find how to read pixels that are colors of the scene; None where they are not."""
         colors = Reading(encoding=Encoding.RGB)
         # Pixels are lit where the truth around them shows a surface, and black where not.
         result, parts = self._best(
             IdRepair(kind=WRONG_ENCODING, reading=colors),
-            lambda entry: (entry.triangle != NOTHING) == entry.lit,
+            lambda pair: (pair.triangle != NOTHING) == pair.lit,
         )
         if result.share < MIN_AGREEING_FRACTION:
             return None
@@ -456,41 +425,44 @@ class _Search:
         ):
             return None
         # The shares of pixels that are as bright as the truth in either encoding.
+        expected = np.clip(gray, 0.0, 1.0)
         linear, encoded = (
-            np.mean(
-                np.abs(radiance(rgb, entry).mean(axis=-1) - np.clip(gray, 0.0, 1.0))
-                <= COLOR_TOLERANCE
-            )
-            for entry in (Encoding.RGB, Encoding.SRGB)
+            np.mean(np.abs(radiance(rgb, way).mean(axis=-1) - expected) <= COLOR_TOLERANCE)
+            for way in (Encoding.RGB, Encoding.SRGB)
         )
-        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
-        return replace(colors, encoding=Encoding.SRGB) if is_encoded else colors
+        if encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear:
+            colors = replace(colors, encoding=Encoding.SRGB)
+        return self._as_found(colors, ())
 
-    def _spoiled(self) -> FoundEncoding | None:
-        """Find damage by which numbers are lost: cut high bits, mixing, lossy compression."""
-        count, stated = len(self.scene.faces), self.stated
-        for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID and count >= 2**8 else ():
+    def _overflown(self) -> FoundEncoding | None:
+        """Find numbers of which the low bits alone are stored."""
+        count, stated = len(self.reference.scene.faces), self.stated
+        for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
+            if count < 2**bits:
+                break
             result, _ = self._best(IdRepair(kind=OVERFLOW, reading=stated, bits=bits))
-            if count >= 2**bits and result.share >= MIN_AGREEING_FRACTION:
+            if result.share >= MIN_AGREEING_FRACTION:
                 defect = Defect(fault=OVERFLOW, value=float(bits), unit="bits")
                 return FoundEncoding(faults=(defect,), restoring=result)
-        stored_as = [getattr(image, "stored", None) for image in self.compared]
-        named_lossy = any(storage is not None and storage.lossy for storage in stored_as)
+        return None
+
+    def _mixed(self) -> FoundEncoding | None:
+        """Find numbers that were mixed with their neighbors', or went through a lossy file."""
+        stated = self.stated
+        storages = (getattr(image, "stored", None) for image in self.images)
+        named_lossy = any(storage is not None and storage.lossy for storage in storages)
         for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
             result, parts = self._best(IdRepair(kind=kind, reading=stated))
-            shown = [part.lit | (part.triangle[0] != NOTHING) for part in parts]
             same = [
-                part.same(stated)[:, some].any(axis=0)
-                for part, some in zip(parts, shown, strict=True)
+                part.same(stated)[:, part.lit | (part.triangle[0] != NOTHING)].any(axis=0)
+                for part in parts
             ]
             mixed = 1 - float(np.concatenate(same).mean())
             stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
             should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
             new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
-            accounted = (
-                result.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
-            )
-            if accounted or (kind == LOSSY and named_lossy):
+            accounted = result.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION
+            if named_lossy or (accounted and new):
                 defect = Defect(fault=kind, value=mixed, unit="share")
                 return FoundEncoding(faults=(defect,), restoring=result)
         return None
@@ -505,27 +477,28 @@ class _Search:
 
     def _restarting(self) -> FoundEncoding | None:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
-        _, first = np.unique(self.scene.object_of_triangle, return_index=True)
+        _, first = np.unique(self.reference.scene.object_of_triangle, return_index=True)
         damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
         result, parts = self._best(damage)
         # The first object has the same numbers either way: the others must show that theirs begin
         # anew.
-        telling = np.concatenate([(part.object[0] > 0).ravel() for part in parts])
-        matching = np.concatenate([part.explained(result).any(axis=0).ravel() for part in parts])
-        if not telling.any() or min(result.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
+        matching = [np.asarray(part.explained(result).any(axis=0)) for part in parts]
+        others = np.concatenate(
+            [match[part.object[0] > 0] for match, part in zip(matching, parts, strict=True)]
+        )
+        if not len(others) or min(result.share, others.mean()) < MIN_AGREEING_FRACTION:
             return None
         defect = Defect(fault=RESTARTING, value=float(len(first)), unit="number")
         return FoundEncoding(faults=(defect,), restoring=result)
 
     def _read(self, reading: Reading) -> PixelClaims:
         """Return the claims of the images in some reading."""
-        return claims_of(self.scene, [read_again(image, reading) for image in self.images])
+        images = [read_again(image, reading) for image in self.images]
+        return claims_of(self.reference.scene, images)
 
     def _by_claims(self, start: Reading, left: float) -> FoundEncoding | None:
         """Find the reading under which claims hold, from one whose misfit is `left`."""
-        readings = [
-            _other for _other in self._others(start) if len(self._read(_other)) >= MIN_CLAIMS
-        ]
+        readings = [way for way in self._others(start) if len(self._read(way)) >= MIN_CLAIMS]
         misfits = [self._misfit(reading) for reading in readings]
         least = min(misfits, default=np.inf)
         if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
@@ -552,44 +525,53 @@ class _Search:
         return self._as_found(readings[shares.index(most)], readings)
 
     def _as_found(self, best: Reading, readings: Sequence[Reading]) -> FoundEncoding:
-        """Return a reading with its defects, and with channel orders of the same numbers."""
-        stored = [stored_rgb(image) for image in self.images]
-        others = (
-            replace(best, channels=order) for order in CHANNEL_ORDERS if order != best.channels
-        )
-        same = [
-            other
-            for other in others
-            if other in readings
-            and all(np.array_equal(other.packed(rgb), best.packed(rgb)) for rgb in stored)
-        ]
-        return FoundEncoding(faults=_defects(self.stated, best, same), reading=best)
+        """Return a reading with its differences from the stated one.
+
+        Channel orders of other `readings` that give the same numbers are named with it.
+        """
+        stated, defects = self.stated, list[Defect]()
+        if best.encoding is not stated.encoding:
+            value, was = str(best.encoding), str(stated.encoding)
+            defects.append(Defect(fault=WRONG_ENCODING, value=value, stated=was))
+        if best.channels != stated.channels:
+            pixels = [stored_rgb(image) for image in self.images]
+            own, *others = (
+                "".join("RGB"[channel] for channel in way.channels)
+                for way in (best, *(replace(best, channels=order) for order in CHANNEL_ORDERS))
+                if way is best or (way != best and way in readings)
+                if all(np.array_equal(way.packed(rgb), best.packed(rgb)) for rgb in pixels)
+            )
+            defects.append(Defect(fault=CHANNEL_ORDER, value=own, details=tuple(others)))
+        for fault, number, usual in (
+            (ID_OFFSET, best.offset - stated.offset, stated.offset),
+            (BACKGROUND_ID, best.background, stated.background),
+        ):
+            if number:
+                size, right = float(number), float(usual)
+                defects.append(Defect(fault=fault, value=size, unit="number", stated=right))
+        return FoundEncoding(faults=tuple(defects), reading=best)
 
     def _others(self, start: Reading) -> Iterator[Reading]:
         """Yield readings under which nearly all stored numbers exist, without the stated one."""
         pictures = all(map(is_picture, self.images))
-        for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
-            for offset in (1, 0, 2):
-                plain = replace(start, channels=channels, offset=offset)
-                # Nothing may be stored as the most frequent integer that names nothing in the
-                # scene.
-                packed = np.concatenate(
-                    [stored_integers(image, plain).ravel() for image in self.images]
-                )
-                strange = packed[plain.numbers(packed) >= self._count(plain)]
-                values, counts = np.unique(strange, return_counts=True)
-                common = [int(values[np.argmax(counts)])] if len(values) else []
-                for background in dict.fromkeys((0, *common)):
-                    reading = replace(plain, background=background)
-                    if reading != self.stated and self._valid_share(reading) >= MIN_VALID_FRACTION:
-                        yield reading
+        orders = CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]
+        for channels, offset in itertools.product(orders, (1, 0, 2)):
+            plain = replace(start, channels=channels, offset=offset)
+            # Nothing may be stored as the most frequent integer that names nothing in the scene.
+            packed = np.concatenate(
+                [stored_integers(image, plain).ravel() for image in self.images]
+            )
+            strange = packed[plain.numbers(packed) >= self._count(plain)]
+            values, counts = np.unique(strange, return_counts=True)
+            common = [int(values[np.argmax(counts)])] if len(values) else []
+            for background in dict.fromkeys((0, *common)):
+                reading = replace(plain, background=background)
+                if reading != self.stated and self._valid_share(reading) >= MIN_VALID_FRACTION:
+                    yield reading
 
     def _count(self, reading: Reading) -> int:
-        return (
-            len(self.scene.objects)
-            if reading.encoding is Encoding.OBJECT_ID
-            else len(self.scene.faces)
-        )
+        scene = self.reference.scene
+        return len(scene.objects if reading.encoding is Encoding.OBJECT_ID else scene.faces)
 
     def _valid_share(self, reading: Reading) -> float:
         """Return the share of pixels with a number whose number exists in the scene."""
@@ -601,7 +583,7 @@ class _Search:
 
     def _misfit(self, reading: Reading) -> float:
         """Return the mean failure of claims under the best conventions and near offset, px."""
-        scene, nominal, valid = self.scene, self.nominal, self._valid_share(reading)
+        nominal, valid = self.nominal, self._valid_share(reading)
         claims = self._read(reading).thinned(MAX_SEARCHED_CLAIMS) if valid else None
         if claims is None or not len(claims):
             return MISFIT_CAP_PX
@@ -611,34 +593,11 @@ class _Search:
 
         held = failing(nominal)
         if held > MAX_HELD_MISFIT_PX:
-            nears = {nominal.near, *(part * scene.frustum.longest_reach for part in NEAR_FRACTIONS)}
-            tried = itertools.product(
-                orientations(scene.frustum.resolution), self.orders, sorted(nears)
-            )
+            reach = self.reference.scene.frustum.longest_reach
+            nears = {nominal.near, *(part * reach for part in NEAR_FRACTIONS)}
             models = (
-                replace(nominal, orientation=candidate, order=two, near=near)
-                for candidate, two, near in tried
+                replace(nominal, orientation=orientation, order=order, near=near)
+                for (order, orientation), near in itertools.product(self.conventions, nears)
             )
             held = min(held, *map(failing, models))
         return valid * held + (1 - valid) * MISFIT_CAP_PX
-
-
-def _defects(stated: Reading, result: Reading, same: Sequence[Reading]) -> tuple[Defect, ...]:
-    """Return the differences between a reading and the stated one."""
-    letters, *others = (
-        "".join("RGB"[channel] for channel in way.channels) for way in (result, *same)
-    )
-    defects = []
-    if result.encoding is not stated.encoding:
-        value = str(result.encoding)
-        defects.append(Defect(fault=WRONG_ENCODING, value=value, stated=str(stated.encoding)))
-    if result.channels != stated.channels:
-        defects.append(Defect(fault=CHANNEL_ORDER, value=letters, details=tuple(others)))
-    offset, nothing = float(result.offset - stated.offset), float(result.background)
-    if offset:
-        was = float(stated.offset)
-        defects.append(Defect(fault=ID_OFFSET, value=offset, unit="number", stated=was))
-    if result.background != stated.background:
-        was = float(stated.background)
-        defects.append(Defect(fault=BACKGROUND_ID, value=nothing, unit="number", stated=was))
-    return tuple(defects)

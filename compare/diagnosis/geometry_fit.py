@@ -1,9 +1,9 @@
 """Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
-A claim: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer
-shows a triangle only where the triangle projects to. Therefore conventions and geometry can be
-found without the visible surface: under the right candidate every claim holds, under a
-wrong one many fail, each by a distance in pixels. First come the discrete conventions: those under
+A claim (`claims.PixelClaims`): this pixel, of this file, shows this triangle. Whatever lies in
+front, a renderer shows a triangle only where the triangle projects to. Therefore conventions and
+geometry can be found without the visible surface: under the right candidate every claim holds,
+under a wrong one many fail, each by a distance in pixels. First come the discrete conventions under
 which claims fail least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust
 least squares, with as few groups of them off their nominal values as suffice; other sets of groups
 that suffice as well are alternatives. Last comes an interval for each number: all values under
@@ -20,15 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, linprog
 
+from xfrustum.compare.diagnosis.claims import PixelClaims, inside_px, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
-    EVEN,
     FLIPPED,
     GROUPS,
     NUMBERS,
     PREFERENCE,
-    RADIUS,
     SCREEN_GROUPS,
     SMALLEST_FACTOR,
     SMALLEST_SHIFT_PX,
@@ -42,38 +41,20 @@ from xfrustum.compare.renderer_model.drawn_model import (
     smallest_named,
     table,
 )
-from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-from xfrustum.scenes.plate.plate import Aperture
-
-# Size of the triangle that stands for a claimed point, relative to the point's largest coordinate:
-# the rounding to float32, in which images store points.
-POINT_SIZE = 2.0**-24
-
-# Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels
-# give more than `MAX_BOUNDING_CLAIMS`.
-MAX_HOGEL_CLAIMS = 6000
-
-# Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between
-# the near plane, where drawing ends, and the camera, where projection ends.
-MIN_DEPTH_PER_NEAR = 0.5
 
 # Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8
 # subpixel bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
 # Largest numbers of claims used by the search, by the screening of candidates, by the fit and by
-# the
-# intervals. The search tries hundreds of candidates and only ranks them; the fit needs more for its
-# precision; the intervals are bounded by the few claims nearest to an edge, and are computed once.
-MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = (
-    1200,
-    600,
-    2500,
-    16000,
-)
+# the intervals. The search tries hundreds of candidates and only ranks them; the fit needs more for
+# its precision; the intervals are bounded by the few claims nearest to an edge, and are computed
+# once.
+MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS = 1200, 600
+MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 2500, 16000
 
 # Largest share of claims that may fail under the right candidate: damaged pixels, and edges that
 # anti-aliasing or rounding has moved. The noise of a candidate is the distance that this share of
@@ -81,14 +62,13 @@ MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS
 MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
 # Largest ratio of a simpler candidate's noise to the best candidate's at which the simpler one is
-# as good,
-# and of the noise on few claims to that on all: the comparison has two noises of the same size.
+# as good, and of the noise on few claims to that on all: the comparison has two noises of the same
+# size.
 NOISE_FACTOR = 2.0
 
 # Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
 # left out: ten times the share that may fail under the right candidate. And the largest share of
-# the
-# hogels that may be left out: a rule that holds in fewer than half of them is no convention.
+# the hogels that may be left out: a rule that holds in fewer than half of them is no convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
 # Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of
@@ -131,173 +111,30 @@ START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolis
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
 # Spacings of pixels by equal angles that are tried.
-ANGLES = ("xy", "x", "y", RADIUS)
-MAX_LENS_RATIO = (
-    0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
-)
+LENSES = (Film.XY, Film.X, Film.Y, Film.RADIUS)
+# Largest mean failure of claims with a lens, over that without, at which the lens is fitted.
+MAX_LENS_RATIO = 0.5
 Found = list[tuple[RendererModel, tuple[str, ...]]]
 """Candidates, the preferred one first, each with the names of its groups that were fitted."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PixelClaims:
-    """Pixels and the triangles that they claim to show.
-
-    Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved
-    or scaled; triangles lie in the nominal scene.
-    """
-
-    scene: Scene
-    hogel: Indices  # (N, 2) column and row of the aperture that the file is named after
-    pixel: Indices  # (N, 2) column and row of the pixel in the file
-    corners: Floats  # (N, 3, 3) corners of the triangles, scene units
-    of_points: bool
-
-    def __len__(self) -> int:
-        """Return the number of claims."""
-        return len(self.hogel)
-
-    def chosen(self, index: Indices | Mask) -> PixelClaims:
-        """Return some of the claims."""
-        names = ("hogel", "pixel", "corners")
-        return replace(self, **{name: getattr(self, name)[index] for name in names})
-
-    def thinned(self, count: int) -> PixelClaims:
-        """Return at most `count` claims, drawn at random with a fixed seed."""
-        if len(self) <= count:
-            return self
-        return self.chosen(
-            np.sort(np.random.default_rng(0).choice(len(self), count, replace=False))
-        )
-
-
-def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
-    """Collect the claims of images at the outlines of triangles, where small moves show.
-
-    From an image that names no triangles the surface points are taken as claims.
-    """
-    parts, of_points = [], True
-    for image in images:
-        named = (image.triangle >= 0) & (image.triangle < len(scene.faces))
-        points = not named.any()
-        if points:
-            stated = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
-        else:
-            # Pixels that have a neighbor of another triangle or beyond the image's border.
-            padded = np.pad(image.triangle, 1, constant_values=NOTHING - 1)
-            pair = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
-            stated = named & np.any([image.triangle != other for other in pair], axis=0)
-        rows, columns = np.nonzero(stated)
-        if len(rows) > MAX_HOGEL_CLAIMS:
-            some = np.random.default_rng(len(rows)).choice(
-                len(rows), MAX_HOGEL_CLAIMS, replace=False
-            )
-            rows, columns = rows[np.sort(some)], columns[np.sort(some)]
-        if points:
-            there = image.position[rows, columns].astype(np.float64)
-            size = POINT_SIZE * np.abs(there).max(axis=1, initial=0.0)
-            around = np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.0], [-0.5, -0.75, 0.0]])
-            corners = there[:, None] + size[:, None, None] * around
-        else:
-            corners = scene.triangles[image.triangle[rows, columns]]
-        of_points &= points
-        hogel = np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1))
-        parts.append((hogel, np.stack((columns, rows), axis=-1), corners))
-    hogel, pixel, corners = (np.concatenate(some) for some in zip(*parts, strict=True))
-    return PixelClaims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, of_points=of_points)
-
-
-def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:
-    """Return the distance of pixel centers outside their triangles, at most `cap` px, (N,)."""
-    _, outside = inside_px(claims, model)
-    return np.asarray(np.minimum(outside.min(axis=0), cap))
-
-
-def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats]:
-    """Return signed distances of pixel centers from their triangles' edges, and outside.
-
-    The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N),
-    infinite behind the camera.
-    """
-    scene, (width, height), (sx, sy) = (
-        claims.scene,
-        claims.scene.frustum.resolution,
-        claims.scene.plate.size,
-    )
-    columns, rows = scene.plate.hogels
-    column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], (columns, rows))
-    apertures = (column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows
-    column, row = model.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
-    u, v = (2 * column + 1) / width - 1, 1 - (2 * row + 1) / height
-    # Coordinate and corner come first, the claim last: all below is whole arrays.
-    (px, py, z), following = claims.corners.transpose(2, 1, 0), [1, 2, 0]
-    two = [Aperture(column=0, row=0, x=place, y=place) for place in (0.0, 1.0)]
-    distances, outsides = [], []
-    distance = depth = np.empty(0)
-    for side in (1, -1):
-        if side < 0 and model.one_pencil:
-            # The same lines, run through the other way: all homogeneous coordinates change their
-            # sign.
-            distance, depth = -distance, -depth
-        else:
-            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a
-            # pencil are affine in the aperture's place along the same axis: two pencils determine
-            # all.
-            entry, other = (model.bundle(scene, aperture, side) for aperture in two)
-            w = side * (entry.center[2] - z)
-            lines = zip(
-                entry.center,
-                other.center,
-                entry.shear,
-                other.shear,
-                entry.half_extent,
-                strict=False,
-            )
-            x, y = (
-                (side * (p - c - (c1 - c) * a) - (k + (k1 - k) * a) * w) / t
-                for p, a, (c, c1, k, k1, t) in zip((px, py), apertures, lines, strict=True)
-            )
-            # Step 2: the three edges as lines on the film, by cross products of corners; `values`
-            # is each line's equation at the pixel's center, and `volume` the determinant of the
-            # corners.
-            line_x = y * w[following] - w * y[following]
-            line_y = w * x[following] - x * w[following]
-            line_1 = x * y[following] - y * x[following]
-            if model.film == EVEN:
-                values = line_x * u + line_y * v + line_1
-            else:
-                across, up = model.film.bent(u, v, entry.half_extent)
-                values = line_x * across + line_y * up + line_1
-            volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
-            # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's
-            # plane at the point follows from the same quantities. The determinant's sign marks the
-            # inside.
-            with np.errstate(divide="ignore", invalid="ignore"):
-                distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
-                depth = volume / values.sum(axis=0) * model.scene_scale
-                distance *= np.sign(volume)
-        outside = np.maximum(0.0, -distance.min(axis=0))
-        seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * model.camera(side).near)
-        distances.append(distance.T)
-        outsides.append(np.where(seen, outside, np.inf))
-    return np.stack(distances), np.stack(outsides)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
     """A candidate about a renderer that was fitted to claims, with intervals and alternatives."""
 
-    model: RendererModel  # the simplest candidate under which the claims hold
-    # (P,) ends of the intervals of its numbers; the nominal value where a number was not free
+    model: RendererModel  #: simplest candidate under which the claims hold
+    #: (P,) ends of the intervals of its numbers; the nominal value where a number was not free
     low: Floats
     high: Floats
-    noise_px: float = 0.0  # largest failure of a claim, the worst `MAX_MISPLACED_FRACTION` left out
-    alternatives: tuple[RendererModel, ...] = ()  # as simple, with other groups off nominal
-    spoiled: frozenset[tuple[int, int]] = (
-        frozenset()
-    )  # hogels that were left out, as their files are named
-    by_color: bool = False  # whether the candidate rests on pictures that were registered,
-    by_objects: bool = False  # and whether these name objects, all of them
+    noise_px: float = 0.0  #: largest failure of a claim but the worst `MAX_MISPLACED_FRACTION`
+    alternatives: tuple[RendererModel, ...] = ()  #: as simple, with other groups off nominal
+    spoiled: frozenset[tuple[int, int]] = frozenset()  #: hogels left out, as files are named
+    by_color: bool = False  #: whether the candidate rests on pictures that were registered
+
+    @classmethod
+    def exact(cls, model: RendererModel) -> GeometryFit:
+        """Return a candidate whose numbers are known exactly."""
+        return cls(model=model, low=model.parameters, high=model.parameters)
 
     @property
     def holds(self) -> bool:
@@ -320,47 +157,29 @@ def fit_geometry(
     statements. A `simple` fit has a lens and one group of numbers off nominal at most, and is
     nominal where no such candidate holds.
     """
-    fitting = _Fitting(scene=claims.scene, nominal=nominal)
-    few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
+    search = _Search(scene=claims.scene, nominal=nominal)
+    some, spoiled = claims.thinned(MAX_FITTED_CLAIMS), frozenset[tuple[int, int]]()
     result: Found = [(nominal, ())]
-    spoiled: frozenset[tuple[int, int]] = frozenset()
-    # Step 1: the nominal candidate is often right or nearly right. The search is skipped where it
-    # is.
+    # Step 1: the nominal candidate is often right or nearly right.
     if _noise(some, nominal) > SNAP_PX:
         # Step 2: search the conventions, and try candidates with at most one group off nominal.
-        starts = fitting.starts(few)
-        result = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
-        result = result or fitting.bent(some, starts)
-        if not result and simple:
-            result = [(nominal, ())]
-        if not result:
+        few = claims.thinned(MAX_SEARCHED_CLAIMS)
+        starts = search.starts(few)
+        fits = search.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
+        fits = fits or search.bent(some, starts)
+        if not fits and not simple:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as
             # the limit for the simplest candidate.
-            freest = fitting.freest(few, [start for start in starts if not _alone(start)])
+            freest = search.freest(few, [start for start in starts if not _alone(start)])
             claims, spoiled = _without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
-            freest = fitting.fitted(some, freest, fitting.groups(claims, together=True))
-            noise = _noise(some, freest)
-            if noise <= MAX_NOISE_PX:
-                limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
-                alone = [start for start in starts if start.one_camera is not None]
-                result = fitting.simplest(some, [freest, *alone], counts, limit)
-            if not result:
-                # The best candidate with at most one group off nominal, reported where none is
-                # good.
-                sets = ((), *((name,) for name in fitting.groups(some)))
-                ways = [
-                    (candidate, free)
-                    for free in sets
-                    for candidate in fitting.variants([freest], free)
-                ]
-                fits = [(fitting.fitted(some, candidate, free), free) for candidate, free in ways]
-                result = [min(fits, key=lambda fit: _misfit(some, fit[0]))]
+            alone = [start for start in starts if start.one_camera is not None]
+            fits = search.joint(some, freest, alone)
+        result = fits or result
     # Step 4: an interval for each number that is off nominal.
     (best, free), *others = result
-    noise = _noise(some, best)
-    determined = _determined(claims.scene, free)
-    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), best, determined, noise)
+    noise, bounding = _noise(some, best), claims.thinned(MAX_BOUNDING_CLAIMS)
+    values, low, high = _interval(bounding, best, _determined(claims.scene, free), noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
@@ -431,8 +250,8 @@ def _with_pivots(model: RendererModel) -> list[RendererModel]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Fitting:
-    """The search for the candidate under which claims about a scene hold."""
+class _Search:
+    """Search for the candidate under which claims about a scene hold."""
 
     scene: Scene
     nominal: RendererModel
@@ -449,27 +268,10 @@ class _Fitting:
     def starts(self, claims: PixelClaims) -> list[RendererModel]:
         """Return the conventions and numbers that fail least, from which fits start."""
         frustum, nominal = self.scene.frustum, self.nominal
-        cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
-        several = len(np.unique(claims.hogel, axis=0)) > 1
-        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
-
-        def hypotheses(upright: RendererModel) -> Iterator[RendererModel]:
-            yield from (
-                replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]}
-            )
-            for entry, part in itertools.product(sides, START_NEARS[4::4]):
-                yield replace(upright, near=reach * part, one_camera=entry)
-            for entry in FLIPPED:
-                yield replace(upright, one_camera=replace(entry, other_near=nominal.near))
-            yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
-            yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
-            if frustum.recentered:
-                yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
-            # In one aperture a wrong shear is a screen at another place, which is fitted.
-            if frustum.recentered and several:
-                shears = sorted(set(Recentering) - {nominal.recentering})
-                for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
-                    yield replace(upright, near=near, recentering=shear)
+        cap, several = frustum.resolution[0] / 2, len(np.unique(claims.hogel, axis=0)) > 1
+        nears = list(
+            dict.fromkeys((nominal.near, *(frustum.longest_reach * part for part in START_NEARS)))
+        )
 
         def ranked(models: Iterable[RendererModel]) -> list[RendererModel]:
             result = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
@@ -478,44 +280,53 @@ class _Fitting:
         # Step 1: every orientation and order, each with every single other hypothesis.
         orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(frustum.resolution), orders)
-        upright = (replace(nominal, orientation=candidate, order=two) for candidate, two in ways)
-        tried = ranked(itertools.chain.from_iterable(map(hypotheses, upright)))
-        # Step 2: the best conventions, each with all values of near.
+        upright = (replace(nominal, orientation=turned, order=order) for turned, order in ways)
+        tried = ranked(model for way in upright for model in self._hypotheses(way, several=several))
+        # Step 2: the conventions of the best ones, each with all values of near.
         conventions = {
-            (
-                candidate.orientation,
-                candidate.order,
-                candidate.recentering,
-                candidate.one_camera,
-            ): candidate
-            for candidate in reversed(tried[:6])
+            (entry.orientation, entry.order, entry.recentering, entry.one_camera): entry
+            for entry in reversed(tried[:6])
         }
-        nears = dict.fromkeys((nominal.near, *(reach * part for part in START_NEARS)))
-        best = ranked(
-            replace(convention, near=near) for convention in conventions.values() for near in nears
-        )
+        best = ranked(replace(way, near=near) for way in conventions.values() for near in nears)
+
         # Step 3: the best starts, and the best one of each group that was searched.
-        plain = [
-            candidate
-            for candidate in tried
-            if candidate.recentering is nominal.recentering and candidate.one_camera is None
-        ]
+        def first(name: str) -> RendererModel:
+            off = (way for way in tried if getattr(way, name) != getattr(nominal, name))
+            return next(off, tried[0])
+
+        plain = next(
+            way
+            for way in tried
+            if way.recentering is nominal.recentering and way.one_camera is None
+        )
         alone = [
-            ranked(replace(plain[0], near=near, one_camera=camera) for near in nears)[0]
-            for camera in sides
+            ranked(replace(plain, near=near, one_camera=camera) for near in nears)[0]
+            for camera in self._sides()
         ]
-        of_groups = [
-            next(
-                (
-                    candidate
-                    for candidate in tried
-                    if getattr(candidate, name) != getattr(nominal, name)
-                ),
-                tried[0],
-            )
-            for name in ("scene_scale", "fov", "screen_height")
-        ]
-        return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain[0], *alone]))
+        of_groups = map(first, ("scene_scale", "fov", "screen_height"))
+        return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain, *alone]))
+
+    def _sides(self) -> list[OneCamera]:
+        return [OneCamera(side, other_near=self.nominal.near) for side in (-1, 1)]
+
+    def _hypotheses(self, upright: RendererModel, *, several: bool) -> Iterator[RendererModel]:
+        """Yield a candidate with every start value of one group, shear or camera alone."""
+        frustum, nominal = self.scene.frustum, self.nominal
+        reach, recentered = frustum.longest_reach, frustum.recentered
+        for part in sorted({nominal.near / reach, *START_NEARS[::4]}):
+            yield replace(upright, near=reach * part)
+        for entry, part in itertools.product(self._sides(), START_NEARS[4::4]):
+            yield replace(upright, near=reach * part, one_camera=entry)
+        for entry in FLIPPED:
+            yield replace(upright, one_camera=replace(entry, other_near=nominal.near))
+        yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
+        yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
+        for height in START_HEIGHTS if recentered else ():
+            yield replace(upright, screen_height=height)
+        # In one aperture a wrong shear is a screen at another place, which is fitted.
+        shears = sorted(set(Recentering) - {nominal.recentering}) if recentered and several else []
+        for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
+            yield replace(upright, near=near, recentering=shear)
 
     def fitted(
         self,
@@ -526,11 +337,8 @@ class _Fitting:
         roughly: bool = False,
     ) -> RendererModel:
         """Fit some groups of a candidate, the others nominal; `roughly` ends near a pixel."""
-        values, index = (
-            self.nominal.parameters,
-            np.array(_determined(self.scene, free), dtype=np.int64),
-        )
-        if not len(index):
+        values, index = self.nominal.parameters, _determined(self.scene, free)
+        if not index:
             return start.with_parameters(values)
         values[index] = start.parameters[index]
         numbers = table(self.scene, values)
@@ -543,31 +351,31 @@ class _Fitting:
 
         # The first fit counts failures of up to a pixel by their squares, so that outlines that are
         # pixels apart attract each other. The second one, with the scale of snapping, is precise.
-        scaled, bounds = np.clip(values[index], low, high) / scales, (low / scales, high / scales)
-        options = {
-            "bounds": bounds,
-            "x_scale": "jac",
-            "loss": "soft_l1",
-            "ftol": 1e-6,
-            "xtol": 1e-7,
-        }
+        scaled = np.clip(values[index], low, high) / scales
         for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
             scaled = least_squares(
-                failures, scaled, f_scale=attraction_px, max_nfev=trials, **options
+                failures,
+                scaled,
+                bounds=(low / scales, high / scales),
+                x_scale="jac",
+                loss="soft_l1",
+                f_scale=attraction_px,
+                ftol=1e-6,
+                xtol=1e-7,
+                max_nfev=trials,
             ).x
         values[index] = scaled * scales
         return start.with_parameters(values)
 
     def bent(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> Found:
         """Return the candidate with equal angles and at most one group off nominal that holds."""
-        few, films = claims.thinned(MAX_SCREENED_CLAIMS), [Film(angles=angles) for angles in ANGLES]
+        few = claims.thinned(MAX_SCREENED_CLAIMS)
         plain = dict.fromkeys(start.with_parameters(self.nominal.parameters) for start in starts)
-        tried = [replace(start, film=film) for start, film in itertools.product(plain, films)]
-        least, best = min(
-            ((_misfit(few, candidate), candidate) for candidate in tried), key=lambda pair: pair[0]
-        )
-        if least > MAX_LENS_RATIO * min(_misfit(few, start) for start in starts):
+        tried = [replace(start, film=film) for start, film in itertools.product(plain, LENSES)]
+        misfits = [_misfit(few, candidate) for candidate in tried]
+        if min(misfits) > MAX_LENS_RATIO * min(_misfit(few, start) for start in starts):
             return []
+        best = tried[misfits.index(min(misfits))]
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:
@@ -587,6 +395,24 @@ class _Fitting:
         tried = [self.fitted(claims, start, groups) for start in _with_pivots(fits[0])]
         return min(tried, key=lambda model: _misfit(claims, model))
 
+    def joint(
+        self, claims: PixelClaims, freest: RendererModel, alone: Sequence[RendererModel]
+    ) -> Found:
+        """Return the simplest candidates as good as the freest one, which is fitted once more."""
+        freest = self.fitted(claims, freest, self.groups(claims, together=True))
+        noise = _noise(claims, freest)
+        if noise <= MAX_NOISE_PX:
+            limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
+            if fits := self.simplest(claims, [freest, *alone], counts, limit):
+                return fits
+        # The best candidate with at most one group off nominal, reported where none is good.
+        fits = [
+            (self.fitted(claims, start, free), free)
+            for free in ((), *((name,) for name in self.groups(claims)))
+            for start in self.variants([freest], free)
+        ]
+        return [min(fits, key=lambda fit: _misfit(claims, fit[0]))]
+
     def simplest(
         self,
         claims: PixelClaims,
@@ -596,13 +422,13 @@ class _Fitting:
     ) -> Found:
         """Return candidates with fewest groups off nominal whose noise keeps a limit."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
-        passing: dict[object, tuple[tuple[float, ...], RendererModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
             (few, True, max(MAX_NOISE_PX, limit_px)),
             (few, False, NOISE_FACTOR * limit_px),
             (claims, False, limit_px),
         )
+        passing: dict[object, tuple[tuple[float, ...], RendererModel, tuple[str, ...]]] = {}
         for count in counts:
             for free in itertools.combinations(self.groups(claims), count):
                 for start in self.variants(starts, free):
@@ -620,13 +446,13 @@ class _Fitting:
                             passing[key] = rank, model, free
             if passing:
                 break
-        result = [
-            (item, free) for _, item, free in sorted(passing.values(), key=lambda entry: entry[0])
-        ]
+        ranked = sorted(passing.values(), key=lambda entry: entry[0])
+        turned = [(model.orientation, model.order) for _, model, _ in ranked]
         # A picture that is mirrored with the other half is the same, and no explanation of its own.
-        turned = {(entry.orientation, entry.order) for entry, _ in result[:1]}
         return [
-            (entry, free) for entry, free in result if (entry.orientation, entry.order) in turned
+            (model, free)
+            for (_, model, free), way in zip(ranked, turned, strict=True)
+            if way == turned[0]
         ]
 
     def _rank(
@@ -644,11 +470,8 @@ class _Fitting:
         at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
         if "aperture-offset" in free and at_corner and (offset > CORNER_PITCHES * pitch).any():
             preference = -1
-        if (
-            "shift" in free
-            and self.scene.frustum.recentered
-            and np.abs(model.shift).max() > MAX_SAMPLING_PX
-        ):
+        large = np.abs(model.shift).max() > MAX_SAMPLING_PX
+        if "shift" in free and self.scene.frustum.recentered and large:
             preference += len(PREFERENCE)
         return int(off.sum()), choices, *_changes(model), preference, _misfit(claims, model)
 
@@ -658,9 +481,9 @@ class _Fitting:
         """Return the start values of fits of some groups, taken from the starting points.
 
         A defect that a starting point states in another group is translated: the freest candidate
-        has a
-        moved scene in place of moved apertures, may have another pitch in place of another size,
-        and may have a part of a moved screen as a shift of the sampling points, or the reverse.
+        has a moved scene in place of moved apertures, may have another pitch in place of another
+        size, and may have a part of a moved screen as a shift of the sampling points, or the
+        reverse.
         """
         nominal, index = self.nominal, _determined(self.scene, free)
         variants: dict[RendererModel, None] = {}
@@ -675,12 +498,12 @@ class _Fitting:
                 spoken = replace(spoken, scene_scale=size)
             if self.scene.frustum.screen is not None:
                 per_px = screen_lengths(self.scene)
-                moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
+                x, y = moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
                 if "shift" not in free:
-                    spoken = replace(spoken, screen_center=(float(moved[0]), float(moved[1])))
+                    spoken = replace(spoken, screen_center=(float(x), float(y)))
                 elif "screen-center" not in free:
-                    shift = (moved / per_px).tolist()
-                    spoken = replace(spoken, shift=(shift[0], shift[1]))
+                    x, y = moved / per_px
+                    spoken = replace(spoken, shift=(float(x), float(y)))
             values = nominal.parameters
             values[index] = spoken.parameters[index]
             model = replace(start, pivot=nominal.pivot, fit=nominal.fit).with_parameters(values)

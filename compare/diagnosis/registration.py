@@ -7,7 +7,7 @@ are found by moving a finer picture of the reference until its difference from t
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -19,7 +19,7 @@ from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS, GeometryFit
-from xfrustum.compare.diagnosis.testset import TestSet
+from xfrustum.compare.diagnosis.testset import TestSet, spread
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import (
@@ -74,25 +74,42 @@ class _Pair:
     wide: Floats
     offset: Floats
 
+    @classmethod
+    def from_image(
+        cls, reference: Reference, model: RendererModel, image: HogelImage, offset: Floats
+    ) -> _Pair:
+        """Pair an image with the reference's picture under the orientation and order of a model."""
+        aperture = model.answers(reference.scene, image.camera.aperture)
+        shifted = replace(model, shift=tuple(offset.tolist()))
+        wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
+        upright = model.orientation.upright(as_gray(image))
+        return cls(image=upright, wide=_gray_like(wide, image), offset=offset)
+
+    def blurred(self) -> _Pair:
+        """Return the pair with blurred outlines."""
+        image = gaussian_filter(self.image, BLUR_PX)
+        wide = gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING)
+        return replace(self, image=image, wide=wide)
+
     def difference(self, values: Floats, order: int = 1) -> Floats:
         """Return the reference's picture under some shift and fov, minus the image."""
         fine = []
-        for count, total, shift, factor, offset in zip(
-            self.image.shape,
-            self.wide.shape,
-            values[1::-1],
-            values[:1:-1],
-            self.offset[::-1],
-            strict=True,
-        ):
-            # Factors act on pixels from the film's middle; the result is in the fine picture's
-            # pixels.
+        for axis, count in enumerate(self.image.shape):
+            # Rows come first in pictures, and last in numbers. Factors act on pixels from the
+            # film's middle; the result is in the fine picture's pixels.
+            shift, factor, offset = values[1 - axis], values[3 - axis], self.offset[1 - axis]
             place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
-            fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
+            fine.append(place * SUPERSAMPLING + self.wide.shape[axis] / 2 - 0.5)
         places = np.meshgrid(*fine, indexing="ij")
-        return np.asarray(
-            map_coordinates(self.wide, places, order=order, mode="nearest") - self.image
-        )
+        moved = map_coordinates(self.wide, places, order=order, mode="nearest")
+        return np.asarray(moved - self.image)
+
+
+def _gray_like(truth: HogelImage, image: HogelImage) -> Floats:
+    """Return the truth's brightness as an image's file would store it, or its objects."""
+    return as_gray(
+        as_stored(truth, image) if image.color is not None else replace(truth, color=None)
+    )
 
 
 def register(
@@ -104,44 +121,26 @@ def register(
     statements.
     """
     # Step 1: leave out pictures of one brightness, which show nothing to register.
-    by_objects = all(image.color is None for image in images)
     images = [image for image in images if np.ptp(as_gray(image)) > 0]
-    values, low, high = nominal.parameters, nominal.parameters, nominal.parameters
-    fit = GeometryFit(model=nominal, low=low, high=high, by_color=True, by_objects=by_objects)
+    fit = replace(GeometryFit.exact(nominal), by_color=True)
     if not images:
         return fit
     # Step 2: orientation and order by correlation.
     model = _conventions(reference, images, nominal)
     # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
     # Halton's sequence covers the square evenly, and has no period.
-    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int)).tolist()
-    pairs = []
-    for index, offset in zip(
-        chosen, Halton(2, scramble=False).random(len(chosen)) - 0.5, strict=True
-    ):
-        image, (x, y) = images[index], (offset / SUPERSAMPLING).tolist()
-        aperture = model.answers(reference.scene, image.camera.aperture)
-        shifted = replace(model, shift=(x, y))
-        wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
-        upright = model.orientation.upright(as_gray(image))
-        gray = as_gray(
-            as_stored(wide, image) if image.color is not None else replace(wide, color=None)
-        )
-        pairs.append(_Pair(image=upright, wide=gray, offset=offset / SUPERSAMPLING))
-    # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
-    blurred = [
-        replace(
-            pair,
-            image=gaussian_filter(pair.image, BLUR_PX),
-            wide=gaussian_filter(pair.wide, BLUR_PX * SUPERSAMPLING),
-        )
-        for pair in pairs
+    chosen = spread(images, MAX_REGISTERED_HOGELS)
+    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
+    pairs = [
+        _Pair.from_image(reference, model, image, offset)
+        for image, offset in zip(chosen, offsets, strict=True)
     ]
-    best = _closest(pairs, _least(pairs, _least(blurred, _start(pairs))))
+    # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
+    best = _closest(pairs, _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs))))
     # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose
     # interval holds the nominal value keeps the nominal value.
-    half = _uncertainty(pairs, best)
-    low[:4], high[:4] = best - half, best + half
+    half, values = _uncertainty(pairs, best), nominal.parameters
+    fit.low[:4], fit.high[:4] = best - half, best + half
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
     fit = replace(fit, model=model.with_parameters(values))
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
@@ -197,9 +196,7 @@ def _conventions(
 
     @cache
     def truth(index: tuple[int, int]) -> Floats:
-        shown = reference.trace(scene.plate.aperture(*index))
-        stored = as_stored(shown, images[0])
-        return as_gray(stored if images[0].color is not None else replace(shown, color=None))
+        return _gray_like(reference.trace(scene.plate.aperture(*index)), images[0])
 
     best, chosen = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
@@ -250,7 +247,13 @@ def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
     def errors(units: Floats) -> Floats:
         return np.concatenate([pair.difference(start + units * scales).ravel() for pair in pairs])
 
-    return np.asarray(start + _least_units(errors, 4, 20) * scales)
+    def slopes(units: Floats) -> Floats:
+        return np.stack(
+            [(errors(units + step) - errors(units - step)) / 2 for step in np.eye(4)], axis=1
+        )
+
+    options = {"loss": "soft_l1", "f_scale": MAX_BRIGHTNESS_DIFFERENCE, "max_nfev": 20}
+    return np.asarray(start + least_squares(errors, np.zeros(4), slopes, **options).x * scales)
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
@@ -267,33 +270,11 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
             np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors])
         )
 
-    return np.asarray(start + _closest_units(different, 4, 300) * scales)
-
-
-def _least_units(errors: Callable[[Floats], Floats], count: int, trials: int) -> Floats:
-    """Return the numbers (count,) near zero of least errors, with derivatives by unit steps."""
-
-    def slopes(units: Floats) -> Floats:
-        return np.stack(
-            [(errors(units + step) - errors(units - step)) / 2 for step in np.eye(count)], axis=1
-        )
-
-    options = {"loss": "soft_l1", "f_scale": MAX_BRIGHTNESS_DIFFERENCE, "max_nfev": trials}
-    return np.asarray(least_squares(errors, np.zeros(count), slopes, **options).x)
-
-
-def _closest_units(different: Callable[[Floats], float], count: int, trials: int) -> Floats:
-    """Return the numbers (count,), pixels, near zero of least difference, without slopes."""
-    simplex = np.vstack([np.zeros(count), DERIVATIVE_STEP_PX * np.eye(count)])
-    settings = {
-        "initial_simplex": simplex,
-        "xatol": SHIFT_TOLERANCE_PX,
-        "fatol": 1e-9,
-        "maxfev": trials,
-    }
-    return np.asarray(
-        minimize(different, np.zeros(count), method="Nelder-Mead", options=settings).x
-    )
+    simplex = np.vstack([np.zeros(4), DERIVATIVE_STEP_PX * np.eye(4)])
+    options = {"initial_simplex": simplex, "xatol": SHIFT_TOLERANCE_PX}
+    options |= {"fatol": 1e-9, "maxfev": 300}
+    result = minimize(different, np.zeros(4), method="Nelder-Mead", options=options)
+    return np.asarray(start + result.x * scales)
 
 
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:

@@ -14,7 +14,6 @@ from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
     COMPOSITION_FIELDS,
     GROUPS,
-    OTHER_FIELDS,
     RendererModel,
     field_of,
 )
@@ -82,19 +81,14 @@ class TestSet:
     @property
     def tested(self) -> list[HogelImage]:
         """The tested images, spread evenly over all, `MAX_TESTED_HOGELS` at most."""
-        count = len(self.images)
-        chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
-        return [self.images[index] for index in chosen] if count else []
+        return spread(self.images, MAX_TESTED_HOGELS)
 
     @property
     def _covered(self) -> Mask:
         """Pixels (N, H, W) in which the tested images show something."""
-        return np.stack(
-            [
-                covered_by(image) | (shows_something(image) if image.color is not None else False)
-                for image in self.tested
-            ]
-        )
+        colored = [image.color is not None and shows_something(image) for image in self.tested]
+        pairs = zip(map(covered_by, self.tested), colored, strict=True)
+        return np.stack([covered | color for covered, color in pairs])
 
     @property
     def infeasible(self) -> bool:
@@ -111,9 +105,8 @@ class TestSet:
                 for image in self.tested
             ]
             for place, excused in enumerate((False, explained)):
-                self.masks[model, excused] = np.array(
-                    [model.applied(pair[place]) for pair in pairs], dtype=np.bool_
-                )
+                masks = [model.orientation.applied(pair[place]) for pair in pairs]
+                self.masks[model, excused] = np.array(masks, dtype=np.bool_)
         return self.masks[model, explained]
 
     def wrong(self, model: RendererModel, *, explained: bool = False) -> int:
@@ -133,23 +126,17 @@ class TestSet:
         """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
 
         A pixel is explained if it is wrong by the nominal model, and right by the candidate or
-        wrong
-        by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes wrong
-        count against it. The smaller of the shares among all pixels and among those in which images
-        show something counts: a candidate under which nothing is visible explains black pixels, but
-        no shown ones.
+        wrong by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes
+        wrong count against it. The smaller of the shares among all pixels and among those in which
+        images show something counts: a candidate under which nothing is visible explains black
+        pixels, but no shown ones.
         """
-        unexplained = self.mask(self.nominal)
-        if not unexplained.any():
+        before, after = self.mask(self.nominal), self.mask(model, explained=True)
+        if not before.any():
             return None
-        left, covered = self.mask(model, explained=True), self._covered
-        counts = [
-            (np.sum(unexplained & here), np.sum(left & here))
-            for here in (np.ones_like(covered), covered)
-        ]
-        return float(
-            min(max(0.0, 1.0 - after / before) if before else 1.0 for before, after in counts)
-        )
+        covered = self._covered
+        counts = [(before.sum(), after.sum()), ((before & covered).sum(), (after & covered).sum())]
+        return float(max(0.0, min(1 - left / wrong for wrong, left in counts if wrong)))
 
     def explains(self, model: RendererModel) -> bool:
         """Return whether a candidate explains enough to be a diagnosis, or nothing is wrong."""
@@ -180,23 +167,6 @@ class TestSet:
                 return model
             model = min(rest, key=self.wrong)
 
-    def joint_groups(self, model: RendererModel) -> tuple[str, ...]:
-        """Return the groups of numbers of which none makes pixels right without the others."""
-        # Groups are added to the candidate's conventions one after another, each time the best one;
-        # groups that are left when none of them pays explain only together.
-        known = model.with_parameters(self.nominal.parameters)
-        left = {name: {field_of(name): getattr(model, field_of(name))} for name in GROUPS}
-        left = {name: group for name, group in left.items() if replace(known, **group) != known}
-        while len(left) > 1:
-            tried = {name: replace(known, **group) for name, group in left.items()}
-            paying = {name: model for name, model in tried.items() if self.pays(model, known)}
-            if not paying:
-                return tuple(left)
-            best = min(paying, key=lambda name: self.wrong(paying[name]))
-            known = paying[best]
-            del left[best]
-        return ()
-
     def _simpler(self, model: RendererModel) -> Iterator[RendererModel]:
         """Yield, for each defect of a candidate, the candidate without it."""
         groups: list[tuple[str, ...]] = [(field_of(group),) for group in GROUPS if group != "near"]
@@ -204,11 +174,17 @@ class TestSet:
         groups += [("film",), COMPOSITION_FIELDS]
         groups += [("near", "pivot", "fit")] if model.near != self.nominal.near else []
         groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
-        groups += [(name,) for name in OTHER_FIELDS]
+        groups += [("axes",)]
         for fields in groups:
             simpler = replace(model, **{name: getattr(self.nominal, name) for name in fields})
             if simpler != model:
                 yield simpler
+
+
+def spread(images: Sequence[HogelImage], most: int) -> list[HogelImage]:
+    """Return some images, spread evenly over all."""
+    chosen = np.linspace(0, len(images) - 1, min(len(images), most)).astype(int)
+    return [images[index] for index in dict.fromkeys(chosen.tolist())]
 
 
 def shows(image: HogelImage) -> bool:

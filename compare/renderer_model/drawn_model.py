@@ -43,13 +43,9 @@ class Kind(Enum):
     NEAR = auto()  # a length of the scene, not negative, of any magnitude
 
 
-Index = tuple[int, int]
 RIGHT_AXES = "x, y, z"
 COMPOSITION_FIELDS = ("front", "back", "overlaid", "culled", "conjugated", "normals")
 """Fields of `RendererModel` of the composition and lighting of the halves."""
-
-OTHER_FIELDS = ("axes", "missing", "shows")
-"""Fields of `RendererModel` of the scene and of single hogels."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -64,11 +60,8 @@ GROUPS: dict[str, tuple[str, Kind]] = {
 }
 """Axes and kind of each group of numbers, in the order of `RendererModel.parameters`."""
 
-SCREEN_GROUPS = (
-    "screen-center",
-    "screen-height",
-)  # They mean something for recentered frusta alone.
-CAMERA_GROUPS = ("shift", "fov", "near")  # One camera may have them off nominal alone.
+SCREEN_GROUPS = ("screen-center", "screen-height")  #: groups of recentered frusta alone
+CAMERA_GROUPS = ("shift", "fov", "near")  #: groups that one camera may have off nominal alone
 NUMBERS = tuple(
     (name, axis, kind) for name, (axes, kind) in GROUPS.items() for axis in axes or ("",)
 )
@@ -124,6 +117,7 @@ def table(scene: Scene, values: Floats) -> Table:
         width = frustum.screen.size[0] / abs(frustum.screen.height)
         on_screen = frustum.screen.size[0] / frustum.resolution[0]
     px = TOLD_APART_PER_REACH * reach * width / frustum.resolution[0]
+    smallest, screen_px = SMALLEST_SHIFT_PX * on_screen, 0.1 * on_screen
 
     def row(kind: Kind, value: float) -> tuple[float, ...]:
         near_scale, near_step = max(0.03 * value, 1e-6 * reach), max(1e-4 * value, 1e-9 * reach)
@@ -132,19 +126,11 @@ def table(scene: Scene, values: Floats) -> Table:
             Kind.FACTOR: (SMALLEST_FACTOR, 1e-3, 1e-6, 0.01, inf),
             Kind.SIZE: (SMALLEST_FACTOR, 0.03 * value, 1e-6 * value, 1e-6, 1e6),
             Kind.OFFSET: (SMALLEST_SHIFT_PX * px, 1e-2 * reach, 1e-4 * px, -inf, inf),
-            Kind.SCREEN: (
-                SMALLEST_SHIFT_PX * on_screen,
-                0.1 * on_screen,
-                1e-4 * on_screen,
-                -inf,
-                inf,
-            ),
+            Kind.SCREEN: (smallest, screen_px, 1e-4 * on_screen, -inf, inf),
             Kind.NEAR: (0.0, near_scale, near_step, 0.0, 0.9 * reach),
         }[kind]
 
-    return Table(
-        *np.array([row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]).T
-    )
+    return Table(*np.array([row(*pair) for pair in zip(KINDS, values.tolist(), strict=True)]).T)
 
 
 def smallest_named(scene: Scene) -> Floats:
@@ -221,31 +207,24 @@ FLIPPED = tuple(
 """Cameras whose film alone is mirrored; C* that is not turned by 180 degrees comes first."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Film:
-    """Sampling of a film by pixels: by default each at its own place, evenly spaced."""
+class Film(StrEnum):
+    """Spacing of pixels on a film: by equal tangents, as they should be, or by equal angles."""
 
-    # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the
-    # radius.
-    angles: str = ""
-    # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the
-    # other side.
-    rolled: tuple[int, int] = (0, 0)
-    # True if it is rolled by whole pixels in place of the shear of the frustum.
-    unsheared: bool = False
-    # Resolution of drawing over the file's, and whether it was enlarged by interpolation.
-    size: float = 1.0
-    smooth: bool = False
+    EVEN = "even"
+    X = "x"  # equal angles along x, or y, or both
+    Y = "y"
+    XY = "xy"
+    RADIUS = "radius"  # equal angles from the middle outward
 
     def bent(self, u: Floats, v: Floats, half: tuple[float, float]) -> tuple[Floats, Floats]:
         """Return where on an even film of some half-extents, slopes, a lens has places -1 to 1."""
         (tx, ty), corner = half, math.hypot(*half)
         x, y = u * tx, v * ty
-        if "x" in self.angles:
+        if self in (Film.X, Film.XY):
             x = np.tan(u * math.atan(tx))
-        if "y" in self.angles:
+        if self in (Film.Y, Film.XY):
             y = np.tan(v * math.atan(ty))
-        if self.angles == RADIUS:
+        if self is Film.RADIUS:
             share = np.hypot(x, y) / corner
             factor = np.tan(share * math.atan(corner)) / np.maximum(share * corner, 1e-12)
             x, y = x * factor, y * factor
@@ -253,73 +232,58 @@ class Film:
 
     def directions(self, bundle: RayBundle) -> Floats:
         """Return d (H, W, 3) of the line that each pixel samples; see `RayBundle.directions`."""
-        if self == EVEN:
+        if self is Film.EVEN:
             return bundle.directions()
-        shears = np.array(bundle.shear) / bundle.half_extent * bundle.resolution / 2 * (1, -1)
-        rolls = np.where(self.unsheared, np.rint(shears), 0.0).astype(int) - self.rolled
-        places = []
-        for count, roll in zip(bundle.resolution, rolls.tolist(), strict=True):
-            drawn = max(1, round(count * self.size))
-            pixel = np.floor(((np.arange(count) + roll) % count + 0.5) * drawn / count)
-            places.append((2 * pixel + 1) / drawn - 1)
-        u, v = np.meshgrid(places[0], -places[1])
-        x, y = self.bent(u, v, bundle.half_extent)
-        (tx, ty), (kx, ky) = bundle.half_extent, (0.0, 0.0) if self.unsheared else bundle.shear
+        u, v = np.meshgrid(*((2 * np.arange(count) + 1) / count - 1 for count in bundle.resolution))
+        x, y = self.bent(u, -v, bundle.half_extent)
+        (tx, ty), (kx, ky) = bundle.half_extent, bundle.shear
         return np.stack((kx + x * tx, ky + y * ty, np.full_like(x, -1.0)), axis=-1)
 
 
-RADIUS = "radius"  # Value of `Film.angles`
-EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
+EVEN = Film.EVEN
 
 
 @dataclass(frozen=True, kw_only=True)
 class RendererModel:
     """Model of the renderer of a plate; lengths in scene units, pairs and triples along x, y, z."""
 
-    # Transforms that bring its images upright, and its apertures in order.
+    #: transforms that bring its images upright, and its apertures in order
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    # Where in an upright image's pixels it samples: px to the right and down from the pixel's
-    # center.
+    #: sampling point in an upright image, px to the right and down from the pixel's center
     shift: tuple[float, float] = (0.0, 0.0)
-    # Half-extents of its film, and distances between its apertures, over the scene's.
+    #: half-extents of its film, and distances between its apertures, over the scene's, > 0
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
-    # Offset of both cameras; 0 for cameras in the aperture itself.
+    #: offset of both cameras, >= 0; 0 for cameras in the aperture itself
     near: float = 0.0
-    # By how much all apertures are moved; a point p of the scene is drawn where scale p + offset
-    # belongs.
+    #: move of all apertures; a point p of the scene is drawn where scale p + offset belongs
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
-    # By how much the projection screen's center is moved, and its height over the scene's;
-    # a screen at another height keeps its size. They and the shear mean nothing for a centered
-    # frustum.
+    #: move of the projection screen's center, and its height over the scene's; a screen at another
+    #: height keeps its size. They and the shear mean nothing for a centered frustum.
     screen_center: tuple[float, float] = (0.0, 0.0)
     screen_height: float = 1.0
     recentering: Recentering = Recentering.RIGHT
-    # As in the design; they mean nothing at near 0.
+    #: as in the design; they mean nothing at near 0
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
-    # How the halves are put together: whether the viewer's covers the other, and omitted surfaces.
+    #: composition of the halves: winners, whether the viewer's half covers the other, omitted faces
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back: Back = Back.NEAREST
-    # The camera to which alone shift, fov and near apply; None where they apply to both.
+    #: camera to which alone shift, fov and near apply; None where they apply to both
     one_camera: OneCamera | None = None
-    # True if the lights of the viewer's half are conjugated.
+    #: whether the lights of the viewer's half are conjugated
     conjugated: bool = True
-    # Axes drawn in place of x, y and z, and numbers of the objects that are left out
-    # (`pictures.drawn_scene`).
-    axes: str = RIGHT_AXES
-    missing: tuple[int, ...] = ()
-    # Apertures whose images hogels show, by their files' place.
-    shows: tuple[tuple[Index, Index], ...] = ()
     normals: Normals = Normals.RIGHT
+    #: axes drawn in place of x, y and z (`pictures.drawn_scene`)
+    axes: str = RIGHT_AXES
     film: Film = EVEN
-    # Heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
-    # scene's.
+    #: heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
+    #: scene's
     reach: tuple[float, float] | None = None
 
     @property
@@ -362,16 +326,11 @@ class RendererModel:
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
         """Return the aperture of the scene that a file named after one aperture shows."""
-        ordered = self.order.index(aperture.index, scene.plate.hogels)
-        return scene.plate.aperture(*dict(self.shows).get(aperture.index, ordered))
+        return scene.plate.aperture(*self.order.index(aperture.index, scene.plate.hogels))
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return a picture (H, W, ..) as it belongs."""
         return self.orientation.upright(picture)
-
-    def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
-        return self.orientation.applied(picture)
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the candidate has it."""
@@ -383,11 +342,9 @@ class RendererModel:
         screen, (x, y) = scene.frustum.screen, self.screen_center
         if screen is None or (x, y, self.screen_height) == (0.0, 0.0, 1.0):
             return scene.frustum
-        center, height = (
-            (screen.center[0] + x, screen.center[1] + y),
-            screen.height * self.screen_height,
-        )
-        return replace(scene.frustum, screen=replace(screen, height=height, center=center))
+        center = screen.center[0] + x, screen.center[1] + y
+        moved = replace(screen, height=screen.height * self.screen_height, center=center)
+        return replace(scene.frustum, screen=moved)
 
     def bundle(self, scene: Scene, aperture: Aperture, side: int) -> RayBundle:
         """Return the lines of C (side 1), C* (side -1), or of both if shared (side 0).
@@ -398,23 +355,21 @@ class RendererModel:
         """
         camera, frustum = self.camera(side), self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
-        factor, entry, near = self.recentering.factor(side), camera.one_camera, camera.near
-        signs = (-1.0 if entry and entry.flip_x else 1.0, -1.0 if entry and entry.flip_y else 1.0)
+        factor, entry = self.recentering.factor(side), camera.one_camera
+        near = camera.near if side else 0.0
         (kx, ky), (tx, ty), fov = crossed.shear, crossed.half_extent, camera.fov
-        half_extent = tx * fov[0] * signs[0], ty * fov[1] * signs[1]
-        crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=half_extent)
+        tx, ty = tx * fov[0], ty * fov[1]
+        if entry is not None:
+            tx, ty = -tx if entry.flip_x else tx, -ty if entry.flip_y else ty
+        crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=(tx, ty))
         fitted = abs(frustum.screen.height) if self.fit is Fit.SCREEN and frustum.screen else None
         drawn = offset_camera(crossed, side * near, pivot=self.pivot, fitted=fitted)
         viewer, back = self.reach or frustum.reach
-        first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[
-            side
-        ]
+        first = near if side > 0 else -near - viewer
+        last = -near if side < 0 else near + back
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
-        (width, height), (right, down), (tx, ty) = (
-            frustum.resolution,
-            camera.shift,
-            drawn.half_extent,
-        )
+        (width, height), (right, down) = frustum.resolution, camera.shift
+        (kx, ky), (tx, ty) = drawn.shear, drawn.half_extent
         x, y, z = (
             (place - moved) / self.scene_scale
             for place, moved in zip(drawn.center, self.scene_offset, strict=True)
@@ -422,10 +377,7 @@ class RendererModel:
         return replace(
             drawn,
             center=(x, y, z),
-            shear=(
-                drawn.shear[0] + 2 * right / width * tx,
-                drawn.shear[1] + -2 * down / height * ty,
-            ),
+            shear=(kx + 2 * right / width * tx, ky + -2 * down / height * ty),
             s_range=(first / self.scene_scale, last / self.scene_scale),
         )
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import (
@@ -62,29 +61,21 @@ Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
 
 
 @lru_cache(maxsize=KEPT_REFERENCES)
-def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Reference:
-    scene = reference.scene
-    matrix = np.zeros((3, 3))
+def _with_axes(reference: Reference, axes: str) -> Reference:
+    scene, matrix = reference.scene, np.zeros((3, 3))
     for row, axis in enumerate(axes.split(", ")):
         matrix["xyz".index(axis[-1]), row] = -1.0 if axis.startswith("-") else 1.0
     parts = []
-    for number, part in enumerate(scene.objects):
-        vertices, normals = part.vertices @ matrix, part.vertex_normals
-        if number in missing:
-            # Out of reach it is not drawn, and its triangles keep their numbers.
-            depth = float(np.ptp(vertices[:, 2])) + 4 * scene.frustum.longest_reach
-            vertices = vertices - (0.0, 0.0, float(vertices[:, 2].max()) + depth)
-        normals = None if normals is None else normals @ matrix
-        parts.append(replace(part, vertices=vertices, vertex_normals=normals))
+    for part in scene.objects:
+        normals = None if part.vertex_normals is None else part.vertex_normals @ matrix
+        parts.append(replace(part, vertices=part.vertices @ matrix, vertex_normals=normals))
     # Selecting the effects of each changed scene takes longer than evaluating all.
     return Reference(replace(scene, objects=tuple(parts)), reference.tracer_name, ALL_EFFECTS)
 
 
 def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
-    """Return the reference of a candidate's scene: its axes, without missing objects."""
-    if model.axes == RIGHT_AXES and not model.missing:
-        return reference
-    return _changed(reference, model.axes, model.missing)
+    """Return the reference of a candidate's scene, with its axes."""
+    return reference if model.axes == RIGHT_AXES else _with_axes(reference, model.axes)
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
@@ -101,12 +92,10 @@ def drawn(
     def shown(side: int, *, last: bool = False) -> Layer:
         bundle = model.bundle(scene, aperture, side)
         key = (bundle, last, model.culled, model.film)
-        if key not in known:
-            known[key] = (
-                layer(scene, bundle, last=last, culled=model.culled)
-                if model.film == EVEN
-                else uneven_layer(reference, bundle, model.film, last=last)
-            )
+        if key not in known and model.film is EVEN:
+            known[key] = layer(scene, bundle, last=last, culled=model.culled)
+        elif key not in known:
+            known[key] = uneven_layer(reference, bundle, model.film, last=last)
         return known[key]
 
     if model.plain and model.one_pencil:
@@ -142,22 +131,20 @@ def layer(
         return result
     row, column, number = result.tied_triangles.T
     column, row = flipped.cells(column, row, bundle.resolution)
-    arrays = {
-        name: flipped.applied(getattr(result, name))
-        for name in ("triangle", "certainty", "position")
-    }
-    return Layer(tied_triangles=np.stack((row, column, number), axis=1), **arrays)
+    return Layer(
+        triangle=flipped.applied(result.triangle),
+        certainty=flipped.applied(result.certainty),
+        tied_triangles=np.stack((row, column, number), axis=1),
+        position=flipped.applied(result.position),
+    )
 
 
 def uneven_layer(
     reference: Reference, bundle: RayBundle, film: Film, *, last: bool = False
 ) -> Layer:
     """Return first, or last, surfaces along lines of an uneven film, traced, none culled."""
-    directions, center, (low, high) = (
-        film.directions(bundle),
-        np.asarray(bundle.center),
-        bundle.s_range,
-    )
+    directions, center = film.directions(bundle), np.asarray(bundle.center)
+    (low, high), (height, width, _) = bundle.s_range, directions.shape
     rays, corners = directions.reshape(-1, 3), reference.scene.triangles
     start, sign = (high, -1.0) if last else (low, 1.0)
     number, s = np.full(len(rays), NOTHING, dtype=np.int32), np.full(len(rays), np.nan)
@@ -168,12 +155,11 @@ def uneven_layer(
     inside = (low <= place) & (place <= high)
     there = there[inside]
     number[there], s[there] = hit[there], place[inside]
-    shape = directions.shape[:2]
     return Layer(
-        triangle=number.reshape(shape),
-        certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
+        triangle=number.reshape(height, width),
+        certainty=np.full((height, width), Certainty.UNEXAMINED, dtype=np.uint8),
         tied_triangles=np.zeros((0, 3), dtype=np.int64),
-        position=center + s.reshape(*shape, 1) * directions,
+        position=center + s.reshape(height, width, 1) * directions,
     )
 
 
@@ -211,12 +197,12 @@ def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImag
     if not model.conjugated:
         # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the
         # lights.
-        lights = [(light, light.direction) for light in scene.appearance.lights]
-        reversed_lights = tuple(
-            replace(light, direction=(-x, -y, -z)) for light, (x, y, z) in lights
-        )
-        other = replace(scene, appearance=replace(scene.appearance, lights=reversed_lights))
-        color = np.where(front[..., None], radiance(other), color)
+        lights = []
+        for light in scene.appearance.lights:
+            x, y, z = light.direction
+            lights.append(replace(light, direction=(-x, -y, -z)))
+        appearance = replace(scene.appearance, lights=tuple(lights))
+        color = np.where(front[..., None], radiance(replace(scene, appearance=appearance)), color)
     return replace(answer, color=color)
 
 
@@ -225,28 +211,26 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
     """Return the scene with the normals by which a candidate shades its triangles."""
     if normals is Normals.RIGHT:
         return scene
+    if normals is Normals.FLAT:
+        flat = [replace(part, vertex_normals=None) for part in scene.objects]
+        return replace(scene, objects=tuple(flat))
+    # The visible side follows the winding, which stays; each corner has a normal of its own.
     parts = []
-    for number, entry in enumerate(scene.objects):
-        part = replace(entry, vertex_normals=None)
-        if normals is Normals.INVERTED:
-            # The visible side follows the winding, which stays; each corner has a normal of
-            # its own.
-            corners, smooth = entry.faces.reshape(-1), entry.vertex_normals
-            flat = np.repeat(scene.normals[scene.object_of_triangle == number], 3, axis=0)
-            own = (
-                flat
-                if smooth is None
-                else np.where(np.isnan(smooth[corners]), flat, smooth[corners])
-            )
-            part = replace(
-                entry,
-                vertices=entry.vertices[corners],
-                faces=np.arange(len(corners)).reshape(-1, 3),
-                uv=None if entry.uv is None else entry.uv[corners],
-                vertex_colors=None if entry.vertex_colors is None else entry.vertex_colors[corners],
-                vertex_normals=-own,
-            )
-        parts.append(part)
+    for number, part in enumerate(scene.objects):
+        corners = part.faces.reshape(-1)
+        own = np.repeat(scene.normals[scene.object_of_triangle == number], 3, axis=0)
+        if part.vertex_normals is not None:
+            smooth = part.vertex_normals[corners]
+            own = np.where(np.isnan(smooth), own, smooth)
+        unshared = replace(
+            part,
+            vertices=part.vertices[corners],
+            faces=np.arange(len(corners)).reshape(-1, 3),
+            uv=None if part.uv is None else part.uv[corners],
+            vertex_colors=None if part.vertex_colors is None else part.vertex_colors[corners],
+            vertex_normals=-own,
+        )
+        parts.append(unshared)
     return replace(scene, objects=tuple(parts))
 
 
@@ -261,34 +245,11 @@ def reference_colors(
     # Orientation and order turn pictures as wholes: nothing else may differ from the truth.
     if replace(question, orientation=UPRIGHT, order=UPRIGHT) == RendererModel():
         return replace(answer, color=reference.trace(aperture).color)
-    shared = replace(question, near=0.0).one_pencil
-    if question.film.smooth:
-        return replace(answer, color=_enlarged(reference, question, aperture))
-    shared &= question.film == EVEN and question.normals is Normals.RIGHT
-    if not (averages(reference.scene.sampling) and question.conjugated and shared):
+    shared = replace(question, near=0.0).one_pencil and question.film is EVEN
+    plain = shared and question.conjugated and question.normals is Normals.RIGHT
+    if not (averages(reference.scene.sampling) and plain):
         return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
-
-
-def _enlarged(reference: Reference, model: RendererModel, aperture: Aperture) -> Singles:
-    """Return the color (H, W, 3) of a smaller picture whose pixels are interpolated between."""
-    scene = reference.scene
-    count = scene.frustum.resolution
-    width, height = drawn_size = [max(1, round(entry * model.film.size)) for entry in count]
-    small = replace(scene, frustum=replace(scene.frustum, resolution=(width, height)))
-    even, there = replace(model, film=EVEN), Reference(small)
-    color = reference_colors(there, even, trace_drawn(there, even, aperture)).color
-    assert color is not None
-    columns, rows = (
-        (np.arange(many) + 0.5) * few / many - 0.5
-        for many, few in zip(count, drawn_size, strict=True)
-    )
-    places = np.meshgrid(rows, columns, indexing="ij")
-    parts = [
-        map_coordinates(moveaxi, places, order=1, mode="nearest")
-        for moveaxi in np.moveaxis(color, -1, 0)
-    ]
-    return np.stack(parts, axis=-1)
 
 
 def picture_of(
@@ -387,7 +348,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     nearest, least = np.full((len(missed), 3), np.nan), np.full(len(missed), np.inf)
     for side, bundle in bundles.items():
-        if model.film != EVEN:
+        if model.film is not EVEN:
             # Pixels lie where an even film has their lines.
             lines = model.film.directions(bundle)[rows[missed], columns[missed]]
             cells = pixel_places(np.asarray(bundle.center) + lines, bundle)
@@ -401,7 +362,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
             nearest[nearer], least[nearer] = point[nearer], apart[nearer]
     best[missed] = nearest
     points[rows, columns] = best
-    return np.asarray(model.applied(points))
+    return np.asarray(model.orientation.applied(points))
 
 
 def _nearest_of_edge(

@@ -26,8 +26,6 @@ from xfrustum.scenes.representation import counted, percent_up
 if TYPE_CHECKING:
     from xfrustum.reports.verification.verdict import Verification
 
-# Hogels that the sentence of a defect names.
-MAX_TOLD = 10
 # Hogels that a sentence names.
 MAX_NAMED = 4
 # Hogels that the terminal names one by one.
@@ -82,11 +80,8 @@ TEMPLATES = {
     "projection screen",
     names.EQUAL_ANGLES: "pixels are spaced by equal angles along {value}: a flat film has equal "
     "tangents",
-    names.WRAPPED: "images are rolled {value}: what leaves on one side comes in on the other",
     names.Z_NEGATED: "axes are wrong: {axes} ({value} in place of x, y, z)",
     names.AXES_EXCHANGED: "axes are wrong: {axes} ({value} in place of x, y, z)",
-    names.OBJECT_MISSING: "{value} is missing: it is not drawn",
-    names.RESAMPLED: "images were drawn at {value:.4g} of their resolution and enlarged: {how}",
     "front-missing": "the half on the viewer's side is missing: only C is drawn",
     "back-missing": "the half behind the plate is missing: only C* is drawn",
     "front-nearest": "on the viewer's side the surface nearest to the plate wins; C* must keep the "
@@ -111,6 +106,9 @@ TEMPLATES = {
     "triangles: others are lost",
     stored.RESTARTING: "numbers of triangles begin anew with each of {value:.0f} objects, as "
     "gl_PrimitiveID does: add the number of each object's first triangle",
+    # Mixed ids are invented numbers: their share is the only measurable size.
+    stored.RESAMPLED: "numbers are mixed with their neighbors' in {value:.0%} of the pixels, by "
+    "filtering, resizing or anti-aliasing: numbers have no averages",
     stored.LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
     "layout": "files were read as {stated}, and hold {details[0]}",
 }
@@ -131,10 +129,6 @@ def percent(fraction: float) -> str:
 
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
     """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
-    if defect.parts:
-        # Several small numbers may mimic one unknown defect, hence the reservation.
-        parts = "; ".join(defect_words(part, scene, by) for part in defect.parts)
-        return f"only together these numbers explain, and may stand for something else: {parts}"
     words = _sized(defect, scene)
     others = f"; or {', or '.join(defect.alternatives)}: {by} cannot tell"
     return words + others if defect.alternatives else words
@@ -144,22 +138,13 @@ def _sized(defect: Defect, scene: Scene) -> str:
     """Return the sentence of a defect without its alternatives."""
     if (special := SPECIAL.get(defect.fault)) is not None:
         return special(defect, scene)
-    # Mixed ids are invented numbers: their share is the only measurable size.
-    if defect.fault == stored.RESAMPLED and defect.unit == "share":
-        return (
-            f"numbers are mixed with their neighbors' in {defect.value:.0%} of the pixels, by "
-            "filtering, resizing or anti-aliasing: numbers have no averages"
-        )
     # Defects without a template are deviations of one number of the camera model.
     if defect.fault not in TEMPLATES:
         return _number_words(defect, scene)
-    # Nearest-neighbor enlargement repeats ids, interpolation mixes them.
-    nearest = defect.details == ("nearest",)
     return TEMPLATES[defect.fault].format(
         value=defect.value,
         stated=defect.stated,
         details=defect.details,
-        how="the nearest pixel was taken" if nearest else "interpolated",
         axes=AXES.get(str(defect.value), ""),
         triangles=len(scene.faces),
         value_words=PIXEL_WORDS.get(str(defect.value), "colors"),
@@ -174,15 +159,6 @@ def _view_shear(defect: Defect, scene: Scene) -> str:
     height = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
     text = f"views have {value:.3g} of the shear that the plate needs"
     return f"{text}: they are registered at height {height}"
-
-
-def _hogels(defect: Defect, _: Scene) -> str:
-    shown = [
-        f"hogel {i},{j} shows {' or '.join(f'{k},{m}' for k, m in others)}'s image"
-        for (i, j), others in defect.details
-    ]
-    more = f"; and {len(shown) - MAX_TOLD} more" if len(shown) > MAX_TOLD else ""
-    return "; ".join(shown[:MAX_TOLD]) + more
 
 
 def _channels(defect: Defect, _: Scene) -> str:
@@ -219,7 +195,6 @@ def _shear_sign(defect: Defect, _: Scene) -> str:
 SPECIAL: dict[str, Callable[[Defect, Scene], str]] = {
     names.SHEAR_SIGN: _shear_sign,
     names.VIEW_SHEAR: _view_shear,
-    **dict.fromkeys((names.STALE, names.EXCHANGED), _hogels),
     stored.CHANNEL_ORDER: _channels,
     stored.ID_OFFSET: _id_offset,
     **dict.fromkeys(stored.TRANSFER_FAULTS, _transfer),

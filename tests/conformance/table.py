@@ -60,7 +60,7 @@ WRONG = [
         upside-down: orientation
         transposed: orientation
         all-upside-down: orientation aperture-order
-        rolled: wrapped shift
+        rolled: shift unexplained
         nearest: front-nearest
         no-front: front-missing
         no-back: back-missing
@@ -92,7 +92,7 @@ WRONG = [
         culled-back: culling
         equal-angles: equal-angles
         barrel: unexplained
-        resampled-nearest: resampled
+        resampled-nearest: unexplained
         odd-rows: unexplained
         front-near-offset: front-near-offset
         back-fov: back-fov

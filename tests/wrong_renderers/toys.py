@@ -302,13 +302,11 @@ add(
     "rolled",
     "images rolled by 5 px to the right",
     changed(lambda p: np.roll(p, 5, axis=1)),
-    alike("wrapped shift-x does-not-explain"),
 )
 add(
     "resampled-nearest",
     "drawn at half the size, nearest",
     scaled_up(Image.Resampling.NEAREST),
-    "resampled",
 )
 add(
     "resampled-bilinear",

@@ -1,0 +1,512 @@
+"""Defects put in on purpose are named, with the right size, and nothing else is.
+
+`Faulty` draws by the project's rasterizer; the table of wrong renderers (`test_wrong_renderers`)
+has all defects at several times the size.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+import xfrustum
+from tests.support.foreign_renderers import Faulty, oblong, saying, small
+from tests.support.light import with_smooth_normals
+from tests.support.scene_file import film, named, part
+from tests.wrong_renderers.ray_caster import picture
+from tests.wrong_renderers.worlds import harbor
+from xfrustum.compare.diagnosis.claims import claims_of
+from xfrustum.compare.diagnosis.defects import Defect
+from xfrustum.compare.diagnosis.diagnosis import diagnose
+from xfrustum.compare.diagnosis.encodings import RESAMPLED, IdRepair
+from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
+from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
+from xfrustum.compare.judging.judged import Compared, Judging
+from xfrustum.compare.renderer_model.conventions import Orientation
+from xfrustum.compare.renderer_model.drawn_model import (
+    NUMBERS,
+    Culled,
+    Film,
+    Front,
+    Normals,
+    OneCamera,
+    Recentering,
+    RendererModel,
+)
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
+from xfrustum.reference import Reference
+from xfrustum.reports.verification.verdict import Verification, render_page, table
+from xfrustum.scenes import Aperture, HogelImage, Scene, SceneObject, open_scene
+from xfrustum.scenes.conformance.suite import chosen
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.foreign_images import (
+    Encoding,
+    ForeignImage,
+    Reading,
+    StoredPixels,
+    bytes_of,
+)
+
+TURNED, REVERSED = Orientation(True, False, True), Orientation(False, True, False)
+NOMINAL = RendererModel()
+
+DEFECTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
+    "orientation": ({"orientation": TURNED}, {"orientation": TURNED.labels[0]}),
+    "order": ({"order": REVERSED}, {"aperture-order": REVERSED.labels[1]}),
+    "corners": ({"shift": (-0.5, -0.5)}, {"shift-x": -0.5, "shift-y": -0.5}),
+    "fov": ({"fov": (1.01, 1.01)}, {"fov-x": 1.01, "fov-y": 1.01}),
+    "aspect": ({"fov": (1.0, 0.99)}, {"fov-y": 0.99}),
+    "pitch": ({"pitch": 1.02}, {"pitch-x": 1.02, "pitch-y": 1.02}),
+    "near": ({"near": 1.5}, {"near": 1.5}),
+    "pivot": ({"near": 3.0, "pivot": "camera"}, {"pivot": "camera"}),
+    "fit": ({"near": 3.0, "fit": "screen"}, {"fit": "screen"}),
+    "missing": ({"front": False}, {"front-missing": "missing"}),
+    "covered": ({"overlaid": False}, {"not-overlaid": "back over front"}),
+}
+"""Options of `Faulty`, and the defects that must be named, with their sizes, by case."""
+
+# Largest errors of sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near.
+EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
+
+PAIRS = (
+    *("orientation order", "orientation pitch", "orientation near", "order corners", "order fov"),
+    *("corners fov", "corners aspect", "corners pitch", "corners missing", "fov pitch", "fov near"),
+    *("fov pivot", "aspect fit", "aspect missing", "pitch near", "pitch pivot", "pitch covered"),
+    *("near missing", "near covered", "pivot missing", "fit covered", "order fit"),
+)
+"""Defects that do not contradict each other."""
+
+SIZE = 48
+FEW = [(0, 0), (4, 1), (2, 3)]
+SOME = [*FEW, (1, 4), (3, 2)]
+"""Hogels in each column and in each row of the plate, once."""
+
+
+def by_name(result: Verification) -> dict[str, Defect]:
+    return {defect.fault: defect for defect in result.diagnosis.faults}
+
+
+def of_model(
+    scene: Scene,
+    model: RendererModel,
+    shown: Sequence[str] = ("triangle", "object"),
+    apertures: Sequence[tuple[int, int]] | None = None,
+) -> Verification:
+    """Verify the images of a model in some hogels of a scene, or in all."""
+    reference = Reference(scene)
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        image = trace_drawn(reference, model, aperture)
+        return saying(colored(scene, model, image) if "color" in shown else image, *shown)
+
+    return xfrustum.verify(scene, draw, apertures=apertures)
+
+
+def test_set(
+    scene: Scene, model: RendererModel, apertures: Sequence[tuple[int, int]] = FEW
+) -> TestSet:
+    """Return the triangles that a model draws in some hogels."""
+    reference = Reference(scene)
+    images = [trace_drawn(reference, model, scene.plate.aperture(*index)) for index in apertures]
+    shown = [saying(image, "triangle", "object") for image in images]
+    return TestSet(reference=reference, images=shown, nominal=NOMINAL)
+
+
+test_set.__test__ = False  # type: ignore[attr-defined]
+
+
+def diagnosed(
+    scene: Scene, model: RendererModel, apertures: Sequence[tuple[int, int]] = FEW
+) -> dict[str, Defect]:
+    faults = diagnose(test_set(scene, model, apertures)).diagnosis.faults
+    return {defect.fault: defect for defect in faults}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        *("corners", "missing"),
+        *(pytest.param(pair, marks=pytest.mark.slow) for pair in ("near", *PAIRS)),
+    ],
+)
+def test_defects_are_named_with_their_sizes_alone_and_in_pairs(names: str) -> None:
+    cases, pair = names.split(), " " in names
+    options = {name: value for case in cases for name, value in DEFECTS[case][0].items()}
+    expected = {name: size for case in cases for name, size in DEFECTS[case][1].items()}
+    # Pivot and fit need an offset, which is stated.
+    stated = options["near"] if {"pivot", "fit"} & set(cases) else None
+    scene = small(size=SIZE) if pair else oblong(width=SIZE)
+    with Faulty(scene=scene, **options) as renderer:
+        apertures = None if pair else FEW
+        result = xfrustum.verify(scene, renderer, near=stated, apertures=apertures)
+    assert set(by_name(result)) == set(expected)
+    for name, size in expected.items():
+        defect = by_name(result)[name]
+        value, low, high = defect.value, defect.low, defect.high
+        if isinstance(size, str):
+            assert value == size
+            continue
+        assert isinstance(value, float) and low is not None and high is not None
+        assert value == pytest.approx(size, abs=EXACT[name.split("-")[0]])
+        assert low <= value <= high
+        assert low - 1e-3 * abs(size) <= size <= high + 1e-3 * abs(size)
+    corrected = result.summary()["corrected"]
+    assert not result.passed
+    assert corrected["fraction"] < 0.01 and corrected["causes"]["unexplained"] <= 2
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "asymmetric"])
+def test_in_a_renderer_that_is_right_nothing_is_named(name: str) -> None:
+    scene = oblong(name, width=SIZE)
+    with Faulty(scene=scene) as renderer:
+        result = xfrustum.verify(scene, renderer, apertures=FEW)
+    as_found = result.summary()["as_found"]
+    assert result.diagnosis.faults == () and result.passed
+    assert as_found["surface"]["fraction"] < 0.01
+    assert as_found["displacement_px"]["worst_p99"] < 0.5
+
+
+@pytest.mark.slow
+def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
+    scene = small(size=SIZE)
+    with Faulty(scene=scene, near=2.0) as renderer:
+        stated, unstated, wrongly = (
+            xfrustum.verify(scene, renderer, near=near, apertures=SOME) for near in (2.0, None, 1.0)
+        )
+    assert stated.passed and stated.diagnosis.faults == ()
+    for result in (unstated, wrongly):
+        assert not result.passed and set(by_name(result)) == {"near"}
+        assert by_name(result)["near"].value == pytest.approx(2.0, rel=0.02)
+
+
+def test_one_hogel_leaves_the_order_open_and_shows_the_orientation() -> None:
+    scene = small(size=32)
+    with Faulty(scene=scene, orientation=TURNED) as renderer:
+        result = xfrustum.verify(scene, renderer, apertures=[(2, 2)])
+    assert set(by_name(result)) == {"orientation"}
+
+
+@pytest.mark.slow
+def test_accepted_conventions_are_named_but_not_judged() -> None:
+    scene = small(size=SIZE)
+    with Faulty(scene=scene, orientation=TURNED, order=REVERSED) as renderer:
+        assert not xfrustum.verify(scene, renderer, apertures=SOME).passed
+        accepted = xfrustum.verify(scene, renderer, apertures=SOME, accept=("orientation", "order"))
+    assert accepted.passed and set(by_name(accepted)) == {"orientation", "aperture-order"}
+
+
+@pytest.mark.parametrize(
+    ("model", "shown", "name"),
+    [
+        (RendererModel(film=Film.XY), ["triangle"], "equal-angles"),
+        (RendererModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (RendererModel(normals=Normals.INVERTED), ["color"], "inverted-normals"),
+                (
+                    RendererModel(one_camera=OneCamera(1, flip_x=True)),
+                    ["triangle"],
+                    "back-mirrored",
+                ),
+            )
+        ),
+    ],
+)
+def test_a_lens_normals_and_a_camera_are_named_from_few_small_hogels(
+    model: RendererModel, shown: list[str], name: str
+) -> None:
+    """Normals are smooth on all objects, or on the first alone where they are inverted."""
+    first, *others = (scene := oblong()).objects
+    if model.normals is not Normals.INVERTED:
+        others = [with_smooth_normals(part) for part in others]
+    smooth = replace(scene, objects=(with_smooth_normals(first), *others))
+    result = of_model(smooth, model, shown, FEW)
+    assert set(by_name(result)) == {name} and not result.passed
+
+
+# Images of a recentered frustum leave open moved screens, shifts, missing or reversed shears.
+
+
+@pytest.mark.slow
+def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> None:
+    scene = small("asymmetric-recentered", 32)
+    assert scene.frustum.screen is not None
+    per_px = scene.frustum.screen.size[0] / 32
+    # The first name is the likelier mistake: pixels are sampled within themselves.
+    for shift, first, other in (
+        (0.5, "shift-x", "screen-center-x"),
+        (3.0, "screen-center-x", "shift-x"),
+    ):
+        defects = diagnosed(scene, RendererModel(screen_center=(-shift * per_px, 0.0)))
+        assert set(defects) == {first} and defects[first].alternatives == (other,)
+    (centered,) = diagnosed(small("asymmetric", 32), RendererModel(shift=(3.0, 0.0))).values()
+    assert (centered.fault, centered.alternatives) == ("shift-x", ())
+
+
+@pytest.mark.slow
+def test_one_hogel_or_one_side_of_the_plate_leaves_the_shear_open() -> None:
+    scene = small("asymmetric-recentered", 32)
+    (defect,) = diagnosed(scene, RendererModel(recentering=Recentering.NONE), FEW[:1]).values()
+    others = ("screen-center-x", "screen-center-y")
+    assert (defect.fault, defect.alternatives) == ("not-recentered", others)
+    before = replace(scene, frustum=replace(scene.frustum, reach=(scene.frustum.reach[0], 1e-3)))
+    model = RendererModel(recentering=Recentering.C_STAR_REVERSED)
+    (defect,) = diagnosed(before, model).values()
+    assert (defect.fault, defect.value) == ("shear-sign", "C*") and defect.details
+
+
+@pytest.mark.slow
+def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() -> None:
+    """With both shears reversed, the corner hogel shows surfaces behind the plate alone."""
+    (case,) = chosen(names=["L3-attic-0"])
+    model = RendererModel(recentering=Recentering.BOTH_REVERSED)
+    assert set(diagnosed(case.open(), model, [(0, 0)])) == {"shear-sign"}
+
+
+@pytest.mark.slow
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    x=st.floats(-6, 6),
+    z=st.floats(-3, 3),
+    scale=st.floats(0.7, 1.5),
+    which=st.sampled_from(["aperture_offset", "scene_offset", "scene_scale"]),
+)
+def test_whatever_the_offset_its_interval_contains_it(
+    x: float, z: float, scale: float, which: str
+) -> None:
+    scene = small(size=SIZE)
+    numbers = {"aperture_offset": (x, -x), "scene_offset": (x, -x, z), "scene_scale": scale}
+    factor = scale if which == "scene_scale" else 1.0
+    move = np.array((x, -x, z) if which == "scene_offset" else (0.0, 0.0, 0.0))
+    shifted = x if which == "aperture_offset" else 0.0
+    parts = [replace(part, vertices=part.vertices * factor + move) for part in scene.objects]
+    reference, images = Reference(replace(scene, objects=tuple(parts))), []
+    for index in SOME:
+        aperture = scene.plate.aperture(*index)
+        there = replace(aperture, x=aperture.x + shifted, y=aperture.y - shifted)
+        image = reference.trace(there)
+        images.append(replace(image, camera=replace(image.camera, aperture=aperture)))
+    fit = fit_geometry(claims_of(scene, images), NOMINAL)
+    nominal, field = NOMINAL.parameters, {which: numbers[which]}
+    expected = replace(NOMINAL, **field).parameters  # type: ignore[arg-type]
+    assert np.all(fit.low <= expected + 1e-12) and np.all(fit.high >= expected - 1e-12)
+    off = np.flatnonzero((fit.low > nominal) | (fit.high < nominal))
+    assert set(off) <= set(np.flatnonzero(expected != nominal))
+
+
+# Findings explain wrong pixels, or are none; defects that show the same images name each other.
+
+
+@pytest.mark.slow
+def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
+    scene = small(size=SIZE)
+    first, second, *others = scene.objects
+    moved = replace(second, vertices=second.vertices + np.array([0.0, -6.0, 4.0]))
+    reference = Reference(replace(scene, objects=(first, moved, *others)))
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        return saying(trace_drawn(reference, NOMINAL, aperture), "triangle")
+
+    result = xfrustum.verify(scene, draw, apertures=SOME)
+    assert not result.passed and not result.diagnosis.faults
+    shares = result.summary()["where"]["shares"]["object"]
+    assert max(shares, key=lambda name: shares[name]["fraction"]).startswith("1 (")
+
+
+@pytest.mark.slow
+def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
+    """An offset widens the picture most near the plate, a field of view everywhere."""
+    scene = small("asymmetric", SIZE)
+    with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
+        result = xfrustum.verify(scene, renderer, apertures=SOME)
+    guesses = {defect.fault: defect.explains for defect in result.diagnosis.does_not_explain}
+    assert not result.passed and result.diagnosis.faults == ()
+    assert guesses.keys() >= {"fov-x", "fov-y"}
+    assert all(share is not None and share < MIN_EXPLAINED_FRACTION for share in guesses.values())
+    summary = result.summary()
+    assert summary["corrected"] == summary["as_found"]
+    assert all("explain only" in guess["words"] for guess in summary["does_not_explain"])
+    assert "no known fault explains" in table(result)
+    assert "No known fault explains what is wrong" in render_page(result)
+
+
+@pytest.mark.parametrize(
+    ("shown", "witnesses"),
+    [("color", "colors"), pytest.param("object", "object numbers", marks=pytest.mark.slow)],
+)
+def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(
+    shown: str, witnesses: str
+) -> None:
+    """Three triangles beside one another, 30 mm behind the plate, and an offset of a sixth."""
+    corners = (
+        *((-24, -9), (-4, -13), (-12, 12), (3, -12), (22, -8)),
+        *((5, -1), (-3, 4), (25, 6), (8, 16)),
+    )
+    vertices = np.array([(x, y, -30.0) for x, y in corners])
+    part = SceneObject(name="flat", vertices=vertices, faces=np.arange(9).reshape(-1, 3))
+    flat = replace(small("asymmetric", 32), objects=(part,))
+    with Faulty(scene=flat, near=5.0, shown=shown) as renderer:
+        result = xfrustum.verify(flat, renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
+    assert set(by_name(result)) == {"fov-x", "fov-y"}
+    for defect in result.diagnosis.faults:
+        assert defect.value == pytest.approx(7 / 6, abs=0.01)
+        assert defect.alternatives == ("near",)
+    words = "; ".join(defect["words"] for defect in result.defects())
+    assert f"or near: {witnesses} cannot tell" in words
+
+
+@pytest.mark.slow
+def test_a_sphere_without_its_near_side_shows_its_far_side_as_if_that_won(tmp_path: Path) -> None:
+    space = film(
+        (40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0)
+    )
+    sphere = part("sphere", 12.0, (3.0, -2.0, 25.0))
+    (tmp_path / "sphere.toml").write_text(named("a sphere", "mm") + space + sphere)
+    scene = open_scene(str(tmp_path / "sphere.toml"))
+    for model in (
+        RendererModel(culled=Culled.COUNTERCLOCKWISE),
+        RendererModel(front=Front.NEAREST),
+    ):
+        (defect,) = of_model(scene, model).diagnosis.faults
+        assert (defect.fault, defect.alternatives) == ("front-nearest", ("culling",))
+
+
+def test_a_pixel_is_wrong_by_the_rules_of_the_verdict() -> None:
+    scene = oblong()
+    reference, images = Reference(scene), []
+    for index in FEW:
+        image = reference.trace(scene.plate.aperture(*index))
+        assert image.color is not None
+        images.append(saying(replace(image, color=0.5 * image.color), "color"))
+    test = TestSet(reference=reference, images=images, nominal=NOMINAL)
+    wrong = test.wrong(NOMINAL)
+    assert wrong > 0 == test.of(images, Judging(color_tolerance=1.0)).wrong(NOMINAL)
+    assert test.of(images, Judging(compared=Compared.GEOMETRY)).wrong(NOMINAL) < wrong / 10
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *(
+            {name: "x"}
+            for name in ("max_wrong", "max_displacement_px", "max_color", "near", "accept")
+        ),
+        *({"near": True}, {"encoding": "banana"}, {"compare": "banana"}),
+        *({"apertures": [entry]} for entry in ("x", (0, "x"), 3)),
+    ],
+)
+def test_options_without_a_meaning_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        xfrustum.verify(oblong(), "none_{i}_{j}.png", **options)
+
+
+@pytest.mark.slow
+def test_wrong_hogels_outside_the_sample_are_listed_to_be_diagnosed() -> None:
+    """Two hogels of 63 are exchanged, none of the 25 diagnosed ones."""
+    scene = oblong()
+    scene = replace(scene, plate=replace(scene.plate, hogels=(9, 7)))
+    reference, exchanged = Reference(scene), {(3, 2): (7, 5), (7, 5): (3, 2)}
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        shown = scene.plate.aperture(*exchanged.get(aperture.index, aperture.index))
+        image = saying(trace_drawn(reference, NOMINAL, shown), "triangle")
+        return replace(image, camera=reference.camera(aperture))
+
+    result = xfrustum.verify(scene, draw)
+    assert not result.passed and not result.diagnosis.faults
+    assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(result)
+
+
+@pytest.mark.slow
+def test_without_a_finding_the_places_of_errors_are_counted(tmp_path: Path) -> None:
+    world = replace(harbor(), resolution=(48, 36), drawn={})
+    scene, chance = world.write(tmp_path), np.random.default_rng(0)
+    for i, j in world.apertures:
+        shown = picture(world, i, j, "triangle-id")
+        if (i, j) == (2, 0):
+            noise = chance.integers(0, 3, shown.shape, dtype=np.uint8)
+            shown = np.where(shown.any(axis=2, keepdims=True), noise, shown)
+        Image.fromarray(shown).save(tmp_path / f"{i}-{j}.png")
+    result = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
+    where = result.summary()["where"]
+    rows, columns = where["shares"]["row"], where["shares"]["column"]
+    wrong = rows["0"]["wrong"]
+    assert not result.diagnosis.faults
+    assert columns["2"]["wrong"] == sum(where["sides"].values()) == wrong > 0
+    assert where["sides"]["front"] > 0 and where["sides"]["back"] > 0
+    assert where["hogels"] == [[0, 0, wrong], [0, 0, 0]] and "3 (buoy)" in where["objects"]
+    assert "wrong by column of hogels: 2 " in table(result)
+    assert "by column of hogels: 2 " in render_page(result)
+
+
+# A recentered frustum whose screen lies beside the plate.
+
+CENTER_X = -26.0  #: of the screen, mm
+
+
+def torus_and_sphere(
+    folder: Path, hogels: tuple[int, int], resolution: tuple[int, int]
+) -> Reference:
+    """Return a torus before the plate and a sphere behind it."""
+    text = named("beside", "mm") + (
+        f"[plate]\nsize = [30.0, 30.0]\nhogels = {list(hogels)}\n"
+        f"[frustum]\nresolution = {list(resolution)}\n"
+        f"screen = {{ height = -100.0, center = [{CENTER_X}, 0.0], size = [200.0, 120.0] }}\n"
+        "reach = [40.0, 110.0]\n"
+    )
+    text += part("torus", 14.0, (6.0, 2.0, 20.0), rotate_deg=(20.0, 30.0, 0.0))
+    text += part("sphere", 60.0, (-20.0, 5.0, -70.0))
+    (folder / "scene.toml").write_text(text)
+    return Reference(open_scene(str(folder / "scene.toml")))
+
+
+def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
+    """Return pictures of triangle numbers of all hogels, as a renderer draws them."""
+    result: list[HogelImage] = []
+    for aperture in reference.scene.plate.apertures():
+        shown = saying(trace_drawn(reference, model, aperture), "triangle")
+        pixels = StoredPixels(rgb=bytes_of(shown.triangle + 1))
+        channels = {name: getattr(shown, name) for name in ("triangle", "object", "position")}
+        camera = reference.camera(aperture)
+        result.append(ForeignImage(camera=camera, stored=pixels, **channels))
+    return result
+
+
+def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
+    """A single hogel is all there is: a shear of the other sign would show the same."""
+    reference = torus_and_sphere(tmp_path, (1, 1), (80, 48))
+    images = stored(reference, RendererModel(screen_center=(-2 * CENTER_X, 0.0)))
+    test = TestSet(reference=reference, images=images, nominal=NOMINAL)
+    (defect,) = diagnose(test).diagnosis.faults
+    assert defect.fault == "screen-center-x" and defect.explains == 1.0
+    assert defect.value == pytest.approx(-CENTER_X, rel=0.02)
+    assert "shear-sign" in defect.alternatives
+
+
+@pytest.mark.slow
+def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
+    """Images of apertures whose columns are shuffled, which no camera explains."""
+    reference = torus_and_sphere(tmp_path, (5, 3), (80, 1))
+    images = stored(reference, NOMINAL)
+    cameras = [image.camera for image in images]
+    shuffled = [replace(image, camera=cameras[7 * k % 15]) for k, image in enumerate(images)]
+    fit = fit_geometry(claims_of(reference.scene, shuffled), NOMINAL)
+    vertical = np.array([axis == "y" for _, axis, _ in NUMBERS])
+    assert (fit.model.parameters == NOMINAL.parameters)[vertical].all()
+    assert (fit.low == fit.high)[vertical].all()
+
+
+def test_numbers_are_restored_from_the_stated_offset_cameras(tmp_path: Path) -> None:
+    reference, nominal = torus_and_sphere(tmp_path, (1, 1), (80, 48)), RendererModel(near=6.0)
+    (image,), (centered,) = stored(reference, nominal), stored(reference, NOMINAL)
+    assert (image.triangle != centered.triangle).any()
+    reading = Reading(encoding=Encoding.TRIANGLE_ID)
+    restoring = IdRepair(kind=RESAMPLED, reading=reading, nominal=nominal)
+    assert (restoring.read(reference, image).triangle == image.triangle).all()
