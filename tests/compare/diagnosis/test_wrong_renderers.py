@@ -4,11 +4,9 @@ The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_re
 they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table.
 """
 
-import contextlib
-import io
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,43 +29,29 @@ from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, SRGB, TWINS
 from xfrustum.cli.main import main
 
+Verify = Callable[..., tuple[int, str]]
+
 MAX_DISPLACEMENT_PX = 0.5  # default limit of `verify`
 
 DISPLACED = {name for name in TOYS if name.startswith("moved")}
 DISPLACED |= {"rolled", "corners", "near", "fov", "half-angle", "square-film"}
 """Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
 
-QUICK = {
-    ("attic", "triangle-id"): ("right",),
-    ("attic", "object-id"): ("right", "blue-red"),
-    ("attic", "rgb"): ("right",),
-    ("harbor", "triangle-id"): ("right",),
-}
-"""Renderers that run every time; all else is slow. To register plain pictures takes seconds,
-numbers less.
-"""
-
+QUICK = (
+    *("attic-right-triangle-id", "attic-right-object-id", "attic-blue-red-object-id"),
+    *("attic-right-rgb", "harbor-right-triangle-id"),
+)
+"""Cases that run every time; to register plain pictures takes seconds, numbers less."""
 
 NOT_YET_NAMED = {"front-flipped", "transposed", "gamma-for-srgb"} | {
     "+".join(pair) for pair in PAIRS if "flat-normals" not in pair
 }
-"""Renderers that must not pass and get no false cause, but need not be named yet.
-"""
+"""Renderers that must not pass and get no false cause, but need not be named yet."""
 
-
-def is_quick(case: Case) -> bool:
-    return case.toy in QUICK.get((case.scene, case.encoding), ())
-
-
-def parameters(of: list[Case]) -> list[object]:
-    """Cases with readable names; those that take long are marked."""
-    return [
-        pytest.param(case, id=str(case), marks=() if is_quick(case) else (pytest.mark.slow,))
-        for case in of
-    ]
-
-
-ALL = cases()
+ALL = [
+    pytest.param(case, id=str(case), marks=() if str(case) in QUICK else (pytest.mark.slow,))
+    for case in cases()
+]
 
 
 @pytest.fixture(scope="session")
@@ -81,7 +65,7 @@ def studio(
         sys.stdout.write("\n" + table(studio.done.values()) + "\n")
 
 
-@pytest.mark.parametrize("case", parameters(ALL))
+@pytest.mark.parametrize("case", ALL)
 def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     outcome = studio.outcome(case)
     if outcome.truth.different == 0:
@@ -137,55 +121,44 @@ def test_renderers_cover_all_encodings_and_exceptions_exist() -> None:
 # The command line gives the same result.
 
 
-def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, str]:
-    pattern, _ = studio.pictures(case)
-    arguments = ["verify", str(studio.scene_file(case.scene)), pattern, "--encoding", case.encoding]
-    with contextlib.redirect_stdout(io.StringIO()) as written:
-        status = main([*arguments, "--quiet", *options])
-    return status, written.getvalue()
+@pytest.fixture
+def verify(studio: Studio, capsys: pytest.CaptureFixture[str]) -> Verify:
+    """Verify a case by the command line; return its exit status and its text."""
+
+    def run(case: Case, *options: str) -> tuple[int, str]:
+        pattern, _ = studio.pictures(case)
+        arguments = [str(studio.scene_file(case.scene)), pattern, "--encoding", case.encoding]
+        return main(["verify", *arguments, "--quiet", *options]), capsys.readouterr().out
+
+    return run
 
 
-def test_text_and_json_name_the_same(studio: Studio) -> None:
+def test_text_and_json_name_the_same(verify: Verify) -> None:
     case = Case(scene="attic", toy="blue-red", encoding="triangle-id")
-    status, written = verify_by_command(studio, case, "--json")
-    assert status == 1
-    shown, text = json.loads(written), verify_by_command(studio, case)[1]
-    assert shown["diagnosis"]
-    for entry in shown["diagnosis"]:
-        assert entry["words"].split(",")[0] in text
+    (status, written), (_, text) = verify(case, "--json"), verify(case)
+    shown = json.loads(written)["diagnosis"]
+    assert status == 1 and shown
+    assert all(entry["words"].split(",")[0] in text for entry in shown)
+
+
+OF_OUTLINES = ("relit", "gamma", "rolled", "mirrored", "moved-y", "near", "no-front", "white")
 
 
 @pytest.mark.parametrize(
-    "toy",
-    [
-        "right",
-        *(
-            pytest.param(toy, marks=pytest.mark.slow)
-            for toy in (
-                "relit",
-                "gamma",
-                "rolled",
-                "mirrored",
-                "moved-y",
-                "near",
-                "no-front",
-                "white",
-            )
-        ),
-    ],
+    "toy", ["right", *(pytest.param(toy, marks=pytest.mark.slow) for toy in OF_OUTLINES)]
 )
-def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> None:
+def test_outlines_are_judged_apart_from_shading(verify: Verify, toy: str) -> None:
     """Plain pictures of another shading are judged by their outlines, where selected."""
     case = Case(scene="attic", toy=toy, encoding="rgb")
-    status, text = verify_by_command(studio, case, "--compare", "geometry")
+    status, text = verify(case, "--compare", "geometry")
     assert status == (toy not in ("relit", "gamma", "right")), text
 
 
 @pytest.mark.slow
-def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(studio: Studio) -> None:
+def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(verify: Verify) -> None:
     """A missing half is as black: the verdict stays, and the text gives advice."""
     case = Case(scene="attic", toy="headlight", encoding="rgb")
-    status, text = verify_by_command(studio, case, "--compare", "geometry")
+    status, text = verify(case, "--compare", "geometry")
     assert status == 1
     assert "1,348 of the wrong pixels are black where the truth shows a surface" in text
     assert "ambient light" in text
@@ -240,10 +213,7 @@ def test_conventions_and_offset_of_another_renderer_are_found(
         assert near.low is not None and near.high is not None
         assert near.low <= offset <= near.high
     summary = result.summary()
-    assert summary["as_found"]["fraction"] > 0.9
-    assert summary["corrected"]["fraction"] < 0.01
-    charged = summary["corrected"]["causes"]
-    assert sum(charged.values()) == summary["corrected"]["wrong"]
-    assert charged["unexplained"] == 0
-    assert not result.passed
-    assert len(result.hogels) == 25
+    corrected, causes = summary["corrected"], summary["corrected"]["causes"]
+    assert summary["as_found"]["fraction"] > 0.9 and corrected["fraction"] < 0.01
+    assert sum(causes.values()) == corrected["wrong"] and causes["unexplained"] == 0
+    assert not result.passed and len(result.hogels) == 25
