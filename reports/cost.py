@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.templates_environment import html_page, plain_text
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
@@ -32,6 +32,8 @@ from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+
+FILES = PAGE, DATA = "index.html", "cost.json"
 
 #: Default number of measured pictures per configuration: the minimum for ranking times.
 REPEAT = 5
@@ -56,6 +58,128 @@ NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
 
+#: Share of the tolerance with an answer of its own: a tenth of a pixel for half a pixel.
+STRICTER_FRACTION = 0.2
+
+#: Displacement at which all smaller ones are drawn: 32-bit positions cannot separate them, and a
+#: logarithmic axis has no zero.
+SMALLEST_DRAWN_PX = 1e-4
+
+
+# Ranking
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """One way to make a picture."""
+
+    renderer: str
+    label: str
+    #: group of options that it belongs to: a depth buffer, or whatever else was varied
+    family: str
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option(Way):
+    """One way to make a picture: its error and its time."""
+
+    displacement_p99_px: float
+    #: share of judged pixels with the wrong surface
+    surface_fraction: float
+    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device
+    #: drew, and read back: None for a tracer, which does neither.
+    time_s: Timing
+    gpu_s: Timing | None = None
+    read_s: Timing | None = None
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Label, time with its interval in ms, and error, as text and notebooks show them."""
+        times = (f"{1e3 * value:.2f}" for value in (self.time_s.median, *self.time_s.interval))
+        errors = digits(self.displacement_p99_px), percent(self.surface_fraction)
+        return self.label, *times, *errors
+
+    def keeps(self, tolerance_px: float) -> bool:
+        """Compliance with a tolerance (`compare.beyond`)."""
+        return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
+
+    def beats(self, other: Option) -> bool:
+        """Return whether this option is nowhere worse than another, and somewhere better.
+
+        Its time is no worse where its median is not beyond the other's interval, and better
+        where the two times are distinguishable.
+        """
+        mine, its = (
+            (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
+        )
+        worse = mine[0] > its[0] or mine[1] > its[1]
+        if worse or self.time_s.median > other.time_s.interval[1]:
+            return False
+        return mine != its or self.time_s.told_below(other.time_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FastestWithin:
+    """Options within a tolerance that no other option beats in time.
+
+    `fastest` are the options whose timing intervals overlap with the interval of the least
+    median, which comes first; all options within the tolerance where nothing was repeated often
+    enough to rank it (`ranked` is false), and none where nothing keeps it.
+    """
+
+    tolerance_px: float
+    fastest: tuple[Option, ...]
+    ranked: bool
+
+    @property
+    def option(self) -> Option | None:
+        """The fastest option with the least displacement, then the fewest wrong surfaces."""
+
+        def error(candidate: Option) -> tuple[float, ...]:
+            # Displacements below the tie are equal: wrong surfaces then decide.
+            moved = max(candidate.displacement_p99_px, DISPLACEMENT_TIE_PX)
+            return moved, candidate.surface_fraction, candidate.time_s.median
+
+        return min(self.fastest, key=error, default=None)
+
+
+def pareto(options: Sequence[Option]) -> list[bool]:
+    """Return which options no other one beats in time, displacement and wrong surfaces together."""
+    return [not any(other.beats(option) for other in options) for option in options]
+
+
+def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
+    """Return the fastest options within a tolerance, ties included."""
+    ascending = sorted(options, key=lambda option: option.time_s.median)
+    allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
+    repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
+    # Too few repetitions have no interval, and a single option has no rank.
+    if len(allowed) < 2 or not repeated:
+        return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
+    tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
+    return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
+
+
+def sentences(options: Sequence[Option], tolerance_px: float) -> list[str]:
+    """Return the answers within a tolerance and a fifth of it, and the option to take."""
+    mark = "\f"
+    values = {
+        "loose": rank(options, tolerance_px),
+        "strict": rank(options, STRICTER_FRACTION * tolerance_px),
+        "kept": sum(option.keeps(tolerance_px) for option in options),
+        "fewest": FEWEST_REPETITIONS,
+        "max_wrong": MAX_WRONG,
+        "paragraph": mark,
+    }
+    text = plain_text("cost-sentences.txt.j2", values, {"displaced": displacement_words})
+    return [" ".join(part.split()) for part in text.split(mark)]
+
+
+# Measures
+# -------------------------------------------------------------------------------------------------
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CostReport(NotebookRepr):
@@ -74,20 +198,20 @@ class CostReport(NotebookRepr):
     machine: dict[str, str]
     versions: dict[str, str]
 
-    @property
-    def answers(self) -> tuple[FastestWithin, ...]:
-        """The cheapest options within the tolerance and within a fifth of it."""
-        return answers(self.options, self.tolerance_px)
+    @cached_property
+    def sentences(self) -> list[str]:
+        """Answers within the tolerance and a fifth of it, and the option to take."""
+        return sentences(self.options, self.tolerance_px)
 
-    @property
-    def answer(self) -> str:
-        """Recommended option, in one sentence."""
-        return answer(self.options, self.tolerance_px)
+    def ascending(self) -> list[tuple[Option, bool]]:
+        """Return options by time, and whether they are on the front."""
+        pairs = zip(self.options, pareto(self.options), strict=True)
+        return sorted(pairs, key=lambda pair: pair[0].time_s.median)
 
     def _said(self) -> str:
         column, row = self.aperture.index
         ways = f"{len(self.options)} ways to draw aperture {column},{row}"
-        return f"{ways} of {self.scene.name!r}. {self.answer}"
+        return f"{ways} of {self.scene.name!r}. {self.sentences[-1]}"
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
@@ -99,54 +223,56 @@ class CostReport(NotebookRepr):
             ends = {"median": timing.median, "low": timing.lowest, "high": timing.highest}
             return {**ends, "interval": timing.interval, "repetitions": timing.repetitions}
 
+        rows = [
+            {
+                "renderer": option.renderer,
+                "label": option.label,
+                "family": option.family,
+                **option.configuration,
+                "error": {
+                    "displacement_p99_px": option.displacement_p99_px,
+                    "surface_fraction": option.surface_fraction,
+                },
+                "time_s": times(option.time_s),
+                "gpu_s": times(option.gpu_s),
+                "read_back_s": times(option.read_s),
+                "pareto": best,
+            }
+            for option, best in zip(self.options, pareto(self.options), strict=True)
+        ]
+        answers = []
+        for share, sentence in zip((1.0, STRICTER_FRACTION), self.sentences, strict=False):
+            ranking = rank(self.options, share * self.tolerance_px)
+            # The option with the least error of the fastest ones, if any keeps the tolerance.
+            option = ranking.option
+            answer = {
+                "tolerance_px": ranking.tolerance_px,
+                "configuration": option and option.label,
+                "time_s": times(option.time_s if option else None),
+                "ranked": ranking.ranked,
+                "fastest": [tied.label for tied in ranking.fastest],
+                "sentence": sentence,
+            }
+            answers.append(answer)
+        names = ("upload_s", "machine", "versions")
         return json_object(
             {
                 "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
                 "aperture": self.aperture.index,
                 "apertures": self.auto and choices(self.auto),
-                "rows": [
-                    {
-                        "renderer": option.renderer,
-                        "label": option.label,
-                        "family": option.family,
-                        **option.configuration,
-                        "error": {
-                            "displacement_p99_px": option.displacement_p99_px,
-                            "surface_fraction": option.surface_fraction,
-                        },
-                        "time_s": times(option.time_s),
-                        "gpu_s": times(option.gpu_s),
-                        "read_back_s": times(option.read_s),
-                        "pareto": best,
-                    }
-                    for option, best in zip(self.options, pareto(self.options), strict=True)
-                ],
-                "answers": [
-                    {
-                        "tolerance_px": answer.tolerance_px,
-                        # The option with the least error of the fastest ones, if any keeps the
-                        # tolerance.
-                        "configuration": answer.option.label if answer.option else None,
-                        "time_s": times(answer.option.time_s) if answer.option else None,
-                        "ranked": answer.ranked,
-                        "fastest": [tied.label for tied in answer.fastest],
-                        "sentence": answer.sentence,
-                    }
-                    for answer in self.answers
-                ],
-                "answer": self.answer,
-                "upload_s": self.upload_s,
-                "machine": self.machine,
-                "versions": self.versions,
+                "rows": rows,
+                "answers": answers,
+                "answer": self.sentences[-1],
+                **{name: getattr(self, name) for name in names},
             }
         )
 
     def table(self) -> str:
         """Return the answers, every option on the front as aligned lines, and which one to take."""
-        rows = [option.cells for option, best in _ascending(self.options) if best]
-        sentences = [answer.sentence for answer in self.answers]
-        front = aligned([("on the Pareto front", *COLUMNS), *rows])
-        return "\n".join([*sentences, "", front, "", self.answer])
+        *answers, answer = self.sentences
+        head = ("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")
+        rows = [option.cells for option, best in self.ascending() if best]
+        return "\n".join([*answers, "", aligned([head, *rows]), "", answer])
 
 
 def cost(
@@ -224,18 +350,7 @@ def cost(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Way:
-    """One way to make a picture."""
-
-    renderer: str
-    label: str
-    #: group of options that it belongs to: a depth buffer, or whatever else was varied
-    family: str
-    configuration: Mapping[str, Any] = field(default_factory=dict)
-
-
-#: a way, and what makes a picture so
+#: a way, and the function that makes its picture
 _Made = tuple[Way, Callable[[], HogelImage | Drawn]]
 
 
@@ -286,19 +401,14 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
         settings: DoubleFrustum, family: str | None = None, samples: int = 1, effects: str = "auto"
     ) -> _Made:
         drawer = drawers[effects]
-        label = (
-            f"raster, near {digits(settings.near)} {units} ({digits(settings.near / reach)} of "
-            "the reach) "
-            f"with {settings.depth_label} depth"
-        )
-        if settings.slabs:
-            label += f" and cuts at {', '.join(digits(cut) for cut in settings.slabs)}"
+        cuts, share = ", ".join(map(digits, settings.slabs)), digits(settings.near / reach)
+        label = f"raster, near {digits(settings.near)} {units} ({share} of the reach) "
+        label += f"with {settings.depth_label} depth"
+        label += f" and cuts at {cuts}" if cuts else ""
         if settings.offset is Offset.NONE:
             label += " and no offset, which leaves a gap at the plate"
-        if samples > 1:
-            label += f", {samples} aperture samples"
-        if effects == "all":
-            label += ", all effects"
+        label += f", {samples} aperture samples" if samples > 1 else ""
+        label += ", all effects" if effects == "all" else ""
         names = ("near", "depth", "mapping", "slabs", "offset")
         sampling = replace(scene.sampling, aperture=samples)
         described = Way(
@@ -347,187 +457,8 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_M
     yield truth, partial(tracers["embree"].trace, aperture)
 
 
-#: heads of `Option.cells` but the first
-COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")
-
-#: Share of the tolerance with an answer of its own: a tenth of a pixel for half a pixel.
-STRICTER_FRACTION = 0.2
-
-
-@dataclass(frozen=True, kw_only=True)
-class Option(Way):
-    """One way to make a picture: its error and its time."""
-
-    displacement_p99_px: float
-    #: share of judged pixels with the wrong surface
-    surface_fraction: float
-    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device
-    #: drew, and read back: None for a tracer, which does neither.
-    time_s: Timing
-    gpu_s: Timing | None = None
-    read_s: Timing | None = None
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Label, time with its interval in ms, and error, as text and notebooks show them."""
-        times = (f"{1e3 * value:.2f}" for value in (self.time_s.median, *self.time_s.interval))
-        return (
-            self.label,
-            *times,
-            digits(self.displacement_p99_px),
-            percent(self.surface_fraction),
-        )
-
-    def keeps(self, tolerance_px: float) -> bool:
-        """Compliance with a tolerance (`compare.beyond`)."""
-        return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
-
-    def beats(self, other: Option) -> bool:
-        """Return whether this option is nowhere worse than another, and somewhere better.
-
-        Its time is no worse where its median is not beyond the other's interval, and better
-        where the two times are distinguishable.
-        """
-        mine, others = (
-            (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
-        )
-        if (
-            self.time_s.median > other.time_s.interval[1]
-            or mine[0] > others[0]
-            or mine[1] > others[1]
-        ):
-            return False
-        return mine != others or self.time_s.told_below(other.time_s)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FastestWithin:
-    """Options within a tolerance that no other option beats in time.
-
-    `fastest` are the options whose timing intervals overlap with the interval of the least
-    median, which comes first; all options within the tolerance where nothing was repeated often
-    enough to rank it (`ranked` is false), and none where nothing keeps it.
-    """
-
-    tolerance_px: float
-    fastest: tuple[Option, ...]
-    ranked: bool
-    #: the answer in words
-    sentence: str = ""
-
-    @property
-    def option(self) -> Option | None:
-        """The fastest option with the least displacement, then the fewest wrong surfaces."""
-
-        def error(candidate: Option) -> tuple[float, ...]:
-            # Displacements below the tie are equal: wrong surfaces then decide.
-            moved = max(candidate.displacement_p99_px, DISPLACEMENT_TIE_PX)
-            return moved, candidate.surface_fraction, candidate.time_s.median
-
-        return min(self.fastest, key=error, default=None)
-
-
-def pareto(options: Sequence[Option]) -> list[bool]:
-    """Return which options no other one beats in time, displacement and wrong surfaces together."""
-    return [not any(other.beats(option) for other in options) for option in options]
-
-
-def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
-    """Return the fastest options within a tolerance, ties included; without a sentence."""
-    ascending = sorted(options, key=lambda option: option.time_s.median)
-    allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
-    repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
-    # Too few repetitions have no interval, and a single option has no rank.
-    if len(allowed) < 2 or not repeated:
-        return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
-    tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
-    return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
-
-
-def answers(
-    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX
-) -> tuple[FastestWithin, ...]:
-    """Return the fastest options within a tolerance and within a fifth of it, with sentences."""
-    loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))
-    more = _ratio(loose, strict) if loose.ranked and strict.ranked else ""
-    return replace(loose, sentence=_fastest(loose)), replace(
-        strict, sentence=f"{_fastest(strict)}{more}"
-    )
-
-
-def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
-    """Return the option to take, in one sentence."""
-    ranking, under = rank(options, tolerance_px), f"within {digits(tolerance_px)} px"
-    count, tied = sum(option.keeps(tolerance_px) for option in options), len(ranking.fastest)
-    if ranking.option is None:
-        return (
-            f"Nothing stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
-        )
-    why = f"the fastest {under}"
-    if count == 1:
-        why = f"the only way {under}"
-    elif not ranking.ranked:
-        why = (
-            f"the least error {under}; times are ranked from {FEWEST_REPETITIONS} repetitions on "
-            f"(--repeat {FEWEST_REPETITIONS})"
-        )
-    elif tied > 1:
-        why = f"the least error of the {tied} of {count} ways {under} that are equally fast"
-    return f"Take {ranking.option.label}: {why}."
-
-
-def _fastest(ranking: FastestWithin) -> str:
-    under, count = f"under {digits(ranking.tolerance_px)} px", len(ranking.fastest)
-    if ranking.option is None:
-        return f"No measured way stays {under} with at most {percent(MAX_WRONG)} wrong surfaces."
-    best = _described(ranking.option)
-    if count == 1:
-        return f"The fastest way to stay {under}: {best}."
-    # Milliseconds; equal first and last values print once.
-    medians = sorted(1000 * tied.time_s.median for tied in ranking.fastest)
-    times = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (medians[0], medians[-1])))
-    apart = f"are not ranked by time, which takes {FEWEST_REPETITIONS} repetitions"
-    if ranking.ranked:
-        families = Counter(option.family for option in ranking.fastest)
-        named = ", ".join(f"{count} of {family}" for family, count in families.items())
-        apart = f"are equally fast within the noise of their repetitions ({named})"
-    return f"{count} ways to stay {under}, {times} ms a picture, {apart}. Least error: {best}."
-
-
-def _ratio(loose: FastestWithin, strict: FastestWithin) -> str:
-    """Return the time of a stricter tolerance relative to a loose one."""
-    if not strict.fastest:
-        return ""
-    looser, other = loose.fastest[0].time_s, strict.fastest[0].time_s
-    if not looser.told_below(other):
-        return " It costs no more time."
-    # Interval arithmetic: the extreme ratios of two independent intervals.
-    low, high = other.interval[0] / looser.interval[1], other.interval[1] / looser.interval[0]
-    return f" It costs {other.median / looser.median:.2f} times ({low:.2f} to {high:.2f}) the time."
-
-
-def _described(option: Option) -> str:
-    """Write an option with its time and the interval of its median, and its error."""
-    low, high = (1000 * end for end in option.time_s.interval)
-    spread = f" ({low:.3g} to {high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
-    return (
-        f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
-        f"{displacement_words(option.displacement_p99_px)}, "
-        f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
-    )
-
-
-FILES = PAGE, DATA = "index.html", "cost.json"
-
-#: Displacement at which all smaller ones are drawn: 32-bit positions cannot separate them, and a
-#: logarithmic axis has no zero.
-SMALLEST_DRAWN_PX = 1e-4
-
-
-def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
-    """Return options by time, and whether they are on the front."""
-    pairs = zip(options, pareto(options), strict=True)
-    return sorted(pairs, key=lambda pair: pair[0].time_s.median)
+# Page
+# -------------------------------------------------------------------------------------------------
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
@@ -536,85 +467,47 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
         "cost": measured,
         "chosen": () if measured.auto is None else choices(measured.auto),
         "confidence": CONFIDENCE,
-        "rows": _ascending(measured.options),
+        "rows": measured.ascending(),
+        "tolerances": [share * measured.tolerance_px for share in (1.0, STRICTER_FRACTION)],
         "figure": trade_off_figure(measured.options, measured.tolerance_px),
     }
     return write_files(out, {PAGE: html_page("cost.html.j2", values), DATA: measured.summary()})
 
 
 def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
-    """Draw the displacement of every option against its time; options on the front are filled.
-
-    More options are on the front of displacement, time and wrong surfaces than the line goes
-    through: a picture with many wrong surfaces may be fast and displaced little.
-    """
-    lifted = (max(drawing.displacement_p99_px, SMALLEST_DRAWN_PX) for drawing in options)
-    drawn = [
-        replace(drawing, displacement_p99_px=px)
-        for drawing, px in zip(options, lifted, strict=True)
-    ]
-    front, data = pareto(options), list[Figure]()
+    """Draw the displacement of every option against its time; options on the front are filled."""
+    pairs, data = list(zip(options, pareto(options), strict=True)), list[Figure]()
     for place, family in enumerate(dict.fromkeys(option.family for option in options)):
-        mine = [
-            (drawing, best)
-            for drawing, best in zip(drawn, front, strict=True)
-            if drawing.family == family
-        ]
-        color, symbol = look(place)
-        times = [timing.time_s for timing, _ in mine]
+        mine = [(option, best) for option, best in pairs if option.family == family]
+        (color, symbol), times = look(place), [option.time_s for option, _ in mine]
         # Bars from the lowest to the highest repetition.
         bars = {
             "array": [1000 * (timing.highest - timing.median) for timing in times],
             "arrayminus": [1000 * (timing.median - timing.lowest) for timing in times],
         }
-        symbols = [symbol + ("" if best else "-open") for _, best in mine]
-        data.append(
-            {
-                "x": [1000 * drawing.median for drawing in times],
-                "y": [drawing.displacement_p99_px for drawing, _ in mine],
-                "error_x": {
-                    "type": "data",
-                    "symmetric": False,
-                    **bars,
-                    "thickness": 0.8,
-                    "width": 0,
-                },
-                "name": family,
-                "mode": "markers",
-                "marker": {
-                    "symbol": symbols,
-                    "size": [12 if b else 8 for _, b in mine],
-                    "color": color,
-                },
-                "text": [
-                    f"{drawing.label}<br>wrong surface {percent(drawing.surface_fraction)}"
-                    for drawing, _ in mine
-                ],
-                "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
-            }
-        )
-    # The options with few wrong surfaces that none beats in time and displacement, the fastest
-    # first. Displacements that are drawn at one height are equal.
-    planar = [
-        replace(drawing, surface_fraction=0.0)
-        for drawing in drawn
-        if drawing.surface_fraction <= MAX_WRONG
-    ]
-    line = [drawing for drawing, best in _ascending(planar) if best]
-    data.append(
-        {
-            "x": [1000 * drawing.time_s.median for drawing in line],
-            "y": [drawing.displacement_p99_px for drawing in line],
-            "name": f"front, at most {percent(MAX_WRONG)} wrong surfaces",
-            "mode": "lines",
-            "line": {"color": INK, "width": 1.5, "shape": "hv"},
-            "hoverinfo": "skip",
+        marker = {
+            "symbol": [symbol + ("" if best else "-open") for _, best in mine],
+            "size": [12 if best else 8 for _, best in mine],
+            "color": color,
         }
-    )
+        points = {
+            "x": [1000 * timing.median for timing in times],
+            "y": [max(option.displacement_p99_px, SMALLEST_DRAWN_PX) for option, _ in mine],
+            "error_x": {"type": "data", "symmetric": False, "thickness": 0.8, "width": 0, **bars},
+            "name": family,
+            "mode": "markers",
+            "marker": marker,
+            "text": [
+                f"{option.label}<br>wrong surface {percent(option.surface_fraction)}"
+                for option, _ in mine
+            ],
+            "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
+        }
+        data.append(points)
     # The two lines are less than a decade apart: one label stands above its line, one below.
     limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
-    line_at = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1}
-    across = {**line_at, "line": {"color": INK, "dash": "dot", "width": 1}}
+    across = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1}
+    across["line"] = {"color": INK, "dash": "dot", "width": 1}
     at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
     # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]

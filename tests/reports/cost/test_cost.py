@@ -18,13 +18,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports import cost as cost_module
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
-from xfrustum.reports.cost import (
-    Option,
-    answer,
-    answers,
-    pareto,
-    rank,
-)
+from xfrustum.reports.cost import Option, pareto, rank, sentences
 from xfrustum.reports.text import DISPLACEMENT_TIE_PX
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -43,10 +37,6 @@ def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.
     )
 
 
-def cheapest(options: list[Option], tolerance_px: float) -> Option | None:
-    return answers(options, tolerance_px)[0].option
-
-
 numbers = st.integers(1, 4).map(float)
 
 
@@ -60,9 +50,9 @@ def test_the_front_is_what_nothing_beats(options: list[Option]) -> None:
 
 def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
     fast, slow, wrong = option(1, 0.4), option(2, 0.01), option(0.5, 0.0, wrong=2 * MAX_WRONG)
-    assert cheapest([slow, fast, wrong], 0.5) is fast
-    assert cheapest([slow, fast, wrong], 0.1) is slow
-    assert cheapest([fast, wrong], 0.1) is None
+    assert rank([slow, fast, wrong], 0.5).option is fast
+    assert rank([slow, fast, wrong], 0.1).option is slow
+    assert rank([fast, wrong], 0.1).option is None
 
 
 def timed(label: str, milliseconds: list[float], moved: float) -> Option:
@@ -77,11 +67,13 @@ def test_sentences_state_the_ratio_of_times_and_the_way_to_take() -> None:
         timed("careful", [80, 80, 80, 80, 84], 0.05),
     )
     noisy = timed("noisy", [40, 41, 42, 43, 60], 0.01)
-    assert "2.00 times (1.90 to 2.10) the time" in answers([quick, careful], 0.5)[1].sentence
-    assert answer([quick, careful]) == "Take quick: the fastest within 0.5 px."
-    assert answer([quick], 0.1).startswith("Nothing stays within 0.1 px")
-    assert answer([quick, noisy, careful]).startswith("Take noisy: the least error of the 2 of 3")
-    once = answer([timed("one", [40], 0.4), timed("other", [90], 0.01)])
+    _, strict, take = sentences([quick, careful], 0.5)
+    assert "2.00 times (1.90 to 2.10) the time" in strict
+    assert take == "Take quick: the fastest within 0.5 px."
+    assert sentences([quick], 0.1)[-1].startswith("Nothing stays within 0.1 px")
+    tied = sentences([quick, noisy, careful], 0.5)[-1]
+    assert tied.startswith("Take noisy: the least error of the 2 of 3")
+    once = sentences([timed("one", [40], 0.4), timed("other", [90], 0.01)], 0.5)[-1]
     assert once.startswith("Take other") and "--repeat 5" in once and "fastest" not in once
 
 
