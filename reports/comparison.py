@@ -8,7 +8,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common import pictures as images
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import unexamined_truth
-from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scene
+from xfrustum.scenes import HogelCamera, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import image_size, read_image
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
@@ -37,8 +37,9 @@ class FileComparison:
 def compare_files(truth: Path, raster: Path) -> FileComparison:
     """Compare two EXR files; InputError where they do not belong together."""
     # Sizes are compared before cameras: files of two sizes always differ.
-    (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
-    if (width, height) != (other_width, other_height):
+    sizes = [image_size(path) for path in (truth, raster)]
+    if sizes[0] != sizes[1]:
+        (width, height), (other_width, other_height) = sizes
         raise InputError(
             f"{truth} is {width} x {height} and {raster} is {other_width} x {other_height}; "
             "make both of one scene, at one resolution"
@@ -47,12 +48,13 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     # An image without a camera takes the camera of the truth.
     raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
-    reference, reach = None if scene is None else Reference(scene), max(true_image.camera.reach)
-    certainty, unexamined = true_image.certainty, ""
-    if certainty is not None and (certainty == Certainty.UNEXAMINED).any():
+    reference, reach = Reference(scene) if scene else None, max(true_image.camera.reach)
+    comparison = compare_images(true_image, raster_image, reference, perceptual=True)
+    unexamined = ""
+    if true_image.certainty is not None and comparison.certainty["unexamined"]:
         unexamined = unexamined_truth(true_image.camera.renderer.partition(" ")[0] or "a tracer")
     return FileComparison(
-        comparison=compare_images(true_image, raster_image, reference, perceptual=True),
+        comparison=comparison,
         reach=reach,
         heights=images.height_range(scene, reach),
         note=note,
@@ -67,22 +69,19 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
         return None, f"the truth names no scene; {unseen}"
     # The scene may lie where it is named, or beside the image: a folder of both may have been moved
     # as one.
-    candidates = (folder / camera.scene, folder / Path(camera.scene).name)
-    other, reasons = "", {}
-    for name in dict.fromkeys((camera.scene, *map(str, candidates))):
+    note, beside = "", (folder / camera.scene, folder / Path(camera.scene).name)
+    for name in dict.fromkeys((camera.scene, *map(str, beside))):
         try:
             scene = open_scene(name)
         except InputError as error:
-            reasons[name] = str(error)
+            # The error of a file that exists matters more than a missing file.
+            if not note or Path(name).is_file():
+                note = f"scene {camera.scene} cannot be opened ({error})"
             continue
         if scene.content_hash == camera.scene_hash:
             return scene, ""
-        other = name
-    if other:
-        return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
-    # The error of a file that exists matters more than a missing file.
-    opened = max(reasons, key=lambda name: Path(name).is_file())
-    return None, f"scene {camera.scene} cannot be opened ({reasons[opened]}); {unseen}"
+        note = f"scene {name} is not the one that the truth was traced from"
+    return None, f"{note}; {unseen}"
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:

@@ -64,10 +64,9 @@ class Cause(CauseNumbers, Named):
 
 @dataclass(frozen=True, kw_only=True)
 class LinkNumbers(Cause):
-    """A cause, with its effect on heights; `pixels` is `triangle` by its older name."""
+    """A cause with the reasons of its predictions; `pixels` is `triangle` by its older name."""
 
     pixels: int
-    height_rms: float | None
     prediction_reasons: Reasons
 
 
@@ -105,14 +104,6 @@ class VectorBudget(ShortRepr):
         values = np.where(defined[..., None], values, np.nan)
         total = values[-1] - values[0]
         return cls(steps=np.diff(values, axis=0), total=total, elsewhere=int((~defined).sum()))
-
-    def rms(self) -> list[float | None]:
-        """Return the root mean square length of each link's steps, None where there is none."""
-        squared = np.square(self.steps).sum(axis=-1).reshape(len(self.steps), -1)
-        return [
-            float(np.sqrt(np.nanmean(link))) if np.isfinite(link).any() else None
-            for link in squared
-        ]
 
 
 Size = tuple[float | None, float | None]
@@ -280,15 +271,6 @@ class Budget(ShortRepr):
         return VectorBudget.from_values(np.moveaxis(shifts, 1, -1))
 
     @property
-    def height(self) -> VectorBudget:
-        """Budget of height, scene units."""
-        images = (*self.start.images, self.drawn)
-        heights = [
-            np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in images
-        ]
-        return VectorBudget.from_values(np.stack(heights)[..., None])
-
-    @property
     def links(self) -> tuple[str, ...]:
         """Names of the links."""
         return tuple(cause.name for cause in self.causes)
@@ -299,20 +281,14 @@ class Budget(ShortRepr):
         counts = self.explanation.counts()
         # Right in the end although some link changed them.
         cancelled = self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)
+        links = tuple(
+            LinkNumbers(**vars(cause), pixels=cause.triangle, prediction_reasons=link.reasons)
+            for cause, link in zip(self.causes, self.predicted, strict=True)
+        )
         return BudgetNumbers(
             judged=self.judged,
             wrong=self.wrong,
-            links=tuple(
-                LinkNumbers(
-                    **vars(cause),
-                    pixels=cause.triangle,
-                    height_rms=raised,
-                    prediction_reasons=link.reasons,
-                )
-                for cause, raised, link in zip(
-                    self.causes, self.height.rms(), self.predicted, strict=True
-                )
-            ),
+            links=links,
             unexplained=counts.pop("unexplained"),
             explained=counts,
             cancelled=int(cancelled.sum()),
