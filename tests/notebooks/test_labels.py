@@ -39,7 +39,9 @@ def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -
     assert '"near": 2.0' in labelled.attrs["settings"]
 
 
-def test_a_labelled_truth_has_what_the_image_has_and_no_more(recentered: World) -> None:
+def test_a_labelled_truth_has_the_images_channels_and_places_its_points(
+    recentered: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     truth = recentered.truth((0, 2))
     labelled = truth.to_xarray()
     for name in ("triangle", "object", "height", "position", "normal", "color", "certainty"):
@@ -47,36 +49,27 @@ def test_a_labelled_truth_has_what_the_image_has_and_no_more(recentered: World) 
     assert "variance" not in labelled and "settings" not in labelled.attrs
     assert labelled.height.attrs == {"long_name": "height above the plate", "units": "scene units"}
     # The line of a pixel (CONVENTIONS.md): its point lies on a + s d with s = -z.
-    (kx, ky), (tx, ty) = labelled.attrs["shear"], labelled.attrs["half_extent"]
-    x = labelled.x - labelled.height * (kx + labelled.u * tx)
-    y = labelled.y - labelled.height * (ky + labelled.v * ty)
-    # Points are rounded to doubles where a line meets a triangle: a few units in the last of 14
-    # digits.
-    assert float(abs(x - labelled.position[..., 0]).max()) < 1e-9
-    assert float(abs(y - labelled.position[..., 1]).max()) < 1e-9
+    for axis, (shear, half_extent, place, film) in enumerate(
+        zip(labelled.attrs["shear"], labelled.attrs["half_extent"], "xy", "uv", strict=True)
+    ):
+        at = labelled[place] - labelled.height * (shear + labelled[film] * half_extent)
+        # Points are rounded to doubles: a few units in the last of 14 digits.
+        assert float(abs(at - labelled.position[..., axis]).max()) < 1e-9
     assert labelled.height.notnull().any()
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match=r"pip install '\.\[notebook\]'"):
+        truth.to_xarray()
 
 
 def test_labelled_errors_have_the_signs_of_the_maps(centered: World) -> None:
+    """A point at z is drawn at u |z|/(|z| + n): true minus drawn points away from the middle."""
     comparison = compare_images(centered.truth(), centered.raster(), centered.reference)
     labelled = comparison.to_xarray(units="mm")
-    # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the
-    # middle.
-    outward = (labelled.displacement_columns * np.sign(labelled.u)).where(abs(labelled.u) > 0.1)
-    downward = (labelled.displacement_rows * np.sign(-labelled.v)).where(abs(labelled.v) > 0.1)
-    for moved in (outward, downward):
-        assert float(moved.min()) > 0
-    assert labelled.displacement_rows.attrs == {
-        "long_name": "true minus drawn place, down",
-        "units": "px",
-    }
+    for moved, film in (
+        (labelled.displacement_columns, labelled.u),
+        (labelled.displacement_rows, -labelled.v),
+    ):
+        assert float((moved * np.sign(film)).where(abs(film) > 0.1).min()) > 0
+        assert moved.attrs["units"] == "px"
     assert int(labelled.surface.sum()) == comparison.surface_wrong
     assert labelled.radiance_error.dims == ("v", "u", "rgb")
-
-
-def test_without_xarray_it_says_what_to_install(
-    centered: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match=r"pip install '\.\[notebook\]'"):
-        centered.truth().to_xarray()

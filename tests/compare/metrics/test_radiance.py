@@ -38,56 +38,41 @@ def colored(image: HogelImage, color: NDArray[np.floating]) -> HogelImage:
     return replace(image, color=color.astype(np.float32))
 
 
-def test_an_image_is_not_off_from_itself(truth: HogelImage) -> None:
-    difference = compare_radiance(truth, truth, perceptual=True)
-    assert difference
-    assert difference.numbers.rms == difference.numbers.max == difference.numbers.above_step == 0
-    assert difference.numbers.flip == 0 and difference.numbers.ssim == 1
-
-
 def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
+    same = compare_radiance(truth, truth, perceptual=True).numbers
+    assert same.rms == same.max == same.above_step == same.flip == 0 and same.ssim == 1
     shift = np.array([0.5, -0.25, 0.0])
-    difference = compare_radiance(truth, colored(truth, truth.color + shift))
-    assert difference
-    assert difference.numbers.channels.mean == pytest.approx(shift, abs=1e-6)
-    assert difference.numbers.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
-    assert difference.numbers.mean == pytest.approx(shift.mean(), abs=1e-6)
-    assert difference.numbers.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
-    assert difference.numbers.max == pytest.approx(0.5, abs=1e-6) == difference.numbers.p99
-    assert difference.numbers.above_step == 1
+    off = compare_radiance(truth, colored(truth, truth.color + shift)).numbers
+    assert off.channels.mean == pytest.approx(shift, abs=1e-6)
+    assert off.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
+    assert off.mean == pytest.approx(shift.mean(), abs=1e-6)
+    assert off.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
+    assert off.max == pytest.approx(0.5, abs=1e-6) == off.p99
+    assert off.above_step == 1
 
 
 def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:
-    color = truth.color.copy()
+    color, certainty = truth.color.copy(), truth.certainty.copy()
     color[0, 0] += 1
     color[5, 5, 1] = np.nan
-    certainty = truth.certainty.copy()
     certainty[0, 0] = Certainty.TIE
     difference = compare_radiance(replace(truth, certainty=certainty), colored(truth, color))
     assert difference and difference.numbers.max == 0
     ties = int((certainty == Certainty.TIE).sum())
     assert difference.numbers.pixels == truth.triangle.size - 1 - ties
     assert np.isnan(difference.error[0, 0]).all() and np.isnan(difference.error[5, 5]).all()
+    bare = replace(truth, color=None)
+    assert compare_images(truth, bare, None).summary()["radiance"] is None
 
 
 def test_away_from_edges_both_show_the_same_triangle(truth: HogelImage) -> None:
     triangle = truth.triangle.copy()
     triangle[20:22] = NOTHING
-    other = replace(truth, triangle=triangle)
-    inside = away_from_edges(truth, other)
+    inside = away_from_edges(truth, replace(truth, triangle=triangle))
     np.testing.assert_array_equal(inside, truth.covered & (triangle != NOTHING))
-    assert not away_from_edges(
-        replace(truth, triangle=np.full_like(triangle, NOTHING)), truth
-    ).any()
 
 
-def test_an_image_without_color_has_no_radiance_error(truth: HogelImage) -> None:
-    bare = replace(truth, color=None)
-    assert compare_radiance(truth, bare) is None
-    assert compare_images(truth, bare, None).summary()["radiance"] is None
-
-
-def test_what_a_screen_cannot_show_does_not_look_different(truth: HogelImage) -> None:
+def test_radiance_beyond_a_screens_white_does_not_look_different() -> None:
     white = np.full((16, 20, 3), 1.5)
     looks = perceptual_difference(white, 2 * white)
     assert looks.flip == 0 and looks.ssim == 1
@@ -155,13 +140,12 @@ def test_where_nothing_varies_rounding_alone_decides() -> None:
     exact = RadianceEstimate(mean=mean, variance_of_mean=np.zeros(SHAPE), samples=SAMPLES)
     picture = mean.copy()
     picture[2, 3, 0] += 1e-6
-    within = compare_with_noise(picture, exact, EVERYWHERE, rounding=2e-6)
-    assert (
-        within.numbers.agrees
-        and within.numbers.p_value == 1.0
-        and within.numbers.without_noise == EVERYWHERE.size
+    within, beyond = (
+        compare_with_noise(picture, exact, EVERYWHERE, rounding=rounding)
+        for rounding in (2e-6, 5e-7)
     )
-    beyond = compare_with_noise(picture, exact, EVERYWHERE, rounding=5e-7)
+    assert within.numbers.agrees and within.numbers.p_value == 1.0
+    assert within.numbers.without_noise == EVERYWHERE.size
     assert np.argwhere(beyond.differs).tolist() == [[2, 3]]
     assert beyond.numbers.p_value == 0.0 and beyond.numbers.farthest == np.inf
 
