@@ -20,7 +20,7 @@ from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.representation import digits
+from xfrustum.scenes.representation import digits, plain
 from xfrustum.tolerances import TOLERANCE_PX
 
 #: Largest number of cells along a side of a map: a cell of a larger plate stands for several
@@ -43,22 +43,21 @@ def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
 
 def why(choice: ChosenAperture, units: str) -> str:
     """Return the reason for which an aperture was chosen."""
-    view, parts = choice.view, []
-    for criterion in choice.criteria:
-        if criterion is Criterion.MIDDLE or view is None:
-            parts.append("the middle of the plate")
-        elif criterion is Criterion.DISPLACEMENT:
-            over = "none at any near"
-            if view.pixels_per_near:
-                near = f"{TOLERANCE_PX / view.pixels_per_near:.2g}".replace("e-0", "e-")
-                over = f"over {TOLERANCE_PX:g} px from near {near} {units} on"
-            parts.append(f"largest displacement ({over})")
-        elif criterion is Criterion.NEAREST:
-            parts.append("surface nearest to the plate")
-        else:
-            parts.append(f"longest outlines ({view.outline_widths:.2g} widths of the picture)")
-    seen = "nothing seen" if view is None else f"nearest visible |z| {view.nearest:.2g} {units}"
-    return "; ".join([*parts, seen])
+    view = choice.view
+    if view is None:
+        return "the middle of the plate; nothing seen"
+    limit = "none at any near"
+    if view.pixels_per_near:
+        near = plain(f"{TOLERANCE_PX / view.pixels_per_near:.2g}")
+        limit = f"over {TOLERANCE_PX:g} px from near {near} {units} on"
+    reasons = {
+        Criterion.MIDDLE: "the middle of the plate",
+        Criterion.DISPLACEMENT: f"largest displacement ({limit})",
+        Criterion.NEAREST: "surface nearest to the plate",
+        Criterion.OUTLINES: f"longest outlines ({view.outline_widths:.2g} widths of the picture)",
+    }
+    seen = f"nearest visible |z| {view.nearest:.2g} {units}"
+    return "; ".join([*(reasons[criterion] for criterion in choice.criteria), seen])
 
 
 def choices(auto: AutoApertures) -> list[dict[str, Any]]:
@@ -72,21 +71,18 @@ def choices(auto: AutoApertures) -> list[dict[str, Any]]:
 def notes(auto: AutoApertures) -> list[str]:
     """Describe the scan of apertures, and each choice with its reason, in a sentence each."""
     hogels, looks = math.prod(auto.scout.scene.plate.hogels), len(auto.scout.looks)
+    scanned = "all" if looks == hogels else f"{looks} of the"
     lines = [
-        f"auto: looked through {'all' if looks == hogels else f'{looks} of the'} {hogels:,} "
-        "apertures of the "
-        f"plate (at most {MAX_APERTURES:,}), along {FILM_PIXELS**2} lines each"
+        f"looked through {scanned} {hogels:,} apertures of the plate (at most {MAX_APERTURES:,}), "
+        f"along {FILM_PIXELS**2} lines each"
     ]
     if auto.blocked:
         lines.append(
-            f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no "
-            "settings draw"
+            f"at {auto.blocked} of these a surface lies in the aperture itself, which no settings "
+            "draw"
         )
-    every = (
-        f"auto: aperture {choice['aperture'][0]},{choice['aperture'][1]}: {choice['why']}"
-        for choice in choices(auto)
-    )
-    return [*lines, *every]
+    chosen = ("aperture {},{}: {}".format(*row["aperture"], row["why"]) for row in choices(auto))
+    return [f"auto: {line}" for line in (*lines, *chosen)]
 
 
 def scout_record(auto: AutoApertures) -> dict[str, Any]:
@@ -210,29 +206,28 @@ def mark(
     figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int
 ) -> None:
     """Ring some apertures on a map, with words to hover on, and label the first of them."""
-    figure["data"].append(
-        {
-            "x": [column for (column, _), _ in marks],
-            "y": [row for (_, row), _ in marks],
-            "mode": "markers",
-            "marker": {"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
-            "text": [f"{column},{row}<br>{words}" for (column, row), words in marks],
-            "hovertemplate": "%{text}<extra></extra>",
-            "showlegend": False,
-            "cliponaxis": False,
-        }
-    )
+    points = {
+        "x": [column for (column, _), _ in marks],
+        "y": [row for (_, row), _ in marks],
+        "mode": "markers",
+        "marker": {"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
+        "text": [f"{column},{row}<br>{words}" for (column, row), words in marks],
+        "hovertemplate": "%{text}<extra></extra>",
+        "showlegend": False,
+        "cliponaxis": False,
+    }
+    figure["data"].append(points)
     for (column, row), _ in marks[:labels]:
         # Labels go toward the middle of the plate, so that they stay on it.
-        side = -1 if 2 * column > plate.hogels[0] else 1
+        right = 2 * column <= plate.hogels[0]
         label = {
+            "text": f"<b>{column},{row}</b>",
+            "font": {"color": LABEL, "size": 12},
             "x": column,
             "y": row,
-            "xanchor": "left" if side > 0 else "right",
-            "xshift": 13 * side,
+            "xanchor": "left" if right else "right",
+            "xshift": 13 if right else -13,
+            "showarrow": False,
+            "bgcolor": "rgba(255, 255, 255, 0.85)",
         }
-        shown = {"showarrow": False, "bgcolor": "rgba(255, 255, 255, 0.85)"}
-        font = {"color": LABEL, "size": 12}
-        figure["layout"]["annotations"].append(
-            {"text": f"<b>{column},{row}</b>", "font": font, **label, **shown}
-        )
+        figure["layout"]["annotations"].append(label)
