@@ -190,13 +190,33 @@ class ViewRecord:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedViews(loss.Views):
+    """Pictures of one eye with their loss maps."""
+
+    display: loss.LossMaps
+    #: None without a renderer
+    renderer: loss.LossMaps | None
+
+    @property
+    def images(self) -> dict[str, EyeImage]:
+        """Pictures by name; none is drawn without a renderer."""
+        every = {name: getattr(self, name) for name in NAMES}
+        return {name: image for name, image in every.items() if image is not None}
+
+    def marked(self, name: str) -> Bytes:
+        """Return the picture of a loss, `display` or `renderer`, with wrong and moved pixels."""
+        lost, image = getattr(self, name), self.replayed if name == "display" else self.drawn
+        assert lost is not None and image is not None
+        # Share of the displacement in full color.
+        return marked(shown(image), lost.wrong, lost.displacement_arcmin / SEEN_ARCMIN)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneView(NotebookRepr):
     """Pictures, loss maps and numbers of all eyes; no maps of a renderer without one."""
 
     scene: Scene
-    views: tuple[loss.Views, ...]
-    display: tuple[loss.LossMaps, ...]
-    renderer: tuple[loss.LossMaps, ...]
+    views: tuple[JudgedViews, ...]
     record: ViewRecord
     #: distance by which all points move away from the plate, scene units; None where it varies
     gap: float | None = None
@@ -204,11 +224,6 @@ class SceneView(NotebookRepr):
     def summary(self) -> dict[str, Any]:
         """Return the numbers as printed by `view --json`."""
         return json_object(self.record)
-
-    def images(self, number: int) -> dict[str, EyeImage]:
-        """Return the pictures of an eye by name; none is drawn without a renderer."""
-        every = {name: getattr(self.views[number], name) for name in NAMES}
-        return {name: image for name, image in every.items() if image is not None}
 
     @property
     def top(self) -> float:
@@ -222,14 +237,14 @@ class SceneView(NotebookRepr):
     def _said(self) -> str:
         hogels = counted(self.record.hogels, "hogel")
         seen = f"{self.scene.name!r}, seen by {counted(len(self.views), 'eye')} through {hogels}"
-        losses = self.sentences()[: 1 + bool(self.renderer)]
+        losses = self.sentences()[: len(self.record.eyes[0].losses)]
         return " ".join([f"{seen}.", *losses]).removesuffix(".")
 
     def _figures(self) -> Sequence[Figure]:
         return [
             Figure(caption=f"eye {number}, {NAMES[name]}", content=notebook_png(shown(image)))
-            for number in range(len(self.views[:MAX_SHOWN_EYES]))
-            for name, image in self.images(number).items()
+            for number, views in enumerate(self.views[:MAX_SHOWN_EYES])
+            for name, image in views.images.items()
         ]
 
     def table(self) -> str:
@@ -276,37 +291,30 @@ def view(
             drawn = loss.collected(bar, collectors)
         numbered = any(collector.numbered for collector in collectors)
     views, records = [], []
-    display: list[loss.LossMaps] = []
-    renderer: list[loss.LossMaps] = []
     with progress_bar(len(eyes), "eyes", "eye", shown=progress) as bar:
         for eye, taken, image, pixels in zip(eyes, takes, drawn, sharpness, strict=True):
             true, replayed = reference.true_view(eye), reference.replayed(eye)
             seen = loss.Views(true=true, replayed=replayed, drawn=image, taken=taken)
-            views.append(seen)
-            display.append(loss.display_loss(reference, seen))
+            display, renderer = loss.display_loss(reference, seen), None
             if image is not None:
-                renderer.append(loss.renderer_loss(reference, seen, numbered=numbered))
+                renderer = loss.renderer_loss(reference, seen, numbered=numbered)
+            views.append(JudgedViews(**vars(seen), display=display, renderer=renderer))
             record = EyeRecord(
                 eye=eye.position,
                 pixels_per_degree=pixels,
-                display=display[-1].numbers(),
-                renderer=renderer[-1].numbers() if renderer else None,
+                display=display.numbers(),
+                renderer=renderer.numbers() if renderer else None,
             )
             records.append(record)
             bar.update()
-    return SceneView(
-        scene=scene,
-        views=tuple(views),
-        display=tuple(display),
-        renderer=tuple(renderer),
-        record=ViewRecord(
-            eyes=tuple(records),
-            units=scene.units,
-            source=None if source is None else source.name,
-            hogels=len(parts),
-        ),
-        gap=_gap(scene, source.settings) if source and source.settings else None,
+    record_of_all = ViewRecord(
+        eyes=tuple(records),
+        units=scene.units,
+        source=source.name if source else None,
+        hogels=len(parts),
     )
+    gap = _gap(scene, source.settings) if source and source.settings else None
+    return SceneView(scene=scene, views=tuple(views), record=record_of_all, gap=gap)
 
 
 def _gap(scene: Scene, settings: DoubleFrustum) -> float | None:
@@ -330,9 +338,10 @@ def file_names(eyes: int, *, drawn: bool) -> tuple[str, ...]:
 
 def write_view(seen: SceneView, out: Path) -> tuple[Path, ...]:
     """Write page, numbers and pictures, all or nothing; InputError for an unwritable folder."""
-    with Staging(out, file_names(len(seen.views), drawn=bool(seen.renderer))) as staging:
-        for number in range(len(seen.views)):
-            for name, image in seen.images(number).items():
+    drawn = seen.record.source is not None
+    with Staging(out, file_names(len(seen.views), drawn=drawn)) as staging:
+        for number, views in enumerate(seen.views):
+            for name, image in views.images.items():
                 write_eye_image(staging.folder / f"{name}_{number}.exr", image)
                 staging.write(f"{name}_{number}.png", png(shown(image)))
         staging.write(DATA, seen.record)
@@ -341,28 +350,18 @@ def write_view(seen: SceneView, out: Path) -> tuple[Path, ...]:
 
 
 def _page(seen: SceneView) -> str:
-    eyes = []
-    for number, record in enumerate(seen.record.eyes):
-        pictures = {name: shown(image) for name, image in seen.images(number).items()}
-        panes = [
-            (f"{letter}: {NAMES[name]}", address(png(picture)))
-            for letter, (name, picture) in zip("ABC", pictures.items(), strict=False)
-        ]
-        for name, maps, under, pair in (
-            ("display", seen.display, "replayed", "A, B"),
-            ("renderer", seen.renderer, "drawn", "B, C"),
-        ):
-            for lost in maps[number : number + 1]:
-                # Share of the displacement in full color.
-                arcmin = lost.displacement_arcmin / SEEN_ARCMIN
-                marks = marked(pictures[under], lost.wrong, arcmin)
-                panes.append((f"loss by the {name}: {pair}", address(png(marks))))
-        eyes.append((record, panes))
-    values = {"found": seen, "record": seen.record, "eyes": eyes, "sentences": seen.sentences()}
-    versions_here = {**versions(), **machine()}
-    return html_page(
-        "view.html.j2", {**values, "seen_arcmin": SEEN_ARCMIN, "versions": versions_here}
-    )
+    values = {
+        "found": seen,
+        "record": seen.record,
+        "names": NAMES,
+        "seen_arcmin": SEEN_ARCMIN,
+        "versions": {**versions(), **machine()},
+    }
+    return html_page("view.html.j2", values, {"shown": shown, "address": _address})
+
+
+def _address(picture: Bytes) -> str:
+    return address(png(picture))
 
 
 def write_quilt(
@@ -390,7 +389,7 @@ def write_quilt(
     for first in range(0, count, tiles[0]):
         seen = show(eyes[first : first + tiles[0]])
         records.append(seen.record)
-        images = [seen.images(number) for number in range(tiles[0])]
+        images = [views.images for views in seen.views]
         for name in images[0]:
             row = np.concatenate([shown(tile[name]) for tile in images], axis=1)
             # Tiles count from the bottom, rows of pixels from the top.

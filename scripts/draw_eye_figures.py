@@ -67,8 +67,9 @@ def moved_picture(name: str) -> Image.Image:
     settings = DoubleFrustum(near=NEAR, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     scene = open_scene(name)
     seen = view(scene, [EYE], drawing(scene, settings))
-    (views,), (display,), (renderer,) = seen.views, seen.display, seen.renderer
-    assert views.drawn is not None
+    (views,) = seen.views
+    display, renderer = views.display, views.renderer
+    assert views.drawn is not None and renderer is not None
     moved = moved_scene(scene, settings)
     other = EyeReference(moved.scene)
     of_moved = Views(
