@@ -5,7 +5,7 @@ conformance/    Conformance suite: frozen questions to renderers of hogels
 disk/           Files on the disk: read within bounds, written whole or not at all
 files/          Scene files, maps and images
 geometry/       Surfaces as triangles: shapes, patches, placement, refinement, normals
-library/        Built-in scenes, made by code
+library/        Built-in scenes
 meshes/         Mesh files as objects: read right, listed as unread, or refused
 model/          Scene, hogel image, device and eye
 plate/          Plate, apertures, their crossed frustum, and the settings of the two cameras
