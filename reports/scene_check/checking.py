@@ -55,8 +55,6 @@ FINER = 2
 #: Attribute of the views' first element, redundant in a page: HTML implies the namespace of svg.
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
-Outline = list[tuple[float, float]]
-
 
 class View(StrEnum):
     """From where a scene is looked at; the viewer's side of the plate is always to the right."""
@@ -68,6 +66,12 @@ class View(StrEnum):
     def axis(self) -> int:
         """The coordinate that points upward in the picture: y from the side, x from above."""
         return 1 if self is View.SIDE else 0
+
+
+TITLES = {
+    View.SIDE: ("Side view", "seen from the viewer's left, y is up"),
+    View.TOP: ("Top view", "seen from above, x is up: the viewer's right"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,23 +89,24 @@ class PictureFrame:
         toward, back = scene.frustum.reach
         far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
         least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
-        low, high = aside_of_frusta(
-            scene.frustum, shown_apertures(scene), view.axis, (-back, toward)
-        )
-        corners = [np.clip([[-back, low], [toward, high]], least, most)]
+        frusta = aside_of_frusta(scene.frustum, shown_apertures(scene), view.axis, (-back, toward))
+        corners = [np.clip(np.column_stack([(-back, toward), frusta]), least, most)]
         for part in scene.objects:
-            (x0, y0, z0), (x1, y1, z1) = box(part)
-            ends = np.array([[z0, (x0, y0)[view.axis]], [z1, (x1, y1)[view.axis]]])
+            ends = np.array(box(part))[:, [2, view.axis]]
             if (ends[1] >= least).all() and (ends[0] <= most).all():
                 corners.append(np.clip(ends, least, most))
         first, last = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
         size = np.array([WIDTH, HEIGHT])
         scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
         # The rectangle is as wide and as high as its place on the picture.
-        (left, bottom), (right, top) = (
-            (first + last) / 2 + side * size / scale / 2 for side in (-1, 1)
-        )
-        return cls(box=(float(left), float(bottom), float(right), float(top)), scale=scale)
+        ends = [(first + last) / 2 + side * size / scale / 2 for side in (-1, 1)]
+        left, bottom, right, top = np.concatenate(ends).tolist()
+        return cls(box=(left, bottom, right, top), scale=scale)
+
+    def place(self, points: Floats) -> Floats:
+        """Return places (.., 2) of points of z and x or y, pixels from the frame's top left."""
+        left, _, _, top = self.box
+        return np.asarray((points - (left, top)) * (self.scale, -self.scale))
 
     def x(self, z: float) -> float:
         """Return where a height z lies on the picture, pixels from its left."""
@@ -111,21 +116,14 @@ class PictureFrame:
         """Return where an x or y lies on the picture, pixels from its top."""
         return round(TOP + (self.box[3] - across) * self.scale, 1)
 
-    def place(self, points: Floats) -> Floats:
-        """Return positions of points (N, 2) of z and x or y in the frame, pixels from top left."""
-        z, across = points.T
-        return np.stack(
-            ((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1
-        )
-
 
 def shown_apertures(scene: Scene) -> list[Aperture]:
     """Return the middle, top left and bottom right apertures of the plate, without repetition."""
     return list(dict.fromkeys((scene.plate.middle, *scene.plate.corners)))
 
 
-def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline]:
-    """Return closed outlines of an object within a frame, pixels from the frame's top left.
+def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]:
+    """Return closed outlines (N, 2) of an object within a frame, pixels from its top left.
 
     Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is
     projected; a part thinner than a cell of the mask is shown as thick as one.
@@ -133,31 +131,23 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline
     size = int(FINER * WIDTH), int(FINER * HEIGHT)
     mask = Image.new("1", size)
     draw = ImageDraw.Draw(mask)
-    small = np.zeros((size[1], size[0]), dtype=bool)
     for triangles in triangles_in_chunks(part):
-        corners = (
-            frame.place(triangles[..., [2, view.axis]].reshape(-1, 2)).reshape(-1, 3, 2) * FINER
-        )
+        corners = frame.place(triangles[..., [2, view.axis]]) * FINER
         low, high = corners.min(axis=1), corners.max(axis=1)
         within = ((high >= 0) & (low <= size)).all(axis=1)
-        # Triangles no larger than a cell are marked by their corners alone.
+        # A triangle no larger than a cell is drawn by its corners alone, each cell once.
         tiny = (high - low).max(axis=1) <= 1
-        columns, rows = corners[within & tiny].reshape(-1, 2).astype(np.int64).T
-        inside = (columns >= 0) & (columns < size[0]) & (rows >= 0) & (rows < size[1])
-        small[rows[inside], columns[inside]] = True
+        cells = np.unique(corners[within & tiny].reshape(-1, 2).astype(np.int64), axis=0)
+        draw.point(cells.ravel().tolist(), fill=1)
         # Clipping to Pillow's coordinate range is exact: points far outside stay outside.
         for triangle in np.clip(corners[within & ~tiny], -1e6, 1e6).reshape(-1, 6).tolist():
             draw.polygon(triangle, fill=1, outline=1)
     # A border, so that outlines that leave the frame are closed along it.
-    filled = np.pad(small | np.asarray(mask), 1).astype(np.float64)
     rings = []
-    for contour in find_contours(filled, 0.5):
+    for contour in find_contours(np.pad(np.asarray(mask, np.float64), 1), 0.5):
         # Points within a straight run are left out; their halves are exact.
         bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
-        rows_of, columns_of = contour[bends].T - 0.5
-        rings.append(
-            list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True))
-        )
+        rings.append((contour[bends][:, ::-1] - 0.5) / FINER)
     return rings
 
 
@@ -181,32 +171,28 @@ def draw_view(scene: Scene, view: View) -> str:
     objects = []
     for number, part in enumerate(scene.objects[:MAX_DRAWN]):
         shapes, (lowest, highest) = outlines(part, frame, view), box(part)
-        shape: dict[str, Any] = {
+        ring = None
+        if shapes:
+            every = np.concatenate(shapes)
+            if np.ptp(every, axis=0).max() < SMALL_PX:
+                middle_of_shape = (every.min(axis=0) + every.max(axis=0)) / 2
+                ring = np.add(middle_of_shape, (LEFT, TOP)).round(1).tolist()
+        paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in shape) for shape in shapes)
+        shape = {
             "name": f"{number} {Path(part.name).name}",
-            "ring": None,
-            "away": "",
+            "ring": ring,
+            # Outside the picture.
+            "away": "" if shapes else heights(lowest[2], highest[2], scene.units),
+            "path": "".join(f"M{path}Z" for path in paths),
         }
-        # Outside the picture.
-        if not shapes:
-            shape["away"] = heights(lowest[2], highest[2], scene.units)
-        else:
-            every = np.concatenate([np.array(outline) for outline in shapes])
-            least, most = every.min(axis=0), every.max(axis=0)
-            if max(most - least) < SMALL_PX:
-                shape["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
-        paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in outline) for outline in shapes)
-        objects.append({**shape, "path": "".join(f"M{path}Z" for path in paths)})
-    side = ("Side view", "seen from the viewer's left, y is up")
-    title, subtitle = (
-        side if view is View.SIDE else ("Top view", "seen from above, x is up: the viewer's right")
-    )
+        objects.append(shape)
+    title, subtitle = TITLES[view]
 
     def signed(value: float) -> str:
         return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
-    def printable(
-        words: str,
-    ) -> str:  # XML cannot hold control characters, which file names may have
+    def printable(words: str) -> str:
+        # XML cannot hold control characters, which file names may have.
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
     values = {
@@ -225,9 +211,8 @@ def _ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
-    return [
-        float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)
-    ]
+    ticks: list[float] = (step * np.arange(np.ceil(low / step), high // step + 1)).tolist()
+    return ticks
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:
@@ -346,38 +331,27 @@ def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
 
 def _looks(part: SceneObject) -> dict[str, str]:
     """Describe a mesh's shading data: normals, colors of its own, and pictures on triangles."""
-
-    def of(some: int, total: int, what: str) -> str:
-        return f"all {what}" if some == total else f"{some:,} of {total:,} {what}"
-
-    made = part.vertex_normals
-    usable = 0 if made is None else int(np.isfinite(made).all(axis=1).sum())
-    who = {
-        NormalsMade.NONE: "of the mesh",
-        NormalsMade.SOME: "of the mesh, and where it has none made by smooth = true",
-        NormalsMade.ALL: "made by smooth = true",
-    }
-    normals = f"{who[part.normals_made]}, at {of(usable, len(part.vertices), 'vertices')}"
-
-    colors = "none: its material's"
-    if part.name.lower().endswith(".obj"):
-        colors += " in the scene file; of an OBJ file's own materials textures alone are read"
+    normals, colors, textures = "none: every triangle is flat", "none: its material's", "none"
+    if part.vertex_normals is not None:
+        usable = int(np.isfinite(part.vertex_normals).all(axis=1).sum())
+        if usable:
+            source = _SOURCES[part.normals_made]
+            normals = f"{source}, at {usable:,} of {len(part.vertices):,} vertices"
     if part.vertex_colors is not None:
         different = bool((part.vertex_colors != part.vertex_colors[0]).any())
         colors = f"of the mesh, {'one per vertex' if different else 'the same at all vertices'}"
-
     number, uv = part.texture_of_triangle, part.uv
-    coordinates = uv is not None and bool(np.isfinite(uv).any())
-    textures = "none, though it has texture coordinates" if coordinates else "none"
-    if number is not None and uv is not None and part.textures:
-        shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
-        sizes = ", ".join(
-            dict.fromkeys(f"{texture.shape[1]} x {texture.shape[0]}" for texture in part.textures)
-        )
-        pictures = counted(len(part.textures), "picture")
-        textures = f"{pictures} of {sizes} pixels, on {of(shown, len(part.faces), 'triangles')}"
-    return {
-        "normals": normals if usable else "none: every triangle is flat",
-        "colors": colors,
-        "textures": textures,
-    }
+    if uv is not None and np.isfinite(uv).any():
+        textures = "none, though it has texture coordinates"
+        if number is not None and part.textures:
+            shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
+            pictures = counted(len(part.textures), "picture")
+            textures = f"{pictures}, on {shown:,} of {len(part.faces):,} triangles"
+    return {"normals": normals, "colors": colors, "textures": textures}
+
+
+_SOURCES = {
+    NormalsMade.NONE: "of the mesh",
+    NormalsMade.SOME: "of the mesh, and where it has none made by smooth = true",
+    NormalsMade.ALL: "made by smooth = true",
+}

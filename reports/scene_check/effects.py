@@ -29,6 +29,8 @@ from xfrustum.scenes.plate.double_frustum import Camera
 from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
+Sections = tuple[tuple[float, float], ...]  #: two heights |z| of each slab of one side
+
 #: near offset where none is stated, share of the longest reach
 DEFAULT_NEAR_PER_REACH = 1e-3
 
@@ -182,8 +184,8 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
 
 #: Properties of objects that call for an effect; cameras are called for by places.
 _CALLING = {
-    Effect.SMOOTH_NORMALS: "normals at {} vertices",
-    Effect.VERTEX_COLORS: "colors at {} vertices",
+    Effect.SMOOTH_NORMALS: "normals at vertices",
+    Effect.VERTEX_COLORS: "colors at vertices",
     Effect.TEXTURES: "a texture",
     Effect.AMBIENT: "a material with an ambient coefficient",
     Effect.DIFFUSE: "a material with a diffuse coefficient",
@@ -207,16 +209,15 @@ def effect_reason(scene: Scene, decision: Decision, camera: Camera = Camera.BOTH
         behind = effect is Effect.C
         heights = (0.0, scene.frustum.reach[behind])
         count = slab_content(scene, Camera(effect.value), heights).triangles
-        subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
+        subject = f"{counted(count, 'triangle')} {'lies' if count == 1 else 'lie'}"
         aside = ", and nothing of it lies in the frusta" if count and not inside else ""
-        return f"{subject} {'behind' if behind else 'before'} the plate within the reach{aside}"
+        place = f"{'behind' if behind else 'before'} the plate within the reach"
+        return f"{subject if count else 'nothing lies'} {place}{aside}"
     calling, count = _CALLING[effect], inside or outside
     if count == 0:
-        return f"no object has {calling.format('its')}"
-    subject = "one object has" if count == 1 else f"{count} objects have"
-    them = "it" if "a " in calling else "them"
-    aside = f", but what has {them} lies beyond the reach or beside the frusta"
-    return f"{subject} {calling.format('its' if count == 1 else 'their')}{'' if inside else aside}"
+        return f"no object has {calling}"
+    aside = "" if inside else ", beyond the reach or beside the frusta"
+    return f"{counted(count, 'object')} {'has' if count == 1 else 'have'} {calling}{aside}"
 
 
 def default_near(scene: Scene) -> float:
@@ -244,7 +245,8 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     for content in depth_bins(scene, [aperture]):
         of_fit = 1.0 if fitted is None else abs(1 - content.nearest / fitted)
         moved = 0.0
-        if content.nearest < settings.sections(_reach(scene, content))[0][1]:
+        sections = settings.sections(scene.frustum.reach[content.behind])
+        if content.nearest < sections[0][1]:
             moved = settings.near / (content.nearest + settings.near)
             # corner of_fit n / (|z| + n) = tolerance, solved for n.
             rest = max(corner_px * of_fit - TOLERANCE_PX, TOLERANCE_PX)
@@ -261,7 +263,7 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
                 "share": content.share,
                 "near_px": corner_px * moved * of_fit,
                 "shear_px": sheared_px * moved,
-                "separation": _separation(scene, content, settings),
+                "separation": _separation(content, sections, settings),
                 "blur_px": (least, max(widest)),
                 "sub_apertures": band_limiting.sub_apertures_for(widest, contrast),
             }
@@ -284,13 +286,8 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     }
 
 
-def _reach(scene: Scene, content: DepthBin) -> float:
-    return scene.frustum.reach[1 if content.behind else 0]
-
-
-def _separation(scene: Scene, content: DepthBin, settings: DoubleFrustum) -> float:
+def _separation(content: DepthBin, sections: Sections, settings: DoubleFrustum) -> float:
     """Return the smallest separation that is ordered at a bin's farthest content, scene units."""
-    sections = settings.sections(_reach(scene, content))
     low, high = next((ends for ends in sections if content.farthest <= ends[1]), sections[-1])
     # The first slab's camera has stepped back; the cameras of other slabs stand in the aperture.
     back, near = (settings.near, settings.near) if low == 0 else (0.0, low)

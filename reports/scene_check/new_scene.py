@@ -4,10 +4,11 @@ import json
 import math
 import os
 from dataclasses import dataclass, replace
-from decimal import ROUND_FLOOR, Context
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
@@ -234,22 +235,16 @@ class _Display:
         units, top = written.units, written.heights[1]
         if self.viewer is not None and top >= self.viewer:
             return (
-                f"the mesh ends {length(top)} {units} before the plate, and the viewer is "
-                f"{length(self.viewer)} {units} away: what is behind him he does not see; "
-                "give a smaller --size, or --behind"
+                f"the mesh ends {length(top)} {units} before the plate, behind a viewer at "
+                f"{length(self.viewer)} {units}; give a smaller --size, or --behind"
             )
-        seen = self.viewer is not None and self.viewer < written.cells_within * (1 - WHOLE)
-        if not (seen or (self.plate and self.viewer is None and self.pitch is None)):
-            return None
-        within, own = length(written.cells_within), length(written.pitch)
-        cure = "a smaller --pitch, or --viewer, the distance from which they must not be"
+        # A stated plate is a real one: its cells are seen from the stated distance, or from any.
+        seen = bool(self.plate) and self.pitch is None
         if self.viewer is not None:
-            finest = self.viewer * ACUITY_ARCMIN / ARCMIN_PER_RADIAN
-            # Three digits, rounded down, never overstate the distance.
-            pitch = Context(prec=3, rounding=ROUND_FLOOR).create_decimal_from_float(finest)
-            cure = f"--pitch {pitch:f} for a viewer at {length(self.viewer)} {units}"
-        place = f"from nearer than {within} {units}"
-        return f"{place} hogels of {own} {units} are seen as cells; give {cure}"
+            seen = self.viewer < written.cells_within * (1 - WHOLE)
+        within, pitch = length(written.cells_within), length(written.pitch)
+        where = f"from nearer than {within} {units} hogels of {pitch} {units} are seen as cells"
+        return f"{where}; give a smaller --pitch, or --viewer without --pitch" if seen else None
 
 
 def _fitted(
@@ -257,57 +252,36 @@ def _fitted(
 ) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
-    turn = Up(request.up).rotate_deg
-    ends = box(part)
+    turn, in_file = Up(request.up).rotate_deg, np.ptp(box(part), axis=0).tolist()
     part = placed(part, placement(1.0, turn)) if any(turn) else part
-    low, high = box(part)
-    own = tuple(b - a for a, b in zip(low, high, strict=True))
+    low, high = np.array(box(part))
+    own = high - low
     if not max(own) > 0:
         raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
     scale = 1.0
     if size is not None:
-        scale = float(f"{size / max(own):.6g}")
+        scale = size / max(own)
     elif display.plate:
-        fits = min(
-            side / (ROOM * mine) for side, mine in zip(display.plate, own, strict=False) if mine > 0
-        )
-        scale = float(f"{fits:.6g}")
-    width, height, depth = (side * scale for side in own)
+        pairs = zip(display.plate, own[:2], strict=True)
+        scale = min(side / (ROOM * mine) for side, mine in pairs if mine > 0)
+    scale = float(f"{scale:.6g}")
+    width, height, depth = (own * scale).tolist()
     flat = depth <= PLATE_ROUNDING * max(width, height)
     place = Place(request.place or (Place.BEHIND if flat else Place.THROUGH))
-    # A flat object behind or before the plate keeps the distance of its longest side.
-    longest = max(width, height, depth)
     # From there on the middle aperture, of a plate no larger than the object, sees all of its
     # nearest side.
     gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
-    middle = {Place.THROUGH: 0.0, Place.BEHIND: -(gap + depth / 2), Place.BEFORE: gap + depth / 2}[
-        place
-    ]
+    side = {Place.THROUGH: 0, Place.BEHIND: -1, Place.BEFORE: 1}[place]
     # Six digits of the longest side, and no negative zero.
+    longest = max(width, height, depth)
     decimals = 5 - math.floor(math.log10(longest))
-    x, y, z = (
-        round(to - scale * (a + b) / 2, decimals) + 0.0
-        for to, a, b in zip((0.0, 0.0, middle), low, high, strict=True)
-    )
-    bottom, top = scale * low[2] + z, scale * high[2] + z
+    exact = np.array([0.0, 0.0, side * (gap + depth / 2)]) - scale * (low + high) / 2
+    x, y, z = (round(shift, decimals) + 0.0 for shift in exact.tolist())
+    bottom, top = float(scale * low[2] + z), float(scale * high[2] + z)
     plate, hogels = display.fit(max(width, longest / 4), max(height, longest / 4))
-    warning = None
-    if flat and request.place is None:
-        warning = (
-            "the mesh is flat, and is placed behind the plate: in the plate, displacement is "
-            "undefined and "
-            "no plan holds (--before places it on the viewer's side)"
-        )
-    elif count := in_plate(replace(part, vertices=scale * part.vertices + [x, y, z])):
-        warning = (
-            f"{count:,} triangles lie in the plate, within rounding: displacement is undefined "
-            "there, and "
-            "no plan holds for apertures that show them; give --behind or --before, or another "
-            "translate"
-        )
     written = NewScene(
         path=out,
-        mesh=tuple(b - a for a, b in zip(*ends, strict=True)),
+        mesh=tuple(in_file),
         scale=scale,
         translate=(x, y, z),
         size=(width, height, depth),
@@ -317,8 +291,22 @@ def _fitted(
         units=request.units or "units",
         heights=(bottom, top),
         rotate_deg=turn,
+        unread=part.unread,
     )
-    return replace(written, warning=warning or display.warning(written), unread=part.unread)
+    if flat and request.place is None:
+        warning: str | None = (
+            "the mesh is flat, and is placed behind the plate: in the plate, displacement is "
+            "undefined and no plan holds (--before places it on the viewer's side)"
+        )
+    elif count := in_plate(replace(part, vertices=scale * part.vertices + [x, y, z])):
+        warning = (
+            f"{count:,} triangles lie in the plate, within rounding: displacement is undefined "
+            "there, and no plan holds for apertures that show them; give --behind or --before, or "
+            "another translate"
+        )
+    else:
+        warning = display.warning(written)
+    return replace(written, warning=warning)
 
 
 def _round_up(value: float) -> float:

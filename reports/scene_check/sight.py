@@ -11,7 +11,6 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.model.visibility import (
     Point,
-    apertures_in_view,
     aside_of_frusta,
     box,
     in_plate,
@@ -39,9 +38,9 @@ def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
 
 def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     """Return why apertures see nothing, and advice; None where they see something."""
-    facts = unseen_facts(scene, apertures)
     command = shlex.join(("xfrustum", "check", scene.source or scene.name))
     advice = "Change the object's scale or translate, or the frustum's reach"
+    facts = unseen_facts(scene, apertures)
     return facts and f"{facts}. {advice}; `{command}` shows where everything lies"
 
 
@@ -49,18 +48,16 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     """Return, with sizes, the reason that no aperture sees an object, or None."""
     if not scene.objects or sees_any(scene, apertures):
         return None
-    few = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
-    named = [
-        f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in few
+    reasons = [
+        f"{_called(number, part)} {_why_unseen(scene, part, apertures)}"
+        for number, part in enumerate(scene.objects)
     ]
-    if more := len(scene.objects) - len(named):
-        named.append(f"and {more} more objects are not in view")
     who = f"none of the {len(apertures)} requested apertures sees anything"
     if len(apertures) >= np.prod(scene.plate.hogels):
         who = "no aperture of the plate sees anything"
     elif len(apertures) == 1:
         who = f"aperture {apertures[0].column},{apertures[0].row} sees nothing"
-    return f"{scene.name}: {who} of the scene: {'; '.join(named)}"
+    return f"{scene.name}: {who} of the scene: {'; '.join(_first(reasons))}"
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
@@ -78,24 +75,21 @@ def warnings(scene: Scene) -> tuple[str, ...]:
         if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
             tiny.append(
                 f"{name} is {_size(low, high)} {units}, and the plate is {length(side)} {units} "
-                "wide: "
-                "give it a scale if it is in other units"
+                "wide: give it a scale if it is in other units"
             )
     return (*_first(cut), *_first(tiny))
 
 
 def plate_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object with triangles in the plate."""
-    messages = []
-    for number, part in enumerate(scene.objects):
-        if count := in_plate(part):
-            messages.append(
-                f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in "
-                "the plate, "
-                "within rounding: displacement is undefined there, and no plan holds for "
-                "apertures that show "
-                "it; move it before or behind the plate"
-            )
+    flat = [(number, part, in_plate(part)) for number, part in enumerate(scene.objects)]
+    messages = [
+        f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in the "
+        "plate, within rounding: displacement is undefined there, and no plan holds for apertures "
+        "that show it; move it before or behind the plate"
+        for number, part, count in flat
+        if count
+    ]
     return _first(messages)
 
 
@@ -118,9 +112,8 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
         if 2 * away > whole:
             messages.append(
                 f"{_percent(away / whole)} of the visible pixels of {_called(number, part)} show "
-                "back faces, "
-                "and `--cull back` leaves them out; flip_winding = true in its table turns the "
-                "winding"
+                "back faces, and `--cull back` leaves them out; flip_winding = true in its table "
+                "turns the winding"
             )
     return _first(messages)
 
@@ -131,10 +124,9 @@ def _called(number: int, part: SceneObject) -> str:
 
 def _first(messages: list[str]) -> tuple[str, ...]:
     """Return the first few sentences; the last one ends with the number of others."""
-    named, more = messages[:MAX_NAMED_OBJECTS], len(messages) - MAX_NAMED_OBJECTS
-    if more <= 0:
-        return tuple(named)
-    return (*named[:-1], f"{named[-1]}; and so for {more} more objects")
+    more = len(messages) - MAX_NAMED_OBJECTS
+    named = messages[:MAX_NAMED_OBJECTS]
+    return tuple(named) if more <= 0 else (*named[:-1], f"{named[-1]}; and so for {more} more")
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
@@ -143,31 +135,22 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
     share = share_in_reach(part, scene.frustum)
     if share is None:
         return "has triangles without area alone"
-    for beyond, reach in ((high[2] < -back, back), (low[2] > toward, toward)):
-        if beyond:
-            return f"{_spans(low[2], high[2], units)}; the reach is {length(reach)} {units} there"
-    if share == 0.0:
-        reaches = f"{length(back)} {units} behind the plate and {length(toward)} before it"
-        return f"lies beyond the reach of {reaches}"
+    if share == 0:
+        reach = back if high[2] < 0 else toward
+        return f"{_spans(low[2], high[2], units)}; the reach is {length(reach)} {units} there"
     # The gap between the lines and the box, and their ends from the plate's middle.
     ends, gaps = (max(low[2], -back), min(high[2], toward)), list[tuple[float, str]]()
     for axis, words in enumerate((("to the left of", "to the right of"), ("below", "above"))):
         left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
-        for gap, first, last, limit, word in (
-            (left - high[axis], -high[axis], -low[axis], -left, words[0]),
-            (low[axis] - right, low[axis], high[axis], right, words[1]),
+        for first, last, limit, word in (
+            (-high[axis], -low[axis], -left, words[0]),
+            (low[axis], high[axis], right, words[1]),
         ):
             where = f"lies {_range(first, last)} {units} {word} the plate's middle"
             line = f"at its height the lines end {length(limit)} {units} from there"
-            gaps.append((gap, f"{where}; {line}"))
-    widest, aside = max(gaps, key=lambda pair: pair[0])
-    if widest > 0:
-        return aside
-    size = f"is {_size(low, high)} {units}, {heights(low[2], high[2], units)}"
-    flags = apertures_in_view(part, scene.frustum, scene.plate)
-    if flags.any():
-        return f"{size}, and is in view of other apertures alone"
-    return f"{size}, and lies beside the lines of the image"
+            gaps.append((first - limit, f"{where}; {line}"))
+    widest, aside = max(gaps)
+    return aside if widest > 0 else "lies beside the lines of the image"
 
 
 def length(value: float) -> str:

@@ -77,8 +77,8 @@ def test_each_missing_fact_turns_it_off_again() -> None:
     black = Environment(radiance=np.zeros((2, 4, 3), dtype=np.float32))
     off = replace(LAMP, color=(0, 0, 0))
     for effect, world, reason in (
-        ("smooth-normals", scene(sheet(vertex_normals=flat)), "has normals at its vertices"),
-        ("vertex-colors", scene(sheet(vertex_colors=np.ones((3, 3)))), "has colors at its"),
+        ("smooth-normals", scene(sheet(vertex_normals=flat)), "has normals at vertices"),
+        ("vertex-colors", scene(sheet(vertex_colors=np.ones((3, 3)))), "has colors at"),
         ("ambient", scene(material=DARK), "no object has a material with an ambient coefficient"),
         ("diffuse", scene(material=DARK), "no object has a material with a diffuse coefficient"),
         ("diffuse", scene(lights=()), "there is no light"),
