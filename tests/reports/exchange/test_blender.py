@@ -12,7 +12,6 @@ import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -37,20 +36,18 @@ needs_blender = pytest.mark.skipif(
 )
 
 
-def small(name: str = "asymmetric-recentered") -> Scene:
+def written(folder: Path, name: str = "asymmetric-recentered") -> Scene:
+    """Write the script, the plate and the triangles of a small scene, and return it."""
     scene = view(name, (64, 48))
-    return replace(scene, frustum=replace(scene.frustum, resolution=(64, 48)))
-
-
-def plate_of(scene: Scene, folder: Path) -> Any:
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 48)))
     write_cameras(scene, "blender", folder)
-    return json.loads((folder / "plate.json").read_text())
+    return scene
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) -> None:
-    scene = small(name)
-    plate = plate_of(scene, tmp_path)
+    scene = written(tmp_path, name)
+    plate = json.loads((tmp_path / "plate.json").read_text())
     for column, row in ((0, 0), (17, 40), (80, 60)):
         aperture = scene.plate.aperture(column, row)
         assert render.aperture_center(plate, column, row) == (aperture.x, aperture.y)
@@ -79,7 +76,7 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    plate_of(small(), tmp_path)
+    written(tmp_path)
     monkeypatch.setattr(render, "HERE", tmp_path)
     for apertures, message in (
         ("x", "is not a list of column,row"),
@@ -92,11 +89,9 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
     assert render.main(["--out", str(tmp_path / "hogels")]) == 130
     assert capsys.readouterr().err == "render.py: interrupted; repeat the command to continue\n"
     before = signal.getsignal(signal.SIGINT)
-    try:
-        pressed = render.interruptions()
-        signal.raise_signal(signal.SIGINT)  # is noted, and ends nothing by itself
-    finally:
-        signal.signal(signal.SIGINT, before)
+    pressed = render.interruptions()
+    signal.raise_signal(signal.SIGINT)  # is noted, and ends nothing by itself
+    signal.signal(signal.SIGINT, before)
     assert pressed == [signal.SIGINT]
 
 
@@ -112,8 +107,7 @@ def run(folder: Path, arguments: str) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
-    scene = small(name)
-    write_cameras(scene, "blender", tmp_path)
+    scene = written(tmp_path, name)
     options = "--encoding triangle-id --apertures {i},{j} --out {out}"
     command = f"{BLENDER} {tmp_path}/render.py {options}"
     result = verify(scene, command=command, encoding="triangle-id", apertures=[(0, 0), (40, 30)])
@@ -125,10 +119,9 @@ def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
 
 @needs_blender
 @pytest.mark.slow
-@pytest.mark.parametrize("layout", ["hogels", "burnett", "hocking"])
-def test_it_goes_on_where_it_was_in_every_layout_of_hogels(layout: str, tmp_path: Path) -> None:
-    scene = small()
-    write_cameras(scene, "blender", tmp_path)
+@pytest.mark.parametrize("layout", ["burnett", "hocking"])
+def test_a_stopped_run_continues_in_every_layout_of_hogels(layout: str, tmp_path: Path) -> None:
+    scene = written(tmp_path)
     options = f"--out {tmp_path}/hogels --layout {layout}"
     assert "1 hogels to render, 0 found" in run(tmp_path, f"--apertures 5,50 {options}")
     assert "1 hogels to render, 1 found" in run(tmp_path, f"--apertures '5,50;70,3' {options}")
@@ -150,8 +143,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 @needs_blender
 @pytest.mark.slow
 def test_hogels_follow_the_empty_in_a_blend_file(tmp_path: Path) -> None:
-    scene = small()
-    write_cameras(scene, "blender", tmp_path)
+    scene = written(tmp_path)
     run(tmp_path, f"--save {tmp_path}/mine.blend")
     (tmp_path / "move.py").write_text(MOVE)
     subprocess.run(
