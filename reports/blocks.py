@@ -21,7 +21,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     Future,
@@ -43,7 +43,8 @@ from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
 from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.scenes import InputError
+from xfrustum.reports.parts import ParquetParts
+from xfrustum.scenes import Aperture, InputError
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -98,6 +99,44 @@ class Job(ABC):
     @abstractmethod
     def open(self) -> AbstractContextManager[Session]:
         """Open a session in the process and the thread that will use it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelBlock:
+    """Some hogels of a plate, judged together."""
+
+    #: of the part
+    number: int
+    apertures: Sequence[Aperture]
+
+
+def blocks_of(apertures: Sequence[Aperture], size: int, first: int) -> list[HogelBlock]:
+    """Divide apertures into blocks, numbered from `first`; the last may be smaller."""
+    begins = range(0, len(apertures), size)
+    return [
+        HogelBlock(number=number, apertures=apertures[begin : begin + size])
+        for number, begin in enumerate(begins, first)
+    ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HogelJob(Job):
+    """Hogels in blocks, each of which leaves a Parquet part of rows."""
+
+    parts: ParquetParts
+
+    def finished(self, block: HogelBlock) -> bool:
+        """Return whether a block has its part."""
+        return self.parts.finished(block.number)
+
+    def size(self, block: HogelBlock) -> int:
+        """Return the number of hogels of a block."""
+        return len(block.apertures)
+
+    def words(self, block: HogelBlock) -> str:
+        """Return the number of a block and its first aperture."""
+        column, row = block.apertures[0].index
+        return f"block {block.number} (from aperture {column},{row})"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -180,8 +180,9 @@ def foreign_cameras(
     for side in (1, -1):
         bundle = model.bundle(scene, aperture, side)
         if not model.camera(side).near:
-            end = max(abs(s) for s in bundle.s_range)
             begin = NEAR_PLANE_PER_REACH * scene.frustum.longest_reach / model.scene_scale
+            # A side that reaches nowhere still needs a far plane beyond its near plane.
+            end = max(2 * begin, *(abs(s) for s in bundle.s_range))
             bundle = replace(bundle, s_range=(begin, end) if side > 0 else (-end, -begin))
         shift = model.camera(side).shift
         cameras.append(RoundingCamera(bundle=bundle, precision=precision, film_shift=shift))

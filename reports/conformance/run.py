@@ -331,8 +331,8 @@ def _diagnosed(
         near=case.near,
     )
     faults = result.diagnosis.faults
-    guesses = tuple(f"perhaps {guess['words']}" for guess in result.best_guesses())
-    worst = result.worst.kept[0].pictures if result.worst.kept and pictures else {}
+    guesses = tuple(f"perhaps {guess['words']}" for guess in result.guesses(printed=True))
+    worst = result.worst[0].pictures if result.worst and pictures else {}
     return replace(
         verdict,
         cause=", ".join(dict.fromkeys(fault.fault for fault in faults)) or Failure.UNEXPLAINED,

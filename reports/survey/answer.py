@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,37 +24,6 @@ from xfrustum.scenes.representation import digits, percent, percent_up
 from xfrustum.tolerances import MAX_WRONG
 
 
-@dataclass(frozen=True, kw_only=True)
-class SettingAnswer:
-    """Judged hogels of one setting, and the bound on the share of the plate, as written."""
-
-    judged: int
-    #: hogels beyond the tolerance
-    beyond: int
-    #: hogels within it that show nothing
-    empty: int
-    #: None where other parts of a job array are missing
-    share_beyond_at_most: float | None
-    worst: rows.WorstHogel | None
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """Counts, the bound and the worst hogel in JSON's types."""
-        written = ("aperture", "displacement_p99_px", "surface_fraction")
-        worst = self.worst and {name: getattr(self.worst, name) for name in written}
-        return {**vars(self), "worst": worst}
-
-    @property
-    def bound_words(self) -> str:
-        """Bound in percent, rounded up; "-" where there is none."""
-        return "-" if self.share_beyond_at_most is None else percent_up(self.share_beyond_at_most)
-
-    @property
-    def worst_words(self) -> str:
-        """Column and row of the worst hogel; "-" where there is none."""
-        return "-" if self.worst is None else "{},{}".format(*self.worst.aperture)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Survey(NotebookRepr):
     """Answer of a survey."""
@@ -72,39 +40,31 @@ class Survey(NotebookRepr):
     wall_s: float
 
     @cached_property
-    def answers(self) -> list[SettingAnswer]:
-        """Counts and bound of each setting."""
-        return [
-            SettingAnswer(
-                judged=stats.judged,
-                beyond=stats.beyond,
-                empty=stats.empty,
-                share_beyond_at_most=self.extent.at_most(stats.beyond),
-                worst=stats.worst[0] if stats.worst else None,
-            )
-            for stats in self.stats
-        ]
-
-    @cached_property
     def best(self) -> int:
         """Number of the setting with the fewest hogels beyond, then with the best worst hogel."""
-        bad = [
-            (entry.beyond, entry.worst.badness if entry.worst else 0.0) for entry in self.answers
-        ]
+        bad = [(each.beyond, *(hogel.badness for hogel in each.worst[:1])) for each in self.stats]
         return bad.index(min(bad))
+
+    def at_most(self, stats: rows.SettingStats) -> float | None:
+        """Return the bound on the share beyond; None where parts of a job array are missing."""
+        return self.extent.at_most(stats.beyond)
+
+    def bound_words(self, stats: rows.SettingStats) -> str:
+        """Return the bound in percent, rounded up; "-" where there is none."""
+        share = self.at_most(stats)
+        return "-" if share is None else percent_up(share)
 
     @property
     def exceeded(self) -> bool:
         """Verdict: the share exceeds `until`, or, without it, a judged hogel is beyond."""
-        answer, limit = self.answers[self.best], self.extent.sample.until
-        if limit is None:
-            return answer.beyond > 0
-        return answer.share_beyond_at_most is None or answer.share_beyond_at_most > limit
+        stats, limit = self.stats[self.best], self.extent.sample.until
+        share = self.at_most(stats)
+        return stats.beyond > 0 if limit is None else share is None or share > limit
 
     @property
     def sentence(self) -> str:
         """Answer in one sentence, for the best setting."""
-        answer, extent = self.answers[self.best], self.extent
+        answer, extent = self.stats[self.best], self.extent
         hogels, seeing = extent.sample.hogels, len(extent.sample.population)
         limits = f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong"
         near, several = digits(self.settings[self.best].near), len(self.settings)
@@ -113,14 +73,14 @@ class Survey(NotebookRepr):
             verb = "is" if answer.beyond == 1 else "are"
             share = percent(answer.beyond / hogels)
             text = f"{answer.beyond:,} of the {hogels:,} hogels ({share}) {verb} {limits}"
-        elif answer.share_beyond_at_most is None:
+        elif self.at_most(answer) is None:
             text = (
                 f"{answer.beyond:,} of the {extent.judged:,} hogels judged so far, of {hogels:,}, "
                 f"are {limits}, with other parts unfinished"
             )
         else:
             text = (
-                f"at most {answer.bound_words} of the {hogels:,} hogels are {limits} "
+                f"at most {self.bound_words(answer)} of the {hogels:,} hogels are {limits} "
                 f"({percent(extent.confidence)}; {answer.beyond:,} of {extent.judged:,} sampled)"
             )
         text += near
@@ -130,19 +90,21 @@ class Survey(NotebookRepr):
             others = answer.judged - answer.empty
             text += f"; {answer.empty:,} of the {answer.judged:,} judged show nothing, and of the "
             text += f"{others:,} others {answer.beyond:,} are beyond"
-        return text + (f"; worst by displacement: {answer.worst_words}." if answer.worst else ".")
+        if answer.worst:
+            text += "; worst by displacement: {},{}".format(*answer.worst[0].aperture)
+        return f"{text}."
 
     def summary(self) -> dict[str, Any]:
         """Return the record of `survey --json`: the best setting, then each in its order."""
         sample = self.extent.sample
-        settings = zip(self.settings, self.answers, strict=True)
+        settings = zip(self.settings, map(self._counts, self.stats), strict=True)
         record = {
             "scene": self.scene.name,
             "hash": self.scene.content_hash,
             "hogels": sample.hogels,
             "seeing": len(sample.population),
             "resolution": self.scene.frustum.resolution,
-            **self.answers[self.best].record,
+            **self._counts(self.stats[self.best]),
             "confidence": self.extent.confidence,
             "tolerance_px": self.tolerance_px,
             "limit": sample.until,
@@ -151,17 +113,30 @@ class Survey(NotebookRepr):
             "workers": self.workers,
             "wall_s": self.wall_s,
             "sentence": self.sentence,
-            "settings": [{"settings": chosen, **answer.record} for chosen, answer in settings],
+            "settings": [{"settings": chosen, **counts} for chosen, counts in settings],
         }
         return json_object(record)
+
+    def _counts(self, stats: rows.SettingStats) -> dict[str, Any]:
+        """Return counts, the bound and the worst hogel of a setting."""
+        names = ("aperture", "displacement_p99_px", "surface_fraction")
+        worst = [{name: getattr(hogel, name) for name in names} for hogel in stats.worst[:1]]
+        return {
+            "judged": stats.judged,
+            "beyond": stats.beyond,
+            "empty": stats.empty,
+            "share_beyond_at_most": self.at_most(stats),
+            "worst": worst[0] if worst else None,
+        }
 
     def table(self) -> str:
         """Return the sentence, and a line for each of several settings."""
         lines = [self.sentence]
-        several = zip(self.settings, self.answers, strict=True) if len(self.settings) > 1 else ()
+        several = zip(self.settings, self.stats, strict=True) if len(self.settings) > 1 else ()
         for settings, answer in several:
             more = f" ({answer.empty:,} show nothing)" if answer.empty else ""
-            more += "" if answer.bound_words == "-" else f", at most {answer.bound_words}"
+            bound = self.bound_words(answer)
+            more += "" if bound == "-" else f", at most {bound}"
             counts = f"{answer.beyond:,} of {answer.judged:,} beyond"
             lines.append(f"near {digits(settings.near)}: {counts}{more}")
         return "\n".join(lines)
@@ -214,13 +189,13 @@ def render_page(answer: Survey, pictured: Pictured) -> str:
     """Return one self-contained HTML document, equal for equal rows."""
     scene, settings = answer.scene, answer.settings[answer.best]
     maps = {f"map-{number}": figure for number, figure in enumerate(map_figures(answer))}
-    drawn = {**maps, "distribution": distribution_figure(answer), "depth": depth_figure(answer)}
+    drawn = {**maps, "distribution": distribution_figure(answer)}
     worst = scene.plate.aperture(*pictured[0][0].aperture) if pictured else scene.plate.middle
     values = {
         "answer": answer,
         "pictured": pictured,
         "maps": list(maps),
-        "figures": {name: figure for name, figure in drawn.items() if figure is not None},
+        "figures": drawn,
         "command": raster_command(scene, worst, settings),
         "versions": versions(),
     }
@@ -280,41 +255,5 @@ def distribution_figure(answer: Survey) -> Plot:
             "rangemode": "tozero",
         },
         "shapes": [{**tolerance, "y0": 0, "y1": 1, "line": {"color": MARK, "dash": "dot"}}],
-    }
-    return styled(lines, layout)
-
-
-def depth_figure(answer: Survey) -> Plot | None:
-    """Draw displacement by depth of content, rms and largest; None where there is no content."""
-    if not any(stats.depth_pixels.any() for stats in answer.stats):
-        return None
-    reach, lines, drawn = answer.scene.frustum.longest_reach, [], list[float]()
-    names = [
-        f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(rows.DEPTH_ENDS)
-    ]
-    for number, (settings, stats) in enumerate(zip(answer.settings, answer.stats, strict=True)):
-        color, marker = look(number)
-        label = f"near {digits(settings.near)}: " if len(answer.settings) > 1 else ""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rms = np.sqrt(stats.depth_squares_px2 / stats.depth_pixels)
-        curves = ("rms", rms, "solid"), ("largest", stats.depth_max_px, "dot")
-        for word, values, dash in curves:
-            # NaN: empty bin.
-            heights = [value if value > 0 else None for value in values.tolist()]
-            drawn += filter(None, heights)
-            lines.append(
-                {
-                    "x": names,
-                    "y": heights,
-                    "mode": "lines+markers",
-                    "marker": {"symbol": marker},
-                    "line": {"color": color, "dash": dash},
-                    "name": f"{label}{word}",
-                }
-            )
-    layout = {
-        "height": 380,
-        "xaxis": {"title": f"|z| of the content, {answer.scene.units}", "type": "category"},
-        "yaxis": {"title": "displacement, px", **log_axis(drawn)},
     }
     return styled(lines, layout)

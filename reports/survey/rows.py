@@ -1,38 +1,32 @@
 """Work of a survey: hogels judged in blocks, a row for each hogel and setting, and its statistics.
 
-Statistics are accumulated part by part in bounded memory: a map has at most `MAX_MAP_CELLS` cells
-along a side, and a cell shows its worst hogel.
+A map has at most `MAX_MAP_CELLS` cells along a side, and a cell shows its worst hogel.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 import pyarrow as pa
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
-from xfrustum.compare.metrics.error_maps import lengths
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.run import Evaluator, JudgedDrawing
-from xfrustum.compare.sampling import aperture_at
-from xfrustum.reports.blocks import Job, device_index
+from xfrustum.reports.blocks import HogelBlock, HogelJob, device_index
 from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
-from xfrustum.reports.parts import ParquetParts
-from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene
-from xfrustum.scenes.arrays import Floats
-
-#: Ends of the bins of |z| as fractions of the reach: half decades, for displacement goes as n/|z|
-#: and so changes by a factor of about three from bin to bin; the first bin begins at the plate.
-DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Scene
+from xfrustum.scenes.arrays import Floats, Mask
 
 #: number of the worst hogels of each setting that are named and shown
 WORST_HOGELS = 6
@@ -67,32 +61,6 @@ PIXELS_PER_HOGEL = 1 << 16
 MIN_BLOCKS = 16
 
 
-@dataclass(frozen=True, kw_only=True)
-class DepthBins:
-    """Displacement by depth of content: values for each bin of |z|."""
-
-    pixels: tuple[int, ...]
-    #: sums of squared displacements
-    squares_px2: tuple[float, ...]
-    max_px: tuple[float, ...]
-
-    @classmethod
-    def from_image(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
-        """Bin the displacements (H, W, 2), pixels, of a drawing by the height of its surfaces."""
-        moved = lengths(displacement)
-        shown = np.isfinite(moved)
-        moved, depth = moved[shown], np.abs(drawn.height[shown].astype(np.float64))
-        ends, bins = np.array(DEPTH_ENDS[1:-1]) * max(drawn.camera.reach), len(DEPTH_ENDS) - 1
-        place = np.searchsorted(ends, depth, side="right")
-        largest = np.zeros(bins)
-        np.maximum.at(largest, place, moved)
-        return cls(
-            pixels=tuple(np.bincount(place, minlength=bins).tolist()),
-            squares_px2=tuple(np.bincount(place, weights=moved**2, minlength=bins).tolist()),
-            max_px=tuple(largest.tolist()),
-        )
-
-
 @dataclass(frozen=True)
 class Device:
     """Device that drew a hogel."""
@@ -121,7 +89,6 @@ class SurveyRow:
     causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
     #: pixels
     unexplained: int
-    depth: DepthBins
     device: Device
 
     @classmethod
@@ -133,9 +100,8 @@ class SurveyRow:
         tolerance_px: float,
         device: Device,
     ) -> SurveyRow:
-        """Return the row of a drawing that was judged with images and causes."""
-        comparison, drawn = drawing.comparison, drawing.image
-        assert isinstance(comparison, Comparison) and drawn is not None
+        """Return the row of a drawing that was judged with causes."""
+        comparison = drawing.comparison
         assert drawing.causes is not None and drawing.unexplained is not None
         assert comparison.surface is not None, "an evaluator has the scene at hand"
         return cls(
@@ -146,10 +112,9 @@ class SurveyRow:
                 displacement_p99(comparison), comparison.surface.fraction, tolerance_px
             ),
             settings=drawing.settings,
-            comparison=comparison.numbers,
+            comparison=comparison,
             causes={cause.name: cause.numbers for cause in drawing.causes},
             unexplained=drawing.unexplained,
-            depth=DepthBins.from_image(drawn, comparison.maps.displacement),
             device=device,
         )
 
@@ -178,36 +143,37 @@ class WorstHogel:
         return not self.beyond, -self.badness, -self.surface_fraction, self.aperture[::-1]
 
 
+def is_mapped(column: str) -> bool:
+    """Return whether a column has a map: a measure of a hogel, or wrong surfaces by cause."""
+    cause = column.startswith("cause_") and column.endswith("_surface")
+    return column in MAP_COLUMNS or (cause and "predicted" not in column)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SettingStats:
-    """Counts, maps and the worst hogels of the rows of one setting."""
+    """Counts, maps and the worst hogels of one setting."""
 
-    def __init__(self, hogels: tuple[int, int]) -> None:
-        # Columns and rows of the plate.
-        self._hogels = hogels
-        self.judged = self.beyond = 0
-        #: hogels within the limits that show nothing
-        self.empty = 0
-        #: cells of maps with a judged hogel
-        self.known = np.zeros((1, 1), dtype=bool)
-        #: the worst first
-        self.worst: list[WorstHogel] = []
-        #: By column: the largest value in each cell (rows, columns); NaN where there is none.
-        self.maps: dict[str, Floats] = {}
-        self._moved_px: list[Floats] = []
-        #: Sums and maxima of `DepthBins` over all hogels.
-        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros(
-            (3, len(DEPTH_ENDS) - 1)
-        )
+    judged: int
+    #: hogels beyond the tolerance
+    beyond: int
+    #: hogels within the limits that show nothing
+    empty: int
+    #: the worst first
+    worst: tuple[WorstHogel, ...]
+    #: cells of maps with a judged hogel
+    known: Mask
+    #: By column: the largest value in each cell (rows, columns); NaN where there is none.
+    maps: dict[str, Floats]
+    #: defined displacements (p99) of hogels, pixels, ascending
+    moved_px: Floats
 
-    def add(self, rows: pa.Table) -> None:
-        """Count some rows of this setting."""
+    @classmethod
+    def from_rows(cls, hogels: tuple[int, int], rows: pa.Table) -> Self:
+        """Count the rows of a plate with columns and rows of hogels."""
         places = np.stack([_numbers(rows, name) for name in ("column", "row")], -1).astype(np.int64)
         beyond, moved = _numbers(rows, "beyond") > 0, _numbers(rows, P99)
-        self.judged += len(places)
-        self.beyond += int(beyond.sum())
-        self.empty += int(((_numbers(rows, "covered") == 0) & ~beyond).sum())
         columns = places.tolist(), moved.tolist(), _numbers(rows, SURFACE).tolist(), beyond.tolist()
-        self.worst += [
+        worst = [
             WorstHogel(
                 aperture=(column, row),
                 displacement_p99_px=px if math.isfinite(px) else None,
@@ -216,35 +182,40 @@ class SettingStats:
             )
             for (column, row), px, share, bad in zip(*columns, strict=True)
         ]
-        self.worst = sorted(self.worst, key=lambda hogel: hogel.order)[:WORST_HOGELS]
-        self.known = self.known | plate_cells(self._hogels, places, beyond)[1]
-        for name in rows.column_names:
-            cause = name.startswith("cause_") and name.endswith("_surface")
-            if name in MAP_COLUMNS or (cause and "predicted" not in name):
-                cells, _ = plate_cells(self._hogels, places, _numbers(rows, name))
-                self.maps[name] = np.fmax(self.maps.get(name, np.nan), cells)
-        self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
-        pixels, squares, largest = (
-            np.array(rows[f"depth_{name}"].to_pylist()).reshape(-1, len(DEPTH_ENDS) - 1)
-            for name in ("pixels", "squares_px2", "max_px")
+        return cls(
+            judged=len(places),
+            beyond=int(beyond.sum()),
+            empty=int(((_numbers(rows, "covered") == 0) & ~beyond).sum()),
+            worst=tuple(heapq.nsmallest(WORST_HOGELS, worst, key=lambda hogel: hogel.order)),
+            known=plate_cells(hogels, places, beyond)[1],
+            maps={
+                name: plate_cells(hogels, places, _numbers(rows, name))[0]
+                for name in filter(is_mapped, rows.column_names)
+            },
+            moved_px=np.sort(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX)),
         )
-        self.depth_pixels += pixels.sum(axis=0)
-        self.depth_squares_px2 += squares.sum(axis=0)
-        self.depth_max_px = np.maximum(self.depth_max_px, largest.max(axis=0, initial=0.0))
 
     def share_beyond(self) -> tuple[Floats, Floats]:
         """Return displacements in pixels, ascending, and the share of hogels above each."""
-        moved = np.sort(np.concatenate([np.zeros(0), *self._moved_px]))
+        moved = self.moved_px
         places = np.linspace(0, len(moved) - 1, min(len(moved), SHOWN_QUANTILES)).astype(int)
         return moved[places], (len(moved) - 1 - places) / max(self.judged, 1)
 
 
-def add_rows(stats: Sequence[SettingStats], tables: Iterable[pa.Table]) -> None:
-    """Count the rows of some parts by their settings."""
-    for table in tables:
-        numbers = _numbers(table, "setting")
-        for setting, counts in enumerate(stats):
-            counts.add(table.filter(pa.array(numbers == setting)))
+def counted_rows(rows: pa.Table) -> pa.Table:
+    """Return the columns that statistics need: plates have millions of rows."""
+    counted = ("column", "row", "setting", "beyond", "covered", P99, SURFACE)
+    return rows.select([name for name in rows.column_names if name in counted or is_mapped(name)])
+
+
+def stats_of(
+    hogels: tuple[int, int], settings: int, rows: Sequence[pa.Table]
+) -> tuple[SettingStats, ...]:
+    """Return the statistics of each setting; see `counted_rows`."""
+    table = pa.concat_tables(rows)
+    number = _numbers(table, "setting")
+    some = (table.filter(pa.array(number == setting)) for setting in range(settings))
+    return tuple(SettingStats.from_rows(hogels, rows) for rows in some)
 
 
 def _numbers(rows: pa.Table, name: str) -> Floats:
@@ -260,24 +231,6 @@ def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HogelBlock:
-    """Hogels by their places on the path of `aperture_at`."""
-
-    #: of the part
-    number: int
-    places: Sequence[int]
-
-
-def blocks_of(places: Sequence[int], size: int, first: int) -> list[HogelBlock]:
-    """Divide places into blocks, numbered from `first`; the last may be smaller."""
-    begins = range(0, len(places), size)
-    return [
-        HogelBlock(number=number, places=places[begin : begin + size])
-        for number, begin in enumerate(begins, first)
-    ]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ShownHogel:
     """Pictures of one hogel as data URLs by caption, and all its channels."""
 
@@ -286,28 +239,14 @@ class ShownHogel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SurveyJob(Job):
+class SurveyJob(HogelJob):
     """Hogels of a scene, drawn with some settings and judged in blocks, each a part of rows."""
 
     name = "survey"
     scene: Scene
-    parts: ParquetParts
     tolerance_px: float
     settings: tuple[DoubleFrustum, ...]
     tracer: str
-
-    def finished(self, block: HogelBlock) -> bool:
-        """Return whether a block has its part."""
-        return self.parts.finished(block.number)
-
-    def size(self, block: HogelBlock) -> int:
-        """Return the number of hogels of a block."""
-        return len(block.places)
-
-    def words(self, block: HogelBlock) -> str:
-        """Return the number of a block and its first aperture."""
-        column, row = aperture_at(self.scene.plate, block.places[0]).index
-        return f"block {block.number} (from aperture {column},{row})"
 
     @contextmanager
     def open(self) -> Iterator[SurveySession]:
@@ -326,8 +265,7 @@ class SurveySession:
     def make(self, block: HogelBlock) -> None:
         """Judge the hogels of a block and write their rows."""
         job, device = self.job, Device(self.evaluator.device["renderer"], device_index())
-        apertures = [aperture_at(job.scene.plate, place) for place in block.places]
-        hogels = self.evaluator.stream(apertures, job.settings, images=True, causes=True)
+        hogels = self.evaluator.stream(block.apertures, job.settings, causes=True)
         rows = [
             SurveyRow.from_drawing(hogel.aperture, setting, drawing, job.tolerance_px, device)
             for hogel in hogels

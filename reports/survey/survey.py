@@ -7,19 +7,20 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from xfrustum.compare.sampling import PlateSample, SampleRequest, places_of
-from xfrustum.reports.blocks import Engine, open_workers
+import pyarrow as pa
+
+from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest, places_of
+from xfrustum.reports.blocks import Engine, blocks_of, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import ParquetParts, scene_description
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.survey.answer import FILES, Survey, write_survey
 from xfrustum.reports.survey.rows import (
-    SettingStats,
     SurveyJob,
     SurveySession,
-    add_rows,
-    blocks_of,
+    counted_rows,
     hogels_per_block,
+    stats_of,
 )
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import one_of, real
@@ -85,8 +86,9 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     work |= {"scene": scene_description(scene), "hogels": {**sample.description, "block": size}}
     parts.open(json_ready(work))
 
-    begun, stats = time.perf_counter(), tuple(SettingStats(scene.plate.hogels) for _ in drawn)
-    blocks = blocks_of(sample.new_places(0), size, 0)
+    begun, rows = time.perf_counter(), list[pa.Table]()
+    plate = scene.plate
+    blocks = blocks_of(PathApertures(plate, sample.new_places(0)), size, 0)
     own = list(engine.part.of(blocks))
     with (
         open_workers(engine, len(blocks), draws=job.draws) as workers,
@@ -95,12 +97,14 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         for look in range(sample.looks):
             # The parts of a job array have but one.
             if look:
-                own = blocks = blocks_of(sample.new_places(look), size, blocks[-1].number + 1)
+                grown = PathApertures(plate, sample.new_places(look))
+                own = blocks = blocks_of(grown, size, blocks[-1].number + 1)
                 bar.total += sum(map(job.size, own))
             parts.tell_damaged((block.number for block in own), note)
             workers.make(job, own, bar)
             finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
-            add_rows(stats, (parts.read(block.number) for block in finished))
+            rows += [counted_rows(parts.read(block.number)) for block in finished]
+            stats = stats_of(plate.hogels, len(drawn), rows)
             complete = len(finished) == len(blocks)
             extent = sample.extent(stats[0].judged, look, complete=complete)
             if all(extent.decides(counts.beyond) for counts in stats):

@@ -13,7 +13,7 @@ import math
 import os
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from importlib import metadata
@@ -89,40 +89,35 @@ class Stated:
     def from_text(cls, text: str) -> Self:
         """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both."""
         share, amounts, names = None, {}, ", ".join(MEASURES)
-        for part in (part.strip() for part in text.split(",")):
+        for part in map(str.strip, text.split(",")):
             name, equals, number = part.rpartition("=")
             # Both wrong-surfaces and wrong_surfaces are accepted, as in options and in JSON.
             name = name.strip().replace("-", "_")
             if equals and name not in MEASURES:
                 raise InputError(f"baseline tolerance: {name!r} is not one of {names}")
             try:
-                if equals:
-                    amounts[name] = float(number)
-                elif part.endswith("%"):
-                    share = float(part[:-1]) / 100
-                else:
-                    raise ValueError
-            except ValueError as error:
+                value = float(number if equals else number.removesuffix("%"))
+            except ValueError:
+                value = math.nan
+            if not 0 <= value < math.inf or not (equals or part.endswith("%")):
                 raise InputError(
                     f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such "
-                    "as "
-                    f"wrong_surfaces=3; names are {names}"
-                ) from error
-        if not all(
-            math.isfinite(entry) and entry >= 0 for entry in (*amounts.values(), share or 0.0)
-        ):
-            raise InputError("baseline tolerance: tolerances are numbers that are not negative")
+                    f"as wrong_surfaces=3, not negative; names are {names}"
+                )
+            if equals:
+                amounts[name] = value
+            else:
+                share = value / 100
         return cls(share=share, amounts=amounts)
 
-    def amount(self, name: str, mean: float) -> float | None:
-        """Return the tolerance of a measure; None where none is stated."""
-        # An amount for a measure overrides the share for all.
-        return self.amounts.get(name, None if self.share is None else self.share * mean)
+    def amount(self, name: str, mean: float) -> float:
+        """Return the tolerance of a measure; an amount overrides the share for all."""
+        return self.amounts.get(name, (self.share or 0.0) * mean)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureChange:
-    """One measure of a hogel beside the mean of the accepted runs."""
+    """One measure of a hogel beside the accepted one."""
 
     measure: str
     aperture: Place
@@ -134,21 +129,11 @@ class MeasureChange:
     change: Change
 
     @property
-    def words(self) -> str:
-        """The measure, its place and size."""
-
-        def sized(value: float | None) -> str:
-            if value is None:
-                return "unknown"
-            if self.measure.endswith("_px"):
-                # Displacements near the rounding of doubles are noise: their digits differ between
-                # machines.
-                return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
-            return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
-
-        column, row = self.aperture
-        before, now = sized(self.accepted), sized(self.now)
-        return f"{MEASURES[self.measure]} of hogel {column},{row}: {before} accepted, {now} now"
+    def rank(self) -> tuple[int, float]:
+        """Sort key: the most important measure first, and the largest change of one."""
+        # A measure that became unmeasurable ranks before every number.
+        change = math.inf if self.now is None else abs(self.now - (self.accepted or 0.0))
+        return list(MEASURES).index(self.measure), -change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,8 +196,6 @@ class Baseline:
     #: hogels that were not accepted before and exceed the limits
     new_beyond_limits: int
     not_judged_hogels: int
-    #: facts without which the comparison may be misunderstood
-    notes: tuple[str, ...]
 
     @property
     def change(self) -> Change:
@@ -232,26 +215,22 @@ class Baseline:
         """True if nothing got worse and new hogels keep to the limits, or all was approved."""
         return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
 
-    def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
+    def of_kind(self, change: Change) -> list[MeasureChange]:
         """Return the changes of one kind by measure, the largest first."""
-
-        def rank(measured: MeasureChange) -> tuple[int, float]:
-            now, before = measured.now, measured.accepted or 0.0
-            # A measure that became unmeasurable ranks before every number.
-            increase = math.inf if now is None else abs(now - before)
-            return list(MEASURES).index(measured.measure), -increase
-
-        return tuple(sorted((part for part in self.changes if part.change is change), key=rank))
+        some = (measured for measured in self.changes if measured.change is change)
+        return sorted(some, key=lambda measured: measured.rank)
 
     def summary(self) -> dict[str, Any]:
         """Return the JSON object; `changes` lists worse measures, then better ones."""
-        kinds = (Change.WORSE, Change.BETTER)
-        changes = [json_object(change) for kind in kinds for change in self.of_kind(kind)]
-        left_out = ("run", "changes", "notes")
-        rest = {name: value for name, value in vars(self).items() if name not in left_out}
+        changes = self.of_kind(Change.WORSE) + self.of_kind(Change.BETTER)
+        counts = ("approved", "tolerance", "new_hogels", "new_beyond_limits", "not_judged_hogels")
         origin = ("commit", "renderer", "device", "judged")
-        named = {name: getattr(self.run, name) for name in origin}
-        return {"change": str(self.change), **rest, **named, "changes": changes}
+        return {
+            "change": str(self.change),
+            **{name: getattr(self, name) for name in counts},
+            **{name: getattr(self.run, name) for name in origin},
+            "changes": list(map(json_object, changes)),
+        }
 
 
 def baseline(
@@ -265,30 +244,27 @@ def baseline(
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
     # All runs are read: a damaged file must not pass as a missing baseline.
-    everything, run = accepted_runs(folder), _present(verification, options)
-    accepted = everything.get(run.key)
+    run = _present(verification, options)
+    accepted = accepted_runs(folder).get(run.key)
     # Without an accepted run of this key every hogel is new, and limits decide.
     before = {} if accepted is None else accepted.hogels
     new = [hogel for hogel in verification.hogels if hogel.aperture.index not in before]
-    stated = options.tolerance
     held = Baseline(
         run=run,
         approved=options.approve,
-        changes=tuple(_changes(run.hogels, before, stated)),
-        tolerance="compared exactly" if stated is None else "tolerance as stated",
+        changes=tuple(_changes(run.hogels, before, options.tolerance or Stated(amounts={}))),
+        tolerance="compared exactly" if options.tolerance is None else "tolerance as stated",
         new_hogels=len(new),
         new_beyond_limits=sum(not hogel.passed for hogel in new),
         not_judged_hogels=len(before.keys() - run.hogels.keys()),
-        notes=(),
     )
-    held = replace(held, notes=tuple(_notes(held, everything)))
     if options.approve:
         # Hogels that are not judged now stay accepted.
         hogels = [*run.hogels.values(), *(before[place] for place in before.keys() - run.hogels)]
-        kept = replace(run, verification=run.verification | {"hogels": hogels})
+        kept = asdict(run) | {"verification": run.verification | {"hogels": hogels}}
         # NUL occurs in no part of the key: different keys never join to one text.
         name = hashlib.sha256("\0".join(run.key).encode()).hexdigest()[:16]
-        content = json.dumps(asdict(kept), allow_nan=False, indent=1) + "\n"
+        content = json.dumps(kept, allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
             (folder / ACCEPTED).mkdir(parents=True, exist_ok=True)
         write_output(folder / ACCEPTED / f"{name}.json", content.encode(), OPTION)
@@ -326,27 +302,24 @@ def accepted_runs(folder: Path) -> dict[tuple[str, str, str, str], Run]:
 
 def measures(hogel: Mapping[str, Any]) -> Measures:
     """Return the measures of a hogel of verification.json; a missing one has no other measure."""
-    verification, corrected = hogel["as_found"], hogel["corrected"]
-    values: Measures = {**dict.fromkeys(MEASURES), "missing": float(verification is None)}
-    if verification is None:
+    numbers, corrected = hogel["as_found"], hogel["corrected"]
+    values: Measures = {**dict.fromkeys(MEASURES), "missing": float(numbers is None)}
+    if numbers is None:
         return values
     # An image that shows nothing displaces nothing: its check has a displacement of 0.
     still = any(
-        entry["figure"] == DISPLACEMENT and entry["value"] == 0 for entry in hogel["checks"]
+        check["figure"] == DISPLACEMENT and check["value"] == 0 for check in hogel["checks"]
     )
-    moved = verification["displacement_px"] or (
-        dict.fromkeys(("rms", "p99", "max"), 0.0) if still else {}
+    moved = numbers["displacement_px"] or dict.fromkeys(
+        ("rms", "p99", "max"), 0.0 if still else None
     )
-    counts = {
-        "wrong_surfaces": (verification["surface"] or {}).get("wrong"),
-        "wrong_pixels": verification["wrong"],
-        "wrong_colors": (verification["radiance"] or {}).get("wrong"),
-        "invalid": verification["invalid"],
-        "unexplained": (corrected["causes"] or {}).get("unexplained"),
-        **{f"displacement_{name}_px": moved.get(name) for name in ("rms", "p99", "max")},
-    }
     return values | {
-        name: None if count is None else float(count) for name, count in counts.items()
+        "wrong_surfaces": (numbers["surface"] or {}).get("wrong"),
+        "wrong_pixels": numbers["wrong"],
+        "wrong_colors": (numbers["radiance"] or {}).get("wrong"),
+        "invalid": numbers["invalid"],
+        "unexplained": (corrected["causes"] or {}).get("unexplained"),
+        **{f"displacement_{name}_px": moved[name] for name in ("rms", "p99", "max")},
     }
 
 
@@ -372,51 +345,32 @@ def _present(verification: Verification, options: BaselineOptions) -> Run:
 def _changes(
     hogels: Mapping[Place, Mapping[str, Any]],
     accepted: Mapping[Place, Mapping[str, Any]],
-    stated: Stated | None,
+    stated: Stated,
 ) -> Iterator[MeasureChange]:
     """Yield the changes of all measures of hogels."""
     for place, hogel in hogels.items():
         there, present = accepted.get(place), measures(hogel)
         before = {} if there is None else measures(there)
         kinds = {(of or {}).get("by") for of in (hogel["as_found"], (there or {}).get("as_found"))}
+        if len(kinds - {None}) > 1:
+            # Counts of another kind of wrong pixels are another measure.
+            before["wrong_pixels"] = None
         for name, now in present.items():
             was = before.get(name)
-            if name == "wrong_pixels" and len(kinds - {None}) > 1:
-                # Counts of another kind of wrong pixels are another measure.
-                was = None
             # A missing hogel counts once, and not once more for each of its other measures.
             if now is None and (was is None or present["missing"]):
                 continue
             limit, change = None, Change.NEW
             if was is not None:
-                amount = (stated.amount(name, was) if stated is not None else None) or 0.0
-                slack = amount + (ROUNDING_PX if name.endswith("_px") else 0.0)
-                limit, change = was + amount, Change.SAME
-                if now is None or now > was + slack:
+                limit, change = was + stated.amount(name, was), Change.SAME
+                rounding = ROUNDING_PX if name.endswith("_px") else 0.0
+                if now is None or now > limit + rounding:
                     change = Change.WORSE
-                elif now < was - slack:
+                elif now < 2 * was - limit - rounding:
                     change = Change.BETTER
             yield MeasureChange(
                 measure=name, aperture=place, accepted=was, limit=limit, now=now, change=change
             )
-
-
-def _notes(held: Baseline, everything: Mapping[Any, Run]) -> Iterator[str]:
-    """Yield the notes of a comparison."""
-    run, parts = held.run, []
-    if held.new_hogels and (held.compared or held.not_judged_hogels):
-        beyond = f", {held.new_beyond_limits:,} of them beyond the limits"
-        beyond = beyond if held.new_beyond_limits else ""
-        parts.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
-    if held.not_judged_hogels:
-        parts.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
-    if parts:
-        yield f"Not compared: {'; '.join(parts)}."
-    others = [other for other in everything.values() if other.scene_hash == run.scene_hash]
-    if others and run.key not in everything:
-        kept = sorted({f"{other.renderer} on {other.device} ({other.judged})" for other in others})
-        yield f"of this scene, measures are accepted for {'; '.join(kept)}"
-        yield f"what is judged now is {run.renderer} on {run.device} ({run.judged})"
 
 
 def commit_of(folder: Path) -> str | None:
@@ -436,33 +390,54 @@ def commit_of(folder: Path) -> str | None:
 
 def sentence(held: Baseline) -> str:
     """Return the change of the measures in one sentence."""
+    if held.change is Change.NEW and held.approved:
+        return "Baseline: these measures are the first that are accepted."
     if held.change is Change.NEW:
-        if held.approved:
-            return "Baseline: these measures are the first that are accepted."
         return (
             "Baseline: nothing is accepted yet that could be compared; --approve accepts what is "
             "here now."
         )
+    also = ", and accepted now" if held.approved else ""
     if held.change is Change.SAME:
-        also = ", and accepted now" if held.approved else ""
         return f"Baseline: as accepted ({held.tolerance}){also}."
     first, *more = held.of_kind(held.change)
     others = f"; and {len(more)} more" if more else ""
-    before = " before, and accepted now" if held.approved else ""
     return (
-        f"Baseline: {held.change} than accepted{before}: {first.words}{others} ({held.tolerance})."
+        f"Baseline: {held.change} than accepted{also}: {change_words(first)}{others} "
+        f"({held.tolerance})."
     )
+
+
+def change_words(changed: MeasureChange) -> str:
+    """Return a measure, its place and its size before and now."""
+
+    def sized(value: float | None) -> str:
+        if value is None:
+            return "unknown"
+        if changed.measure.endswith("_px"):
+            # Displacements near the rounding of doubles are noise: their digits differ between
+            # machines.
+            return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
+        return f"{value:,.0f}"
+
+    column, row = changed.aperture
+    before, now = sized(changed.accepted), sized(changed.now)
+    return f"{MEASURES[changed.measure]} of hogel {column},{row}: {before} accepted, {now} now"
 
 
 def lines(held: Baseline) -> str:
     """Return the changes as lines for the terminal and for GitHub."""
     text = [sentence(held)]
     for change in (Change.WORSE, Change.BETTER):
-        changed = held.of_kind(change)
-        text += [f"  {change}: {entry.words}" for entry in changed[:MAX_LISTED]]
+        changed = [f"  {change}: {change_words(entry)}" for entry in held.of_kind(change)]
         more = len(changed) - MAX_LISTED
-        text += [f"  {change}: {more} more"] if more > 0 else []
-    return "\n".join([*text, *(f"  note: {note}" for note in held.notes)])
+        text += changed[:MAX_LISTED] + ([f"  {change}: {more} more"] if more > 0 else [])
+    if held.compared and held.new_hogels:
+        beyond = f"{held.new_beyond_limits:,} of them beyond the limits"
+        text.append(f"  note: {counted(held.new_hogels, 'hogel')} not accepted before, {beyond}")
+    if held.not_judged_hogels:
+        text.append(f"  note: {counted(held.not_judged_hogels, 'accepted hogel')} not judged now")
+    return "\n".join(text)
 
 
 def append_step_summary(held: Baseline) -> str | None:

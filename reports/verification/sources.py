@@ -1,5 +1,7 @@
 """Sources of a foreign renderer's images: files, a layout, a program, or a function."""
 
+from __future__ import annotations
+
 import hashlib
 import os
 import re
@@ -8,28 +10,25 @@ import shutil
 import signal
 import string
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from glob import escape, iglob
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.judging.verdict import Hogel
-from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
-from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
-from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.exchange.words import described
+from xfrustum.reports.verification.request import Renderer, Request
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
-from xfrustum.scenes.arguments import check_program, choice, real
+from xfrustum.scenes.arguments import check_program
 from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
-from xfrustum.scenes.files.plate_files import FileSet, find_files, pictures_at
+from xfrustum.scenes.files.plate_files import FileSet, find_files
 from xfrustum.scenes.representation import counted
 
 MAX_NAMES_TRIED = 10_000
@@ -38,12 +37,39 @@ MAX_NAMES_TRIED = 10_000
 MAX_LOG_LINES, MAX_LOG_BYTES = 5, 1 << 16
 """Last lines of a failed command's standard error that are reported, of its last bytes."""
 
-#: a renderer in Python
-Renderer = Callable[[Scene, Aperture], HogelImage]
+FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
+"""Format of a number after a colon, such as 04d or .3f: at most 99 characters."""
+
+EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("x")}
+"""Values of the kinds that fields stand for."""
 
 
 class Problem(Exception):
     """Sentence about one missing hogel."""
+
+
+def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
+    """Return the fields of a template; InputError for unknown fields and formats."""
+    try:
+        parts = list(string.Formatter().parse(template))
+    except ValueError as error:
+        raise InputError(f"{what} {template!r}: {error}; write {{{{ for a brace") from error
+    parsed = [(name, form or "", kind) for _, name, form, kind in parts if name is not None]
+    for name, form, conversion in parsed:
+        if name not in allowed:
+            known = ", ".join(f"{{{known}}}" for known in allowed)
+            raise InputError(f"{what} {template!r}: {{{name}}} is not one of {known}")
+        try:
+            if not FORMAT.fullmatch(form) or conversion:
+                raise ValueError
+            format(EXAMPLES.get(name, Path("x")), form)
+        except (ValueError, TypeError) as error:
+            stated = f"{name}!{conversion}" if conversion else f"{name}:{form}"
+            raise InputError(
+                f"{what} {template!r}: {{{stated}}} is no way to write {{{name}}}; "
+                "write the name alone, or such as {i:03d} and {x:.6f}"
+            ) from error
+    return {name for name, _, _ in parsed}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -54,6 +80,11 @@ class Source:
     encoding: Encoding = Encoding.RGB
     name: str = field(init=False)
 
+    @property
+    def of_views(self) -> bool:
+        """Truth of hogels being put together from views."""
+        return False
+
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, or raise Problem with the reason why there is none."""
         raise NotImplementedError
@@ -61,46 +92,12 @@ class Source:
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where it is plain beforehand that there will be no image at all."""
 
-
-FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
-"""Format of a number after a colon, such as 04d or .3f: at most 99 characters."""
-
-EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("x")}
-"""Values of the kinds that fields stand for."""
-
-
-def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
-    """Return the fields of a template; InputError for unknown fields and formats."""
-    try:
-        parsed = [part[1:] for part in string.Formatter().parse(template) if part[1] is not None]
-    except ValueError as error:
-        raise InputError(f"{what} {template!r}: {error}; write {{{{ for a brace") from error
-    names = {str(name) for name, _, _ in parsed}
-    if unknown := sorted(names - set(allowed)):
-        known = ", ".join(f"{{{name}}}" for name in allowed)
-        raise InputError(f"{what} {template!r}: {{{unknown[0]}}} is not one of {known}")
-    for name, form, conversion in parsed:
+    def read(self, path: Path, aperture: Aperture, name: str) -> HogelImage:
+        """Read a file, or raise Problem that calls it by a name."""
         try:
-            if not FORMAT.fullmatch(form or "") or conversion:
-                raise ValueError
-            format(EXAMPLES.get(str(name), Path("x")), form or "")
-        except (ValueError, TypeError) as error:
-            stated = f"{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}"
-            raise InputError(
-                f"{what} {template!r}: {{{stated}}} is no way to write {{{name}}}; "
-                "write the name alone, or such as {i:03d} and {x:.6f}"
-            ) from error
-    return names
-
-
-def named_as_given(hogel: Hogel, named_from: Path | None) -> Hogel:
-    """Return a hogel whose problem names files as the user did, from a folder."""
-    root = named_from is None or named_from == Path(named_from.anchor)
-    if root or hogel.problem is None:
-        return hogel
-    # Not within a longer path, which names another folder.
-    pattern = rf"(?<![\w./-]){re.escape(str(named_from))}/"
-    return replace(hogel, problem=re.sub(pattern, "", hogel.problem))
+            return read_foreign(path, self.reference.camera(aperture), self.encoding)
+        except InputError as error:
+            raise Problem(str(error).replace(str(path), name)) from error
 
 
 @dataclass(kw_only=True, eq=False)
@@ -108,25 +105,28 @@ class Files(Source):
     """Files whose names come from a pattern with {i} and {j}."""
 
     pattern: str
+    #: of relative names; None: the process's
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         self.name = self.pattern
         named = fields_of(self.pattern, ("i", "j"), "SOURCE")
         hogels = zip("ij", self.reference.scene.plate.hogels, strict=True)
         if missing := [axis for axis, count in hogels if count > 1 and axis not in named]:
-            what = (
-                f"has no {{{missing[0]}}}"
-                if named or Path(self.pattern).exists()
-                else "does not exist"
-            )
+            exists = named or Path(self.pattern).exists()
+            what = f"has no {{{missing[0]}}}" if exists else "does not exist"
             raise InputError(
                 f"SOURCE {self.pattern!r} {what}: give a folder, or files of every hogel, such as "
                 "'DIR/hogel_{i}x{j}.png', {i} the column and {j} the row"
             )
 
+    def named(self, aperture: Aperture) -> str:
+        """Return the file of an aperture as the user names it."""
+        return str(Path(self.pattern.format(i=aperture.column, j=aperture.row)))
+
     def path(self, aperture: Aperture) -> Path:
         """Return the file of an aperture."""
-        return Path(self.pattern.format(i=aperture.column, j=aperture.row))
+        return Path(self.folder or "", self.named(aperture))
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there are apertures, and none of their files exists."""
@@ -135,25 +135,21 @@ class Files(Source):
             return
         parsed = string.Formatter().parse(self.pattern)
         any_name = "".join(
-            escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed
+            escape(text) + ("" if name is None else "*") for text, name, *_ in parsed
         )
         # On a plate of millions it is enough that some file has such a name.
         some = next(iglob(any_name), None) is not None  # noqa: PTH207 - names are no paths of ours
         if some and len(apertures) <= MAX_NAMES_TRIED:
             some = any(self.path(aperture).exists() for aperture in apertures)
         if not some:
-            first = self.path(apertures[0])
             raise InputError(
-                f"SOURCE {self.pattern!r}: none of its files exists, such as {first}; check the "
-                "pattern"
+                f"SOURCE {self.pattern!r}: none of its files exists, such as "
+                f"{self.path(apertures[0])}; check the pattern"
             )
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Read the file of an aperture."""
-        try:
-            return read_foreign(self.path(aperture), self.reference.camera(aperture), self.encoding)
-        except InputError as error:
-            raise Problem(str(error)) from error
+        return self.read(self.path(aperture), aperture, self.named(aperture))
 
 
 def shape_of(scene: Scene) -> PlateShape:
@@ -179,9 +175,14 @@ class LaidOut(Source):
         self.name = f"{self.files.place}, layout {described(self.files)}"
         self.fits = self.files.shape == shape_of(self.reference.scene)
 
+    @property
+    def of_views(self) -> bool:
+        """Truth of hogels being put together from views."""
+        return not self.files.layout.in_hogels
+
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there is a file for none of the hogels."""
-        known = self.files.layout.in_hogels and self.fits
+        known = not self.of_views and self.fits
         if known and not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
             raise InputError(
                 f"SOURCE {self.files.place}: has no file of the hogels that are asked for"
@@ -189,43 +190,41 @@ class LaidOut(Source):
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, upright by its layout, with all OpenEXR channels."""
-        files, layout, camera = self.files, self.files.layout, self.reference.camera(aperture)
+        files, camera = self.files, self.reference.camera(aperture)
         if not self.fits:
             lacking = f" ({files.missing} are not there)" if files.missing else ""
             raise Problem(
-                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be "
-                f"{files.shape}"
-                f"{lacking}, and the scene says {shape_of(self.reference.scene)}"
+                f"read as {files.layout.name}, the {counted(len(files.files), 'file')} would be "
+                f"{files.shape}{lacking}, and the scene says {shape_of(self.reference.scene)}"
             )
         try:
             path = files.file_of_hogel(*aperture.index)
             if path is not None and path.suffix.lower() == ".exr":
-                image = read_foreign(path, camera, self.encoding)
-                names = ("triangle", "object", "position", "normal", "color", "uncertainty")
-                stored = {name: getattr(image, name) for name in names} if layout.turned else {}
-                turned = {
-                    name: array[::-1, ::-1] for name, array in stored.items() if array is not None
+                image = self.read(path, aperture, str(path))
+                arrays = vars(image) if files.layout.turned else {}
+                turned: dict[str, Any] = {
+                    name: array[::-1, ::-1]
+                    for name, array in arrays.items()
+                    if isinstance(array, np.ndarray)
                 }
                 return replace(image, **turned)
             picture = files.hogel(*aperture.index)
         except InputError as error:
             raise Problem(str(error)) from error
+        pixels = picture.pixels
+        if pixels.dtype.kind != "f":
+            stored = StoredPixels(rgb=pixels, lossy=picture.lossy)
+            return of_stored(stored, camera, self.encoding)
         # Nothing but colors.
-        if picture.pixels.dtype.kind == "f":
-            color = picture.pixels.astype(np.float32)
-            nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
-            position = np.full(color.shape, np.nan, dtype=np.float32)
-            storage = f"{picture.lossy}, lossy" if picture.lossy else None
-            return HogelImage(
-                camera=camera,
-                triangle=nothing,
-                object=nothing,
-                position=position,
-                color=color,
-                storage=storage,
-            )
-        rgb = StoredPixels(rgb=picture.pixels, lossy=picture.lossy)
-        return of_stored(rgb, camera, self.encoding)
+        nothing = np.full(pixels.shape[:2], NOTHING, dtype=np.int32)
+        return HogelImage(
+            camera=camera,
+            triangle=nothing,
+            object=nothing,
+            position=np.full(pixels.shape, np.nan, dtype=np.float32),
+            color=pixels.astype(np.float32),
+            storage=f"{picture.lossy}, lossy" if picture.lossy else None,
+        )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -246,16 +245,17 @@ class Function(Source):
             raise Problem(f"{self.name} raised {type(error).__name__}: {error}") from error
         if not isinstance(image, HogelImage):
             raise Problem(f"{self.name} returned {type(image).__name__}, not a HogelImage")
-        # A wrong size would otherwise broadcast, or fail far from its cause.
+        # A wrong size would otherwise broadcast, or fail far from its cause. The function may draw
+        # all hogels into the same arrays, and the next one while this one is judged: hence copies.
         width, height = self.reference.scene.frustum.resolution
-        arrays = (image.triangle, image.object, image.position, image.color)
-        if any(array is not None and array.shape[:2] != (height, width) for array in arrays):
+        names = ("triangle", "object", "position", "color")
+        arrays: dict[str, Any] = {
+            name: array.copy() for name in names if (array := getattr(image, name)) is not None
+        }
+        if any(array.shape[:2] != (height, width) for array in arrays.values()):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The function is taken at its word about which aperture its image answers for. It may draw
-        # all hogels into the same arrays, and the next one while this one is judged.
-        copies = {name: getattr(image, name).copy() for name in ("triangle", "object", "position")}
-        color = None if image.color is None else image.color.copy()
-        return HogelImage(camera=self.reference.camera(aperture), color=color, **copies)
+        # The function is taken at its word about which aperture its image answers for.
+        return HogelImage(camera=self.reference.camera(aperture), **arrays)
 
 
 def run_program(arguments: list[str], folder: Path, timeout_s: float, working: Path | None) -> None:
@@ -310,9 +310,8 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
 class Command(Source):
     """A program that runs once per aperture, without a shell; words split as by a shell."""
 
-    template: (
-        str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
-    )
+    #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
+    template: str
     #: that {out} lies in
     folder: Path
     timeout_s: float
@@ -327,160 +326,94 @@ class Command(Source):
                 f"--command {self.template!r} has no {{out}}: tell the renderer which file to write"
             )
         check_program(self.template, self.working)
-        # Split before the substitution: blanks and quotes in paths stay within one argument.
-        self._arguments = shlex.split(self.template)
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read its file."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
-        values = {
-            "x": float(aperture.x),
-            "y": float(aperture.y),
-            "i": aperture.column,
-            "j": aperture.row,
-        }
-        arguments = [argument.format(**values, out=out) for argument in self._arguments]
+        values = {"i": aperture.column, "j": aperture.row, "out": out}
+        values |= {"x": float(aperture.x), "y": float(aperture.y)}
+        # Split before the substitution: blanks and quotes in paths stay within one argument.
+        arguments = [word.format(**values) for word in shlex.split(self.template)]
         run_program(arguments, self.folder, self.timeout_s, self.working)
         # An exit status of zero alone proves no image.
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
-            return read_foreign(out, self.reference.camera(aperture), self.encoding)
-        except InputError as error:
             # The name of a temporary file is no help.
-            raise Problem(str(error).replace(str(out), "what the command wrote")) from error
+            return self.read(out, aperture, "what the command wrote")
         finally:
             # The next hogel must not pass with an old file.
             out.unlink(missing_ok=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ForeignRenderer:
-    """Origin of a renderer's images, and its author's statements; see `VerifyOptions`."""
-
-    source: str | Renderer | None = None
-    command: str | None = None
-    encoding: Encoding | str | None = None
-    near: float | None = None
-    accept: tuple[str, ...] = ()
-    timeout_s: float = 60.0
-    #: in which a command runs; None: the process's
-    folder: Path | None = None
-    named_from: Path | None = (
-        None  #: folder from which the user named the files of an absolute `source`
-    )
-    #: of folders and pictures
-    layout: str | None = None
-
-    def nominal(self, scene: Scene) -> RendererModel:
-        """Return the model by the author's statements; InputError for impossible ones."""
-        if strange := [name for name in self.accept if name not in ACCEPTABLE]:
-            raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
-        reach = scene.frustum.longest_reach
-        if self.near is not None and not 0 <= real(self.near) < reach:
-            raise InputError(
-                f"near {self.near} must be at least 0 and smaller than the reach, {reach}"
+@contextmanager
+def opened(request: Request, reference: Reference) -> Iterator[Source]:
+    """Open the source of a request's images, with a scratch folder for a command."""
+    source, options = request.source, request.options
+    common: dict[str, Any] = {"reference": reference, "encoding": request.encoding}
+    if options.command is not None:
+        with TempPath(scratch_folder(), folder=True) as scratch:
+            yield Command(
+                template=options.command,
+                folder=scratch.path,
+                timeout_s=options.timeout_s,
+                suffix=".exr" if options.encoding is None else ".png",
+                working=request.folder,
+                **common,
             )
-        return RendererModel(near=real(self.near or 0.0))
+    elif not isinstance(source, str):
+        assert source is not None
+        yield Function(function=source, **common)
+    elif options.layout is not None or is_place(source, request.scene.plate):
+        layouts = LAYOUTS if options.layout is None else layouts_named(options.layout)
+        files = find_files(Path(source), shape_of(request.scene), layouts)
+        yield LaidOut(files=files, **common)
+    else:
+        yield Files(pattern=source, folder=request.folder, **common)
 
-    @contextmanager
-    def opened(self, reference: Reference) -> Iterator[Source]:
-        """Open the source of images, with a scratch folder for a command."""
-        source, command = self.source, self.command
-        # Exactly one of both.
-        if (source is None) == (command is None):
-            raise InputError(
-                "give either SOURCE, a pattern of files with {i} and {j}, or --command"
-            )
-        if self.layout is not None and not isinstance(source, str):
-            raise InputError("layout is that of files; name their folder as SOURCE")
-        meant = (
-            Encoding.RGB if self.encoding is None else choice(Encoding, self.encoding, "encoding")
+
+def state_of(request: Request) -> str:
+    """Return a digest of names, sizes and times of the files that images depend on.
+
+    For a command: its program, and every file that its words name.
+    """
+    folder, command = request.folder or Path.cwd(), request.options.command
+    paths: Iterator[str]
+    if command is not None:
+        words = shlex.split(command)
+        program = shutil.which(words[0]) if words and os.sep not in words[0] else None
+        # A word may be a whole script, longer than any name of a file.
+        is_file = os.path.isfile
+        named = [str(folder / word) for word in words if is_file(folder / word)]
+        paths = iter(dict.fromkeys(([program] if program else []) + named))
+    else:
+        # Samples may grow to the whole plate.
+        grows = request.looks > 1
+        apertures = request.scene.plate.apertures() if grows else request.apertures
+        pattern = str(request.source)
+        names = (pattern.format(i=aperture.column, j=aperture.row) for aperture in apertures)
+        paths = (os.path.join(folder, name) for name in names)  # noqa: PTH118 - faster than Path
+    digest = hashlib.sha256()
+    for path in paths:
+        with suppress(OSError, ValueError):
+            status = os.stat(path)  # noqa: PTH116 - faster than Path for millions of names
+            line = f"{path}\0{status.st_size}\0{status.st_mtime_ns}\n"
+            digest.update(line.encode(errors="surrogateescape"))
+    return digest.hexdigest()
+
+
+def require_state(request: Request, state: str) -> None:
+    """Raise InputError where this process has other files than the command had."""
+    command, folder = request.options.command, request.folder
+    name = request.source if command is None else f"--command {command!r}"
+    if folder is not None and not folder.is_dir():
+        raise InputError(
+            f"{name}: there is no folder {folder} here; start it from one that the command and "
+            "all workers share"
         )
-        if command is not None:
-            if not real(self.timeout_s) > 0:
-                raise InputError(f"timeout must be positive, not {self.timeout_s}")
-            with TempPath(scratch_folder(), folder=True) as aside:
-                yield Command(
-                    template=command,
-                    reference=reference,
-                    encoding=meant,
-                    folder=aside.path,
-                    timeout_s=self.timeout_s,
-                    suffix=".exr" if self.encoding is None else ".png",
-                    working=self.folder,
-                )
-        elif not isinstance(source, str):
-            assert source is not None
-            yield Function(function=source, reference=reference)
-        elif self.layout is not None or is_place(source, reference.scene.plate):
-            layouts = LAYOUTS if self.layout is None else layouts_named(self.layout)
-            files = find_files(Path(source), shape_of(reference.scene), layouts)
-            yield LaidOut(files=files, reference=reference, encoding=meant)
-        else:
-            yield Files(pattern=source, reference=reference, encoding=meant)
-
-    # Several processes may have other working folders than the command.
-
-    def placed(self, scene: Scene) -> Self:
-        """Return the renderer with absolute file names, or the folder of its command."""
-        here = Path.cwd()
-        if self.command is not None:
-            return self if self.folder is not None else replace(self, folder=here)
-        assert isinstance(self.source, str)
-        named = self.layout is not None or is_place(self.source, scene.plate)
-        # In the folder's part of a pattern, braces are no fields.
-        folder = str(here) if named else str(here).replace("{", "{{").replace("}", "}}")
-        named_from = None if Path(self.source).is_absolute() else here
-        return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
-
-    @property
-    def description(self) -> dict[str, Any]:
-        """Description of a placed renderer, independent of the folder of its names."""
-        return {name: value for name, value in json_object(self).items() if name != "named_from"}
-
-    def state(self, apertures: Sequence[Aperture]) -> str:
-        """Return a digest of names, sizes and times of the files that its images depend on.
-
-        For a command: its program, and every file that its words name.
-        """
-        if self.command is not None:
-            words, folder = shlex.split(self.command), self.folder or Path.cwd()
-            program = shutil.which(words[0]) if words and os.sep not in words[0] else None
-            # A word may be a whole script, longer than any name of a file.
-            isfile = os.path.isfile
-            named = [str(file) for word in words if isfile(file := folder / word)]
-            paths = iter(dict.fromkeys(([program] if program else []) + named))
-        else:
-            assert isinstance(self.source, str)
-            pattern, place = self.source, Path(self.source)
-            if self.layout is None:
-                paths = (
-                    pattern.format(i=aperture.column, j=aperture.row) for aperture in apertures
-                )
-            else:
-                paths = map(str, pictures_at(place))
-        digest = hashlib.sha256()
-        for path in paths:
-            with suppress(OSError, ValueError):
-                status = os.stat(path)  # noqa: PTH116 - faster than Path for millions of names
-                line = f"{path}\0{status.st_size}\0{status.st_mtime_ns}\n"
-                digest.update(line.encode(errors="surrogateescape"))
-        return digest.hexdigest()
-
-    def require_state(self, apertures: Sequence[Aperture], state: str) -> None:
-        """Raise InputError where this process finds other files than the command did."""
-        if self.folder is not None and not self.folder.is_dir():
-            raise InputError(
-                f"--command {self.command!r}: there is no folder {self.folder}, in which it is "
-                "to run; start "
-                "it from one that the command and all workers share"
-            )
-        if self.state(apertures) != state:
-            name = self.source if self.command is None else f"--command {self.command!r}"
-            raise InputError(
-                f"{name}: a worker finds other image files than the command, or another program; "
-                "give all "
-                "the same files by the same paths, and leave them as they are while hogels are "
-                "judged"
-            )
+    if state_of(request) != state:
+        raise InputError(
+            f"{name}: a worker finds other image files than the command, or another program; "
+            "give all the same files by the same paths, and leave them as they are while hogels "
+            "are judged"
+        )

@@ -6,14 +6,15 @@ import math
 from base64 import b64decode
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
+from xfrustum.compare.judging.judged import Figures, HogelNumbers
 from xfrustum.compare.judging.verdict import Hogel, Outcome, Verdict
 from xfrustum.compare.judging.where import Places, where_wrong, wrong_counts
 from xfrustum.compare.sampling import SampleExtent
@@ -21,19 +22,112 @@ from xfrustum.reports import inspection
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import Filters, html_page, plain_text
-from xfrustum.reports.inspection import InspectedHogel, PlateMap
+from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.reports.common.templates_environment import (
+    Filters,
+    address,
+    html_page,
+    plain_text,
+    png,
+)
+from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.parts import parquet_bytes
 from xfrustum.reports.verification import words
-from xfrustum.reports.verification.rows import rows_of
-from xfrustum.reports.verification.worst import WorstHogels
-from xfrustum.scenes import Aperture, Scene
+from xfrustum.scenes import NOTHING, Aperture, HogelImage, Scene
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.representation import plain
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 #: name of the file with a row for each hogel of a sample
 ROWS = "hogels.parquet"
+
+MAX_SHOWN_HOGELS, MAX_PICTURE_PX = 6, 512
+"""Number of hogels with pictures, and longest side of a picture, px."""
+
+WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
+"""Color of wrong pixels, level of empty ones, and strength of the truth beneath errors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictured:
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+
+    aperture: Aperture
+    words: str
+    #: as found, then corrected
+    badness: tuple[float, float]
+    pictures: dict[str, str]
+    #: all channels, where selected
+    inspected: InspectedHogel | None = None
+
+    @classmethod
+    def from_figures(
+        cls, scene: Scene | None, aperture: Aperture, as_found: Figures, corrected: Figures
+    ) -> Self:
+        """Draw truth, image, and wrong pixels as found and corrected; all channels of a scene."""
+        truth, pictures = _shown(as_found.answer, as_found.image), {}
+        drawn = {"truth": truth, "image": _shown(as_found.image)}
+        drawn |= {"error": _errors(truth, as_found), "rest": _errors(truth, corrected)}
+        for name, pixels in drawn.items():
+            step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
+            pictures[name] = address(png(pixels[::step, ::step], optimize=False))
+        pair = as_found, corrected
+        return cls(
+            aperture=aperture,
+            words=as_found.numbers.limited_figure,
+            badness=badness(*pair),
+            pictures=pictures,
+            inspected=None if scene is None else inspected_figures(scene, aperture, *pair),
+        )
+
+
+def badness(as_found: Figures, corrected: Figures) -> tuple[float, float]:
+    """Return the sort key of hogels, the worst last."""
+    return as_found.numbers.judged_fraction, corrected.numbers.judged_fraction
+
+
+@dataclass(kw_only=True)
+class WorstHogels:
+    """The worst so far, worst first; with all their channels where the scene of these is given."""
+
+    scene: Scene | None = None
+    kept: list[Pictured] = field(default_factory=list)
+
+    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
+        """Keep a hogel if it is among the worst; of equals those that came first stay."""
+        full = len(self.kept) == MAX_SHOWN_HOGELS
+        if not full or badness(as_found, corrected) > self.kept[-1].badness:
+            self.kept.append(Pictured.from_figures(self.scene, aperture, as_found, corrected))
+            self.kept.sort(key=lambda pictured: pictured.badness, reverse=True)
+            del self.kept[MAX_SHOWN_HOGELS:]
+
+
+def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
+    """Return what people can see of an image: its colors, else a color for each surface.
+
+    Surfaces are triangles or objects, whichever `like` names, by default the image itself: truth
+    names both.
+    """
+    if image.color is not None:
+        linear = np.clip(np.nan_to_num(image.color), 0, 1)
+        return np.asarray(np.rint(LEVELS * encoding_curve(linear)), dtype=np.uint8)
+    named = image.triangle if ((like or image).triangle != NOTHING).any() else image.object
+    if not (named != NOTHING).any():
+        named = np.where(image.covered, 0, NOTHING)
+    # Neighboring numbers get colors far apart: multiples of odd constants.
+    spread = named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
+    shades = np.where((named == NOTHING)[..., None], BACKGROUND_GRAY, spread % 200 + 30)
+    return shades.astype(np.uint8)
+
+
+def _errors(truth: Bytes, figures: Figures) -> Bytes:
+    """Return wrong pixels over the pale picture of the truth."""
+    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - truth.astype(np.float64))
+    beneath[~figures.answer.covered] = BACKGROUND_GRAY
+    beneath[figures.error] = WRONG_RGB
+    return np.asarray(beneath, dtype=np.uint8)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -43,7 +137,8 @@ class Verification(Verdict, NotebookRepr):
     scene: Scene
     source: str
     diagnosis: Diagnosis
-    worst: WorstHogels = field(repr=False)
+    #: the worst first
+    worst: tuple[Pictured, ...] = field(default=(), repr=False)
     #: of a sample of the plate; None for chosen hogels
     extent: SampleExtent | None = None
 
@@ -65,13 +160,6 @@ class Verification(Verdict, NotebookRepr):
         return self.passed if limit is None else share is not None and share <= limit
 
     @property
-    def inspected(self) -> list[InspectedHogel]:
-        """The worst hogels with all their channels; none unless channels were kept."""
-        return [
-            pictured.inspected for pictured in self.worst.kept if pictured.inspected is not None
-        ]
-
-    @property
     def judged(self) -> str:
         """Properties of the images that were judged."""
         known = [hogel.as_found for hogel in self.hogels if hogel.as_found is not None]
@@ -87,19 +175,18 @@ class Verification(Verdict, NotebookRepr):
     @property
     def storage(self) -> dict[str, int]:
         """File formats that changed pixels, and the number of hogels of each."""
-        return dict(
-            sorted(Counter(hogel.storage for hogel in self.hogels if hogel.storage).items())
-        )
+        return dict(sorted(Counter(h.storage for h in self.hogels if h.storage).items()))
 
     @property
-    def where(self) -> dict[str, Any] | None:
-        """Places of wrong pixels, where nothing is named; else None."""
-        named = self.diagnosis.faults or self.explained is not False
-        return None if named else where_wrong(self.scene, self._places)
-
-    @property
-    def _places(self) -> list[tuple[Aperture, Places]]:
+    def places(self) -> list[tuple[Aperture, Places]]:
+        """Places of wrong pixels of each judged hogel."""
         return [(hogel.aperture, hogel.places) for hogel in self.hogels if hogel.places is not None]
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """Places of wrong pixels, where nothing is named; else empty."""
+        unnamed = self.explained is False and not self.diagnosis.faults
+        return (where_wrong(self.scene, self.places) if unnamed else None) or {}
 
     def _said(self) -> str:
         return f"{self.source} as an answer to {self.scene.name!r}. {words.sentence(self)}"
@@ -109,7 +196,7 @@ class Verification(Verdict, NotebookRepr):
         return table(self)
 
     def _figures(self) -> Sequence[Figure]:
-        shown = [entry for pictured in self.worst.kept[:1] for entry in pictured.pictures.items()]
+        shown = [entry for pictured in self.worst[:1] for entry in pictured.pictures.items()]
         return [
             Figure(caption=f"worst hogel, {name}", content=b64decode(url.partition(",")[2]))
             for name, url in shown
@@ -118,25 +205,16 @@ class Verification(Verdict, NotebookRepr):
     def defects(self) -> list[dict[str, Any]]:
         """Return the named defects, with their sentences, as `verify --json` prints them."""
         by = words.witnesses(self.diagnosis)
-        return [
-            _summary(defect, words.defect_words(defect, self.scene, by))
-            for defect in self.diagnosis.faults
-        ]
+        faults = self.diagnosis.faults
+        return [_defect(fault, words.defect_words(fault, self.scene, by)) for fault in faults]
 
-    def guesses(self) -> list[dict[str, Any]]:
-        """Return the defects that explain too little, with their sentences."""
-        verification = self.diagnosis
+    def guesses(self, *, printed: bool = False) -> list[dict[str, Any]]:
+        """Return defects that explain too little; `printed`: those that explain more than 0 %."""
+        diagnosis = self.diagnosis
+        guesses = diagnosis.guesses if printed else diagnosis.does_not_explain
         return [
-            _summary(defect, words.guess_words(defect, verification, self.scene))
-            for defect in verification.does_not_explain
+            _defect(guess, words.guess_words(guess, diagnosis, self.scene)) for guess in guesses
         ]
-
-    def best_guesses(self) -> list[dict[str, Any]]:
-        """Return the guesses that explain more than 0 %, which page and text print."""
-        printed = self.diagnosis.guesses
-        # Records keep every guess; page and text omit guesses without effect.
-        pairs = zip(self.guesses(), self.diagnosis.does_not_explain, strict=True)
-        return [guess for guess, defect in pairs if defect in printed]
 
     def summary(self) -> dict[str, Any]:
         """Return the answer as one JSON object, as the command prints it with `--json`."""
@@ -158,7 +236,7 @@ class Verification(Verdict, NotebookRepr):
             "diagnosis": json_ready(self.defects()),
             "does_not_explain": json_ready(self.guesses()),
             "explained": self.explained,
-            "where": wrong_counts(self.scene, self._places),
+            "where": wrong_counts(self.scene, self.places),
             "found_by": words.basis_words(self.diagnosis),
             "as_found": json_ready(self.as_found),
             "corrected": json_ready(self.corrected),
@@ -179,47 +257,76 @@ class Verification(Verdict, NotebookRepr):
         }
 
 
-def _summary(defect: Defect, text: str) -> dict[str, Any]:
+def _defect(defect: Defect, text: str) -> dict[str, Any]:
     """Return a defect as `verify --json` prints it."""
-    fields = asdict(defect) | {"words": text, "alternatives": list(defect.alternatives)}
+    fields = vars(defect) | {"words": text, "alternatives": list(defect.alternatives)}
     names = ("fault", "value", "low", "high", "unit", "words", "alternatives", "explains")
     return {name: fields[name] for name in names}
 
 
 def _hogel(hogel: Hogel) -> dict[str, Any]:
     """Return a hogel as `verify --json` prints it."""
-    index = {"aperture": list(hogel.aperture.index), "verdict": hogel.verdict}
+    fields = json_object(hogel) | {"aperture": list(hogel.aperture.index)}
+    fields["verdict"] = hogel.verdict
     names = ("aperture", "verdict", "problem", "checks", "as_found", "corrected")
-    return {name: (json_object(hogel) | index)[name] for name in names}
+    return {name: fields[name] for name in names}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelRow:
+    """One hogel of another renderer, as found and as corrected for the diagnosis."""
+
+    column: int
+    row: int
+    #: whether it is missing, for the reason `problem`, or does not pass
+    beyond: bool
+    verdict: str
+    problem: str | None
+    as_found: HogelNumbers | None = field(metadata=named_columns("{}"))
+    corrected: HogelNumbers | None
+
+    @classmethod
+    def from_hogel(cls, hogel: Hogel) -> Self:
+        """Return the row of a judged hogel."""
+        column, row = hogel.aperture.index
+        return cls(
+            column=column,
+            row=row,
+            beyond=not hogel.passed,
+            verdict=hogel.verdict,
+            problem=hogel.problem,
+            as_found=hogel.as_found,
+            corrected=hogel.corrected,
+        )
 
 
 def write_verification(verification: Verification, out: Path) -> tuple[Path, ...]:
     """Write the page and the JSON object, and the inspection page if channels were kept."""
+    inspected = [hogel.inspected for hogel in verification.worst if hogel.inspected is not None]
     with Staging(out, FILES) as staging:
         staging.write(PAGE, render_page(verification))
         staging.write(DATA, verification.summary())
         if verification.extent is not None:
-            staging.write(ROWS, parquet_bytes(rows_of(verification.hogels)))
-        if verification.inspected:
-            known = [
-                (hogel.aperture.index, hogel.as_found)
+            rows = [HogelRow.from_hogel(hogel) for hogel in verification.hogels]
+            staging.write(ROWS, parquet_bytes(table_of(HogelRow, rows)))
+        if inspected:
+            shares = [
+                (*hogel.aperture.index, (hogel.as_found.surface or hogel.as_found).fraction)
                 for hogel in verification.hogels
                 if hogel.as_found
             ]
-            shares = [(*index, (numbers.surface or numbers).fraction) for index, numbers in known]
-            inspected = inspection.Inspection(
+            plate, caption = verification.scene.plate, "Share of wrong pixels"
+            page = inspection.Inspection(
                 command="verify",
                 scene=verification.scene,
                 intro=f"The worst hogels of {verification.source}, as they were found.",
-                hogels=verification.inspected,
-                plate_map=PlateMap.from_values(
-                    verification.scene.plate, "Share of wrong pixels", shares
-                ),
+                hogels=inspected,
+                plate_map=PlateMap.from_values(plate, caption, shares),
             )
-            inspection.write_inspection(staging.folder, inspected)
+            inspection.write_inspection(staging.folder, page)
         # The inspection page of an earlier run would show other images than the page beside it.
         # Both pages are replaced together, or neither.
-        with inspection.replacing_inspection(out, kept=bool(verification.inspected)):
+        with inspection.replacing_inspection(out, kept=bool(inspected)):
             return staging.commit()
 
 
@@ -242,15 +349,16 @@ def plate_map(verification: Verification) -> dict[str, Any] | None:
     if verification.passed or len(verification.hogels) == 1:
         return None
 
-    def badness(hogel: Hogel) -> float:
+    def rank(hogel: Hogel) -> float:
         if hogel.passed:
             return 0.0
-        shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
         # A hogel without a verdict is the worst class, so that a coarse cell never hides it.
-        unknown = hogel.verdict in (Outcome.MISSING, Outcome.NOT_JUDGED)
-        return math.inf if unknown else max(math.ulp(0.0), *shares, 0.0)
+        if hogel.verdict in (Outcome.MISSING, Outcome.NOT_JUDGED):
+            return math.inf
+        shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
+        return max(math.ulp(0.0), *shares, 0.0)
 
-    every = ((*hogel.aperture.index, badness(hogel)) for hogel in verification.hogels)
+    every = ((*hogel.aperture.index, rank(hogel)) for hogel in verification.hogels)
     cells = PlateMap.from_values(verification.scene.plate, "", every).cells
     number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
     # NaN sorts above infinity in searchsorted; cells without a judged hogel stay empty.
@@ -281,60 +389,49 @@ FILTERS: Filters = {
 }
 
 
-def _told(verification: Verification) -> dict[str, Any]:
+def _values(verification: Verification) -> dict[str, Any]:
     """Return the values of both templates, page and text."""
     return {
         "found": verification,
         "defects": verification.defects(),
-        "guesses": verification.best_guesses(),
+        "guesses": verification.guesses(printed=True),
         "found_by": words.basis_words(verification.diagnosis),
         "sentence": words.sentence(verification),
         "claim": words.claim(verification),
         "explained": words.explained_words(verification),
         "unexplained": words.unexplained_words(verification),
         "nothing": words.nothing_words(verification),
-        "where": words.where_words(verification.where or {}),
+        "where": words.where_words(verification.where),
         "figures": {"as found": verification.as_found, "corrected": verification.corrected},
     }
 
 
 def render_page(verification: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
-    made_by = {**versions(), **machine()}
-    values = {
-        "summary": verification.summary(),
-        "map": plate_map(verification),
-        "versions": made_by,
-    }
-    return html_page("verify.html.j2", _told(verification) | values, FILTERS)
+    more = {"summary": verification.summary(), "map": plate_map(verification)}
+    values = _values(verification) | more | {"versions": {**versions(), **machine()}}
+    return html_page("verify.html.j2", values, FILTERS)
 
 
 def table(verification: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
     problems = [hogel for hogel in verification.hogels if hogel.problem]
-    values = _told(verification) | {"problems": problems, "listed": words.MAX_LISTED}
+    values = _values(verification) | {"problems": problems, "listed": words.MAX_LISTED}
     return plain_text("verify.txt.j2", values, FILTERS).removesuffix("\n")
 
 
 def write_junit(verification: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, whole or not at all."""
     named = "; ".join(defect["words"] for defect in verification.defects()) or "no fault named"
-    cases = []
+    scene, cases = verification.scene.name, []
     for hogel in verification.hogels:
-        exceeded = "; ".join(
-            words.check_words(check) for check in hogel.checks if check.held is False
-        )
+        exceeded = "; ".join(map(words.check_words, (c for c in hogel.checks if c.held is False)))
         # JUnit has no such outcome: a test that could not be judged must not pass.
         if hogel.verdict is Outcome.NOT_JUDGED:
             exceeded = words.NOTHING_TO_JUDGE
         figures = "" if hogel.as_found is None else words.figures_words(hogel.as_found)
         text = figures and f"{figures}\ndiagnosis: {named}"
         name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
-        cases.append(
-            JUnitCase(verification.scene.name or "scene", name, hogel.problem, exceeded, text)
-        )
-    write_output(
-        path,
-        junit(f"xfrustum verify {verification.scene.name}", cases, table(verification)),
-        "--junit",
-    )
+        cases.append(JUnitCase(scene or "scene", name, hogel.problem, exceeded, text))
+    content = junit(f"xfrustum verify {scene}", cases, table(verification))
+    write_output(path, content, "--junit")

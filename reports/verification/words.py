@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.compare.diagnosis import defects as names
 from xfrustum.compare.diagnosis import encodings as stored
-from xfrustum.compare.diagnosis.defects import Defect, axis_of
+from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import Basis, Diagnosis
-from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, UNSEEN_NEAR_PER_REACH
 from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.judging.judged import (
     SURFACES,
@@ -26,10 +25,11 @@ from xfrustum.scenes.representation import counted, percent_up
 if TYPE_CHECKING:
     from xfrustum.reports.verification.verdict import Verification
 
-# Hogels that a sentence names.
-MAX_NAMED = 4
-# Hogels that the terminal names one by one.
-MAX_LISTED = 10
+# Hogels that a guess names, and that the sentence of a defect or the terminal names one by one.
+MAX_NAMED, MAX_LISTED = 4, 10
+
+# Largest difference from half a pitch at which apertures stand at the corners of hogels, pitches.
+CORNER_PITCHES = 0.01
 
 # Plain pictures give geometry by outlines alone: a hogel inside one surface has none.
 NOT_MEASURED = "not measured, as there are no outlines"
@@ -110,16 +110,41 @@ TEMPLATES = {
     stored.RESAMPLED: "numbers are mixed with their neighbors' in {value:.0%} of the pixels, by "
     "filtering, resizing or anti-aliasing: numbers have no averages",
     stored.LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
-    "layout": "files were read as {stated}, and hold {details[0]}",
+    stored.CHANNEL_ORDER: "channels are in another order: numbers are stored as {value}, not as "
+    "RGB{same}",
+    stored.ID_OFFSET: "{kept} is stored, not number + {stated:.0f}: all are off by one",
+    names.VIEW_SHEAR: "views have {value:.3g} of the shear that the plate needs: they are "
+    "registered at height {height}",
+    **dict.fromkeys(
+        stored.TRANSFER_FAULTS,
+        "colors are not stored as {stated} values, as stated, but as {details[0]} values{option}",
+    ),
 }
-"""Sentences of defects by name; `defect_words` makes the others."""
+"""Sentences of defects by name; `_defect_words` makes the others."""
+
+NUMBERS = {
+    "shift": "pixels are sampled {size:.3f} px {aside} their centers (images upright)",
+    "fov": "the film is {value:.5g} times as {extent} as the scene's",
+    "pitch": "apertures are {value:.5g} times as far apart in {axis}: as on a plate of "
+    "{drawn:.5g} {units} instead of {plate:.5g}",
+    "aperture-offset": "all apertures are moved by {size:.5g} {units} {toward}",
+    "scene-offset": "the scene is moved by {size:.5g} {units} {toward}",
+    "scene-scale": "the scene is {value:.5g} times as large as asked, about the origin",
+    "screen-center": "the projection screen is centered at {axis} = {value:.5g} {units} instead "
+    "of {should:.5g}",
+    "screen-height": "the projection screen is at height {value:.5g} {units} instead of "
+    "{should:.5g}",
+}
+"""Sentences of numbers of the camera model that are off, by group."""
+
+SIDES = {
+    "x": (("to the left", "to the left of"), ("to the right", "to the right of")),
+    "y": (("downward", "above"), ("upward", "below")),
+    "z": (("to the back", ""), ("toward the viewer", "")),
+}
+"""Directions of a negative and a positive number: of a move, and of a sampling point in pixels."""
 
 PIXEL_WORDS = {"triangle-id": "numbers of triangles", "object-id": "numbers of objects"}
-SIDES = (
-    ("to the left", "to the right"),
-    ("downward", "upward"),
-    ("to the back", "toward the viewer"),
-)
 
 
 def percent(fraction: float) -> str:
@@ -129,60 +154,44 @@ def percent(fraction: float) -> str:
 
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
     """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
-    words = _sized(defect, scene)
+    words = _defect_words(defect, scene)
     others = f"; or {', or '.join(defect.alternatives)}: {by} cannot tell"
     return words + others if defect.alternatives else words
 
 
-def _sized(defect: Defect, scene: Scene) -> str:
+def _defect_words(defect: Defect, scene: Scene) -> str:
     """Return the sentence of a defect without its alternatives."""
-    if (special := SPECIAL.get(defect.fault)) is not None:
-        return special(defect, scene)
+    fault, value, stated, screen = defect.fault, defect.value, defect.stated, scene.frustum.screen
+    if fault == names.SHEAR_SIGN:
+        return _shear_sign(defect)
     # Defects without a template are deviations of one number of the camera model.
-    if defect.fault not in TEMPLATES:
+    if fault not in TEMPLATES:
         return _number_words(defect, scene)
-    return TEMPLATES[defect.fault].format(
-        value=defect.value,
-        stated=defect.stated,
+    # The value of an offset is relative to the stated one; the message names the stored number.
+    offset = int(value) + int(stated or 0) if fault == stored.ID_OFFSET else 0
+    height = 0.0
+    if fault == names.VIEW_SHEAR and screen is not None:
+        # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
+        height = screen.height * (1 - 1 / float(value))
+    others = " or ".join(defect.details)
+    # Ids below 256 leave two channels zero, whose order has no effect.
+    same = f" (or as {others}: with so few numbers images cannot tell)" if others else ""
+    return TEMPLATES[fault].format(
+        value=value,
+        stated=stated,
         details=defect.details,
-        axes=AXES.get(str(defect.value), ""),
+        axes=AXES.get(str(value), ""),
         triangles=len(scene.faces),
-        value_words=PIXEL_WORDS.get(str(defect.value), "colors"),
-        stated_words=PIXEL_WORDS.get(str(defect.stated), "colors"),
+        value_words=PIXEL_WORDS.get(str(value), "colors"),
+        stated_words=PIXEL_WORDS.get(str(stated), "colors"),
+        same=same,
+        height=f"{height:.4g} {scene.units}",
+        kept=f"number + {offset}" if offset else "the number itself",
+        option="" if (value,) == defect.details else f": --encoding {value}",
     )
 
 
-def _view_shear(defect: Defect, scene: Scene) -> str:
-    screen, value = scene.frustum.screen, float(defect.value)
-    assert screen is not None
-    # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
-    height = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
-    text = f"views have {value:.3g} of the shear that the plate needs"
-    return f"{text}: they are registered at height {height}"
-
-
-def _channels(defect: Defect, _: Scene) -> str:
-    order = f"channels are in another order: numbers are stored as {defect.value}, not as RGB"
-    # Ids below 256 leave two channels zero, whose order has no effect.
-    same = f" (or as {' or '.join(defect.details)}: with so few numbers images cannot tell)"
-    return order + same if defect.details else order
-
-
-def _id_offset(defect: Defect, _: Scene) -> str:
-    stated = int(defect.stated or 0)
-    # The value is relative to the stated offset; the message names the stored number.
-    offset = int(defect.value) + stated
-    kept = f"number + {offset}" if offset else "the number itself"
-    return f"{kept} is stored, not number + {stated}: all are off by one"
-
-
-def _transfer(defect: Defect, _: Scene) -> str:
-    (curve,) = defect.details
-    words = f"colors are not stored as {defect.stated} values, as stated, but as {curve}"
-    return f"{words} values: --encoding {defect.value}" if defect.value != curve else words
-
-
-def _shear_sign(defect: Defect, _: Scene) -> str:
+def _shear_sign(defect: Defect) -> str:
     words = "C and C* are sheared the wrong way, as for a screen on the plate's other side"
     if defect.value != "C and C*":
         other = "C" if defect.value == "C*" else "C*"
@@ -192,84 +201,52 @@ def _shear_sign(defect: Defect, _: Scene) -> str:
     return words + (f" (or the shear {shears} is reversed: images cannot tell)" if shears else "")
 
 
-SPECIAL: dict[str, Callable[[Defect, Scene], str]] = {
-    names.SHEAR_SIGN: _shear_sign,
-    names.VIEW_SHEAR: _view_shear,
-    stored.CHANNEL_ORDER: _channels,
-    stored.ID_OFFSET: _id_offset,
-    **dict.fromkeys(stored.TRANSFER_FAULTS, _transfer),
-}
-"""Functions that make the sentences of defects with details."""
-
-
 def _number_words(defect: Defect, scene: Scene) -> str:
     """Return the sentence of a number that is off."""
-    name, value, should = defect.fault, defect.value, defect.stated
+    value, should, units = defect.value, defect.stated, scene.units
     assert isinstance(value, float) and isinstance(should, float)
-    # Names are `front-near` or `near-x`: half of the display, group and axis.
-    half, _, rest = name.partition("-")
+    # Names are `front-near-offset` or `near-x`: half of the display, group and axis.
+    half, _, rest = defect.fault.partition("-")
     alone = {"front": "C*", "back": "C"}.get(half, "")
-    group = (rest if alone else name).removesuffix("-offset" if alone else "")
-    letter, units = axis_of(name) or "x", scene.units
-    axis, size = "xyz".index(letter), f"{abs(value):.5g} {scene.units}"
-    group = group.removesuffix(f"-{axis_of(name)}")
-    side = SIDES[axis][value > 0]
-    # The plate has no third side.
-    # A scene offset along z has no pitch to compare with; zero disables the comparison.
-    plate, hogels = (*scene.plate.size, 0.0)[axis], (*scene.plate.hogels, 1)[axis]
-    if group == "shift":
-        of = ("above", "below") if axis else ("to the left of", "to the right of")
-        words = (
-            f"pixels are sampled {abs(value):.3f} px {of[value > 0]} their centers (images upright)"
-        )
-    elif group == "fov":
-        extent = "high" if axis else "wide"
-        words = f"the film is {value:.5g} times as {extent} as the scene's"
-        if scene.frustum.fov is not None:
-            angle = scene.frustum.fov[axis]
-            # The film scales with the tangent of half the angle, not with the angle.
-            made = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
-            words += f": {made:.4g} degrees instead of {math.degrees(angle):.4g}"
-    elif group == "pitch":
-        words = (
-            f"apertures are {value:.5g} times as far apart in {letter}: as on a plate of "
-            f"{value * plate:.5g} {units} instead of {plate:.5g}"
-        )
-    elif group == "near":
-        # A near offset below this share of the reach moves no point by a measurable amount.
-        unseen = value < UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach
-        offset = f"a near offset of {value:.5g} {units}"
-        offset = "nothing that can be seen" if unseen and should else offset
+    axis = names.axis_of(defect.fault) or "x"
+    group = (rest if alone else defect.fault).removesuffix(f"-{axis}")
+    if group in ("near", "near-offset"):
         who = f"{alone} alone steps" if alone else "both cameras step"
         nominal = f", not by {should:.5g}" if should else ", which nobody mentioned"
-        return f"{who} back by {offset}{nominal}"
-    elif group == "aperture-offset":
-        words = f"all apertures are moved by {size} {side}"
-        # The usual mistake: hogel corners instead of centers, an offset of half a pitch.
-        if abs(abs(value) - plate / hogels / 2) <= CORNER_PITCHES * plate / hogels:
-            words += ": half a pitch, as at the corners of hogels instead of their centers"
-    elif group == "scene-offset":
-        words = f"the scene is moved by {size} {side}"
+        return f"{who} back by a near offset of {value:.5g} {units}{nominal}"
+    place, size = "xyz".index(axis), abs(value)
+    # The plate has no third side.
+    plate, hogels = (*scene.plate.size, math.inf)[place], (*scene.plate.hogels, 1)[place]
+    toward, aside = SIDES[axis][value > 0]
+    words = NUMBERS[group].format(
+        value=value,
+        should=should,
+        size=size,
+        units=units,
+        axis=axis,
+        plate=plate,
+        drawn=value * plate,
+        toward=toward,
+        aside=aside,
+        extent="high" if place else "wide",
+    )
+    if group == "fov" and scene.frustum.fov is not None:
+        angle = scene.frustum.fov[place]
+        # The film scales with the tangent of half the angle, not with the angle.
+        made = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
+        words += f": {made:.4g} degrees instead of {math.degrees(angle):.4g}"
+    # The usual mistake: hogel corners instead of centers, an offset of half a pitch.
+    elif group == "aperture-offset" and abs(size * hogels / plate - 0.5) <= CORNER_PITCHES:
+        words += ": half a pitch, as at the corners of hogels instead of their centers"
     elif group == "scene-scale":
-        words = f"the scene is {value:.5g} times as large as asked, about the origin"
         # The unit is inferred from the confidence interval: the value itself is never exact.
-        words += _units(value if defect.low is None else defect.low, defect.high or value)
-    elif group == "screen-center":
-        words = f"the projection screen is centered at {letter} = {value:.5g} {units}"
-        words += f" instead of {should:.5g}"
-    else:
-        words = f"the projection screen is at height {value:.5g} {units} instead of {should:.5g}"
+        low, high = value if defect.low is None else defect.low, defect.high or value
+        for factor, (small, large) in UNITS.items():
+            if low <= factor <= high:
+                words += f": {small} taken for {large}"
+            if low <= 1 / factor <= high:
+                words += f": {large} taken for {small}"
     return f"by {alone} alone, {words}" if alone else words
-
-
-def _units(low: float, high: float) -> str:
-    """Return the units that are mistaken for each other by a factor in an interval."""
-    for factor, (small, large) in UNITS.items():
-        if low <= factor <= high:
-            return f": {small} taken for {large}"
-        if low <= 1 / factor <= high:
-            return f": {large} taken for {small}"
-    return ""
 
 
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
@@ -377,36 +354,34 @@ def where_words(where: Mapping[str, Any]) -> list[str]:
         "shown": "where images show",
     }
     lines = []
-    for group, head in heads.items():
-        worst = sorted(where.get(group, {}).items(), key=lambda entry: -entry[1]["fraction"])[:6]
-        text = (
-            f"{place} {100 * entry['fraction']:.3g} % ({entry['wrong']:,})"
-            for place, entry in worst
-        )
-        lines += [f"{head}: {', '.join(text)}"] if worst else []
+    for group in (group for group in heads if group in where):
+        worst = sorted(where[group].items(), key=lambda entry: -entry[1]["fraction"])[:6]
+        shares = (f"{place} {percent(n['fraction'])} ({n['wrong']:,})" for place, n in worst)
+        lines.append(f"{heads[group]}: {', '.join(shares)}")
     return lines
 
 
 def sentence(verification: Verification) -> str:
     """Return the verdict, with the figures of the worst hogel that decided it."""
     verdicts = [hogel.verdict for hogel in verification.hogels]
-    count, missing, bad = (
-        len(verdicts),
-        verdicts.count(Outcome.MISSING),
-        verdicts.count(Outcome.FAIL),
+    count, single = len(verdicts), len(verdicts) == 1
+    missing, bad, blind = (
+        verdicts.count(outcome) for outcome in (Outcome.MISSING, Outcome.FAIL, Outcome.NOT_JUDGED)
     )
     if verification.passed:
         kept = ", ".join(map(check_words, verification.checks))
-        who = "the hogel keeps" if count == 1 else f"all {count} hogels keep"
+        who = "the hogel keeps" if single else f"all {count} hogels keep"
         return f"Right: {who} to the limits: at worst {kept}."
-    blind = verdicts.count(Outcome.NOT_JUDGED)
     if verification.verdict is Outcome.NOT_JUDGED:
-        who = "the hogel" if count == 1 else f"{blind} of {count} hogels"
+        who = "the hogel" if single else f"{blind} of {count} hogels"
         rest = "" if blind == count else "; the others keep to the limits"
         return f"Not judged, neither right nor wrong: in {who} {NOTHING_TO_JUDGE}{rest}."
     exceeded = ", ".join(check_words(check) for check in verification.checks if check.held is False)
-    who = f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
-    who = "the hogel exceeds" if count == 1 else who
+    who = (
+        "the hogel exceeds"
+        if single
+        else f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
+    )
     parts = [f"{who} a limit: at worst {exceeded}"] if bad else []
     if blind:
         parts.append(f"in {blind} of {count} {NOTHING_TO_JUDGE}")
@@ -417,74 +392,62 @@ def sentence(verification: Verification) -> str:
 
 def claim(verification: Verification) -> str:
     """Return the bound on the share of the plate's hogels that fail; empty without a sample."""
-    extent, share = verification.extent, verification.share_at_most
+    extent, share, failed = verification.extent, verification.share_at_most, verification.failed
     if extent is None or share is None:
         return ""
-    plate, counts = (
-        f"{extent.sample.hogels:,} hogels",
-        f"{verification.failed:,} of {extent.judged:,}",
-    )
+    plate = f"{extent.sample.hogels:,} hogels"
     if extent.everything:
-        return f"of the plate's {plate}, all judged, {verification.failed:,} do not pass"
+        return f"of the plate's {plate}, all judged, {failed:,} do not pass"
     return (
         f"at most {percent_up(share)} of the plate's {plate} do not pass "
-        f"({percent(extent.confidence)}; {counts} sampled)"
+        f"({percent(extent.confidence)}; {failed:,} of {extent.judged:,} sampled)"
     )
 
 
 def unexplained_words(verification: Verification) -> str:
     """Return the sentence where no defect is named, with advice."""
-    several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    guesses = verification.diagnosis.does_not_explain
-    ambiguous = verification.diagnosis.refutation is not None and any(
-        guess.alternatives for guess in guesses
-    )
-    words = several if ambiguous else "no known fault explains what is wrong"
+    diagnosis, words = verification.diagnosis, "no known fault explains what is wrong"
+    open_guesses = any(guess.alternatives for guess in diagnosis.does_not_explain)
+    if diagnosis.refutation is not None and open_guesses:
+        words = "no single fault that was tried explains all hogels; one of the alternatives may"
     # Mistakes of single hogels are seen only where these are among the diagnosed hogels.
     wrong = [hogel.aperture for hogel in verification.hogels if hogel.verdict is Outcome.FAIL]
-    if wrong and verification.diagnosis.evidence.basis is Basis.RIGHT:
+    if wrong and diagnosis.evidence.basis is Basis.RIGHT:
         named = ";".join(f"{entry.column},{entry.row}" for entry in wrong[:MAX_LISTED])
         words += (
             ": the hogels that were diagnosed are right; diagnose some of both, --apertures "
             f"'{named};..'"
         )
-    black = (verification.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
+    black = verification.where.get("shown", {}).get("nothing", {}).get("wrong", 0)
     if black and verification.as_found is not None and verification.as_found.by == "outlines":
         # A surface that no light reaches and one that is not drawn make the same picture.
         words += (
             f"; {black:,} of the wrong pixels are black where the truth shows a surface: black is "
-            "taken "
-        )
-        words += (
-            "for nothing; if they are unlit, draw with some ambient light, or write numbers of "
-            "triangles"
+            "taken for nothing; if they are unlit, draw with some ambient light, or write numbers "
+            "of triangles"
         )
     return words
 
 
-def explained_words(verification: Verification) -> list[str]:
-    """Return the share of wrong pixels that the diagnosis explains; none where it names nothing."""
-    shares = [
-        defect.explains for defect in verification.diagnosis.faults if defect.explains is not None
-    ]
+def explained_words(verification: Verification) -> str:
+    """Return the share of wrong pixels that the diagnosis explains; empty if it names nothing."""
+    faults = verification.diagnosis.faults
+    shares = [defect.explains for defect in faults if defect.explains is not None]
     if not shares:
-        return []
-    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"]
+        return ""
+    return f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"
 
 
 def nothing_words(verification: Verification) -> str:
     """Return the sentence where no defect was found, with wrong pixels within the limits."""
-    if verification.as_found is None:
-        return "no hogel could be judged"
-    count = (verification.as_found.causes or {}).get("unexplained", 0)
-    if not count:
-        return "nothing found"
-    by_hogel = {
-        hogel.aperture: (hogel.as_found and hogel.as_found.causes) or {}
+    counts = {
+        hogel.aperture.index: (hogel.as_found.causes or {}).get("unexplained", 0)
         for hogel in verification.hogels
+        if hogel.as_found is not None
     }
-    worst = max(by_hogel, key=lambda entry: by_hogel[entry].get("unexplained", 0))
-    return (
-        f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel "
-        f"{worst.column},{worst.row}"
-    )
+    if not counts:
+        return "no hogel could be judged"
+    if not (total := sum(counts.values())):
+        return "nothing found"
+    worst = "{},{}".format(*max(counts, key=lambda index: counts[index]))
+    return f"nothing found; {total:,} pixels are wrong by no rounding, most in hogel {worst}"

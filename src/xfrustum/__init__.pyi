@@ -36,8 +36,8 @@ from .reports.survey.survey import survey as survey
 from .reports.verification.baseline import Baseline as Baseline
 from .reports.verification.baseline import BaselineOptions as BaselineOptions
 from .reports.verification.baseline import baseline as baseline
+from .reports.verification.request import VerifyOptions as VerifyOptions
 from .reports.verification.verdict import Verification as Verification
-from .reports.verification.verification import VerifyOptions as VerifyOptions
 from .reports.verification.verification import verify as verify
 from .reports.view import SceneView as SceneView
 from .reports.view import view as view

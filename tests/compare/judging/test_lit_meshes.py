@@ -13,8 +13,8 @@ import trimesh
 
 import xfrustum
 from tests.support.scene_file import film, named
-from xfrustum.compare.judging.judged import Compared, Judging, judge
-from xfrustum.compare.judging.verdict import Hogel, Limits, Outcome
+from xfrustum.compare.judging.judged import Compared, Judging
+from xfrustum.compare.judging.verdict import Limits, judge_images
 from xfrustum.compare.metrics.error_maps import true_lines
 from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
@@ -27,33 +27,29 @@ LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
 PLATE_PER_MESH = 0.35  #: side of the plate over the mesh's: films are inside of the mesh's outline
 AMBIENT, DIFFUSE = 0.12, 0.8  #: of a light at the camera
 
-WRONG = {
+ONE_FOR_ALL = "one picture for all"
+MODELS = {
+    "right": RendererModel(),
+    ONE_FOR_ALL: RendererModel(),
     "back only": RendererModel(front=Front.MISSING),
     "front nearest": RendererModel(front=Front.NEAREST),
     "back farthest": RendererModel(back=Back.FARTHEST),
 }
 """Renderers with one half missing, or with a depth test that is wrong."""
 
-ONE_FOR_ALL = "one picture for all"
-
 
 def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:
     """Return a scene whose films a mesh fills, its middle in the plate."""
     low, high = trimesh.load(mesh, force="mesh", process=False).bounds
-    scale = LONGEST_MM / (high - low).max()
+    scale = float(LONGEST_MM / (high - low).max())
     width, height, depth = (scale * (high - low)).tolist()
     tall = float(2 * np.degrees(np.arctan(np.tan(np.radians(30)) * resolution[1] / resolution[0])))
-    text = named(mesh.stem, "mm") + film(
-        (PLATE_PER_MESH * width, PLATE_PER_MESH * height),
-        (5, 5),
-        resolution,
-        (60.0, tall),
-        (depth, depth),
-    )
+    plate = (PLATE_PER_MESH * width, PLATE_PER_MESH * height)
+    text = named(mesh.stem, "mm") + film(plate, (5, 5), resolution, (60.0, tall), (depth, depth))
     middle = (-scale * (low + high) / 2).tolist()
-    text += f'[[object]]\nmesh = "{mesh}"\nscale = {float(scale)}\ntranslate = {middle}\n'
+    text += f'[[object]]\nmesh = "{mesh}"\nscale = {scale}\ntranslate = {middle}\n'
     (folder / "scene.toml").write_text(text)
-    return open_scene(str(folder / "scene.toml"))
+    return open_scene(folder / "scene.toml")
 
 
 def lit(reference: Reference, shown: HogelImage) -> HogelImage:
@@ -70,66 +66,42 @@ def lit(reference: Reference, shown: HogelImage) -> HogelImage:
     )
 
 
-def verdicts(scene: Scene, apertures: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
-    """Return each renderer's hogels: the verdict, and which share of the pixels shows another
-    triangle.
+def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
+    """Return verdict and wrong share of each renderer's hogels.
+
+    Right pictures must not fail, and wrong ones must not pass.
     """
     reference, limits = Reference(scene), Limits(judging=Judging(compared=Compared.GEOMETRY))
-    result: dict[str, list[tuple[str, float]]] = {}
-    for name, model in ({"right": RendererModel(), ONE_FOR_ALL: RendererModel()} | WRONG).items():
-        for index in apertures:
+    right, result = RendererModel(), dict[str, list[tuple[str, float]]]()
+    for name, model in MODELS.items():
+        for index in indices:
             aperture = scene.plate.aperture(*index)
-            truth = trace_drawn(reference, RendererModel(), aperture)
+            truth = trace_drawn(reference, right, aperture)
             there = scene.plate.aperture(0, 0) if name == ONE_FOR_ALL else aperture
             shown = replace(trace_drawn(reference, model, there), camera=truth.camera)
-            picture = lit(reference, shown)
-            figures = judge(
-                reference,
-                RendererModel(),
-                picture,
-                np.full(picture.position.shape, np.nan),
-                limits.judging,
-            )
-            hogel = Hogel(
-                aperture=aperture, as_found=figures.numbers, checks=limits.checks(figures)
-            )
+            verdict = judge_images(reference, [lit(reference, shown)], right, limits).verdict
             wrong = float((shown.triangle != truth.triangle).mean())
-            result.setdefault(name, []).append((hogel.verdict, wrong))
+            assert name != "right" or verdict != "fail"
+            assert wrong <= 1.5 * MAX_WRONG or verdict != "pass", f"{name}: {wrong:.0%} are wrong"
+            result.setdefault(name, []).append((verdict, wrong))
     return result
 
 
-def check(result: dict[str, list[tuple[str, float]]]) -> None:
-    """Require that right pictures do not fail, and that wrong ones do not pass."""
-    for name, hogels in result.items():
-        for verdict, wrong in hogels:
-            assert name != "right" or verdict in ("pass", Outcome.NOT_JUDGED), (name, verdict)
-            assert wrong <= 1.5 * MAX_WRONG or verdict != "pass", f"{name}: {wrong:.0%} are wrong"
-
-
-@pytest.fixture(scope="module")
-def grate(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(tmp_path: Path) -> None:
     """A wall and slanted bars before it on both sides of the plate, all of them one mesh."""
-    folder, parts = tmp_path_factory.mktemp("grate"), []
-    for number, (x, z) in enumerate([(-30, 12), (-9, -20), (6, 8), (20, 22), (33, -15)]):
-        parts.append(trimesh.creation.box((5.0, 300.0, 3.0)))
-        parts[-1].apply_transform(
-            trimesh.transformations.rotation_matrix(0.4 + 0.3 * number, (0.2, 0.9, 1))
-        )
-        parts[-1].apply_translation((x, 2.0 * number, z))
     wall = trimesh.creation.box((80.0, 80.0, 2.0))
     wall.apply_translation((0.0, 0.0, -30.0))
-    trimesh.util.concatenate([*parts, wall]).export(folder / "grate.obj")
+    parts = [wall]
+    for number, (x, z) in enumerate([(-30, 12), (-9, -20), (6, 8), (20, 22), (33, -15)]):
+        turn = trimesh.transformations.rotation_matrix(0.4 + 0.3 * number, (0.2, 0.9, 1))
+        parts.append(trimesh.creation.box((5.0, 300.0, 3.0)).apply_transform(turn))
+        parts[-1].apply_translation((x, 2.0 * number, z))
+    trimesh.util.concatenate(parts).export(tmp_path / "grate.obj")
     text = named("grate", "mm") + film((20.0, 20.0), (5, 5), (64, 48), (60.0, 47.0), (60.0, 60.0))
-    (folder / "scene.toml").write_text(f'{text}[[object]]\nmesh = "grate.obj"\n')
-    return open_scene(str(folder / "scene.toml"))
-
-
-def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(grate: Scene) -> None:
-    result = verdicts(grate, [(2, 2), (3, 1)])
-    check(result)
-    assert all(
-        min(share for _, share in result[name]) > 1.5 * MAX_WRONG for name in (*WRONG, ONE_FOR_ALL)
-    )
+    (tmp_path / "scene.toml").write_text(f'{text}[[object]]\nmesh = "grate.obj"\n')
+    result = checked(open_scene(tmp_path / "scene.toml"), [(2, 2), (3, 1)])
+    del result["right"]
+    assert min(share for hogels in result.values() for _, share in hogels) > 1.5 * MAX_WRONG
     for name in ("back only", ONE_FOR_ALL):
         assert {verdict for verdict, _ in result[name]} == {"fail"}
 
@@ -138,10 +110,7 @@ def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(grate: Sc
 @pytest.mark.parametrize(
     "mesh",
     [
-        "teapot.obj",
-        "stanford-bunny.obj",
-        "beetle-alt.obj",
-        "CesiumMilkTruck.glb",
+        *("teapot.obj", "stanford-bunny.obj", "beetle-alt.obj", "CesiumMilkTruck.glb"),
         "foreign/tried-4/spider.stl",
     ],
 )
@@ -151,7 +120,7 @@ def test_no_wrong_picture_of_a_mesh_that_fills_the_film_passes(
     file = shared_data / "data" / mesh
     if not file.exists():
         pytest.skip(f"needs {mesh}")
-    check(verdicts(scene_of(tmp_path, file, (160, 120)), [(2, 2), (1, 3), (3, 3)]))
+    checked(scene_of(tmp_path, file, (160, 120)), [(2, 2), (1, 3), (3, 3)])
 
 
 @pytest.mark.slow
@@ -159,8 +128,6 @@ def test_wrong_pictures_of_a_spider_that_fills_the_film_fail(shared_data: Path) 
     """Pictures of another program, in which 69 % of the surfaces are wrong."""
     folder = shared_data / "data" / "foreign" / "tried-4"
     scene, pattern = str(folder / "spider42.toml"), str(folder / "lit/h_{i}x{j}.png")
-    result = xfrustum.verify(
-        scene, pattern, encoding="srgb", compare="geometry", apertures=[(30, 15)]
-    )
-    assert result.verdict == "fail"
-    assert not result.diagnosis.faults
+    options = {"encoding": "srgb", "compare": "geometry", "apertures": [(30, 15)]}
+    result = xfrustum.verify(scene, pattern, **options)
+    assert result.verdict == "fail" and not result.diagnosis.faults

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
@@ -16,7 +14,6 @@ from xfrustum.compare.judging.verdict import Check, Hogel, Limits
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reports.verification.verdict import Verification
-from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -66,14 +63,7 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
         limits=Limits(),
         diagnosis=Diagnosis(model=RendererModel()),
         hogels=tuple(hogel_of(place, number, p99) for place, number in wrong.items()),
-        worst=WorstHogels(),
     )
-
-
-def packed(triangle: np.ndarray) -> np.ndarray:
-    """Return the pixels of pictures that name triangles."""
-    number = triangle + 1
-    return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
 
 
 def git(folder: Path, *arguments: str) -> str:

@@ -102,8 +102,8 @@ def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) ->
 def test_new_missing_and_other_hogels_and_devices_are_not_compared(tmp_path: Path) -> None:
     held(tmp_path, RIGHT, approve=True)
     fine = held(tmp_path, {(0, 0): 3, (1, 0): 0, (3, 0): 2})
-    note = "note: Not compared: 1 hogel not accepted before; 1 hogel accepted, and not judged now."
-    assert fine.passed and note in lines(fine)
+    assert fine.passed and "note: 1 hogel not accepted before, 0 of them" in lines(fine)
+    assert "note: 1 accepted hogel not judged now" in lines(fine)
     result = held(tmp_path, {**RIGHT, (3, 0): 900, (4, 0): None, (5, 0): 1})
     assert result.change is Change.SAME and not result.passed
     assert (result.new_hogels, result.new_beyond_limits, result.not_judged_hogels) == (3, 2, 0)
@@ -113,7 +113,7 @@ def test_new_missing_and_other_hogels_and_devices_are_not_compared(tmp_path: Pat
         tolerance = "wrong_surfaces=2,wrong_pixels=4"
         assert held(tmp_path, {**RIGHT, (1, 0): wrong}, tolerance=tolerance).passed is passed
     other = held(tmp_path, WORSE, device="other")
-    assert not other.compared and "are accepted for hogels/{i}x{j}.png on toy" in lines(other)
+    assert not other.compared
     # Approving one hogel leaves the others accepted.
     held(tmp_path, {(1, 0): 8}, approve=True)
     assert held(tmp_path, WORSE).passed

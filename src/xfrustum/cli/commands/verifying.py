@@ -164,7 +164,8 @@ class _Verify(options.Measured):
     def verified(self, scene: Scene) -> Verification | None:
         """Judge in this process or by workers; None where other parts are not finished yet."""
         from xfrustum.reports.verification.jobs import verify_on
-        from xfrustum.reports.verification.verification import VerifyOptions, verify
+        from xfrustum.reports.verification.request import VerifyOptions
+        from xfrustum.reports.verification.verification import verify
 
         how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
         apertures = options.indices_of(scene, self.judged["apertures"])
