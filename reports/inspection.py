@@ -6,19 +6,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.judging.judged import Figures
 from xfrustum.compare.metrics.error_maps import displacement, judged_pixels, lengths
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
-from xfrustum.reports.common import pictures as images
+from xfrustum.reports.common import pictures
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.notebook import by_height, map_of, png
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.representation import digits, percent
 
@@ -167,33 +166,27 @@ def _inspected(
     height, width = truth.triangle.shape
     # Rounded up: no pane is longer than the limit.
     reduction = -(-max(width, height) // MAX_SIDE_PX)
+    maps = {name: _class_numbers(masks) for name, masks in classes.items()}
     panes = [
         Pane(caption="Truth", content=_picture(truth, reduction)),
         Pane(caption=caption, content=_picture(image, reduction)),
-        *(_classes_pane(name, masks, reduction) for name, masks in classes.items()),
+        *(_classes_pane(name, list(classes[name]), maps[name], reduction) for name in classes),
     ]
     if moved is not None:
-        low, high = images.DISPLACEMENT_RANGE_PX
-        content = images.displacement_map(moved, reduction)
+        low, high = pictures.DISPLACEMENT_RANGE_PX
+        content = pictures.displacement_map(moved, reduction)
         panes.append(Pane(caption=f"Displacement, {low:g} to {high:g} px", content=content))
-    states = next(iter(classes.values()))
     # Ties are not wrong. Wrong surfaces go before other triangles.
-    wrong = [mask for label, mask in states.items() if not label.startswith("tie")]
-    listed = dict.fromkeys(
-        number for mask in wrong for number in np.flatnonzero(mask)[:MAX_LISTED_PIXELS].tolist()
-    )
-    # A pixel in two classes is listed once.
-    numbers = np.array(list(listed)[:MAX_LISTED_PIXELS], dtype=np.int64)
-    labels = {name: _labels(masks, numbers) for name, masks in classes.items()}
-    values = {
-        "column": (numbers % width).tolist(),
-        "row": (numbers // width).tolist(),
-        **labels,
-        **_values(scene, "truth", truth, numbers),
-        **_values(scene, "image", image, numbers),
-    }
+    first = next(iter(classes))
+    wrong = [n for n, label in enumerate(classes[first], start=1) if not label.startswith("tie")]
+    places = np.concatenate([np.flatnonzero(maps[first] == n) for n in wrong])[:MAX_LISTED_PIXELS]
+    values = {"column": (places % width).tolist(), "row": (places // width).tolist()}
+    for name, masks in classes.items():
+        labels = [None, *masks]
+        values[name] = [labels[number] for number in maps[name].reshape(-1)[places]]
+    values |= _values(scene, "truth", truth, places) | _values(scene, "image", image, places)
     if moved is not None:
-        values["displacement, px"] = moved.reshape(-1)[numbers].tolist()
+        values["displacement, px"] = moved.reshape(-1)[places].tolist()
     return InspectedHogel(
         aperture=aperture.index,
         size=(width, height),
@@ -207,50 +200,47 @@ def _inspected(
 def _picture(image: HogelImage, reduction: int) -> bytes:
     """Return the colors of an image, or shades by height where it has none."""
     if image.color is not None:
-        return images.picture(image, reduction)
+        return pictures.picture(image, reduction)
     return png(by_height(image.covered, image.height))
 
 
-def _classes_pane(caption: str, masks: Classes, reduction: int) -> Pane:
-    """Return a pane with a color for each class that has pixels."""
-    index = np.zeros(next(iter(masks.values())).shape, dtype=np.uint8)
+def _class_numbers(masks: Classes) -> Bytes:
+    """Return the number of the class of each pixel, counted from 1; 0 for none."""
+    numbers = np.zeros(next(iter(masks.values())).shape, dtype=np.uint8)
     # The first of overlapping classes is painted last.
     for number, mask in reversed(list(enumerate(masks.values(), start=1))):
-        index[mask] = number
-    colors = [COLORS[place % len(COLORS)] for place in range(len(masks))]
-    # Counted after painting, so that the numbers of a legend add up.
-    counts = np.bincount(index.reshape(-1), minlength=len(masks) + 1)[1:].tolist()
+        numbers[mask] = number
+    return numbers
+
+
+def _classes_pane(caption: str, labels: Sequence[str], numbers: Bytes, reduction: int) -> Pane:
+    """Return a pane with a color for each class that has pixels."""
+    colors = [COLORS[place % len(COLORS)] for place in range(len(labels))]
+    counts = np.bincount(numbers.reshape(-1), minlength=len(labels) + 1)[1:].tolist()
     legend = tuple(
         Legend(label=label, color=color, pixels=count)
-        for label, color, count in zip(masks, colors, counts, strict=True)
+        for label, color, count in zip(labels, colors, counts, strict=True)
         if count
     )
-    content = images.class_map(index, colors, reduction)
+    content = pictures.class_map(numbers, colors, reduction)
     return Pane(caption=caption, content=content, over_truth=True, legend=legend)
 
 
-def _labels(masks: Classes, numbers: Indices) -> list[str | None]:
-    """Return the label of each of some pixels, by flat numbers; None without a label."""
-    flat = {label: mask.reshape(-1) for label, mask in masks.items()}
-    return [next((label for label in flat if flat[label][n]), None) for n in numbers]
-
-
 def _values(
-    scene: Scene, name: str, image: HogelImage, numbers: Indices
+    scene: Scene, name: str, image: HogelImage, places: Indices
 ) -> dict[str, list[int | float | str | None]]:
     """Return triangle, object and position of some pixels of an image, by the names of columns."""
-    triangles = image.triangle.reshape(-1)[numbers].tolist()
-    objects = image.object.reshape(-1)[numbers].tolist()
-    points = image.position.reshape(-1, 3)[numbers].tolist()
+    names = [part.name for part in scene.objects]
+    triangles, objects = (
+        channel.reshape(-1)[places].tolist() for channel in (image.triangle, image.object)
+    )
+    points = image.position.reshape(-1, 3)[places]
     return {
         f"{name} triangle": [None if number == NOTHING else number for number in triangles],
         f"{name} object": [
-            scene.objects[number].name if 0 <= number < len(scene.objects) else None
-            for number in objects
+            names[number] if 0 <= number < len(names) else None for number in objects
         ],
-        **{
-            f"{name} {axis}": [point[place] for point in points] for place, axis in enumerate("xyz")
-        },
+        **{f"{name} {axis}": points[:, place].tolist() for place, axis in enumerate("xyz")},
     }
 
 
@@ -302,16 +292,16 @@ class Inspection:
 
 def write_inspection(folder: Path, shown: Inspection) -> None:
     """Write the page into a folder."""
-    hogels = tuple(shown.hogels)[:MAX_HOGELS]
-    data: list[dict[str, Any]] = [
-        {"size": hogel.size, "columns": hogel.columns, "pixels": hogel.pixels} for hogel in hogels
-    ]
+    hogels = shown.hogels[:MAX_HOGELS]
     values = {
         "shown": shown,
         "hogels": hogels,
         "left_out": len(shown.hogels) - len(hogels),
         "listed": MAX_LISTED_PIXELS,
-        "page_data": data,
+        "page_data": [
+            {"size": hogel.size, "columns": hogel.columns, "pixels": hogel.pixels}
+            for hogel in hogels
+        ],
     }
     page = html_page("inspect.html.j2", values)
     (folder / PAGE).write_text(page, encoding="utf-8")

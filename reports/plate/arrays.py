@@ -11,7 +11,7 @@ import json
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,6 @@ from zarr.codecs import ZstdCodec
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
-from xfrustum.compare.metrics.comparison import ComparisonNumbers
-from xfrustum.reports.common.records import named_columns
 from xfrustum.scenes import NOTHING, Certainty, Frustum, InputError
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
@@ -94,23 +92,11 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str, str | None]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeasuredHogel:
-    """Measures of one hogel as in `compare --json`, with its place; a row of the plate's table."""
-
-    column: int
-    row: int
-    #: aperture, scene units
-    x: float
-    y: float
-    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedPlateHogel(PlateHogel):
-    """Images of a hogel with its measures."""
+    """Images of a hogel with its measures by the names of their arrays, NaN where undefined."""
 
-    measured: MeasuredHogel
+    measures: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,29 +148,28 @@ class Tile:
     """Images of some hogels of a block: the product of a source, which a store writes at once."""
 
     block: Block
-    #: (rows, columns, H, W, ..) by the name of the array
-    images: dict[str, NDArray[Any]]
-    #: (rows, columns), which hogels have images
+    #: (rows, columns, H, W, ..) by the name of the array; measures (rows, columns)
+    values: dict[str, NDArray[Any]]
+    #: (rows, columns), hogels with images
     drawn: NDArray[np.bool_]
-    measured: list[MeasuredHogel] = field(default_factory=list)
 
     @classmethod
-    def empty(cls, block: Block, arrays: Iterable[ImageArray]) -> Tile:
+    def empty(cls, block: Block, arrays: PlateArrays) -> Tile:
         """Return a tile of fill values."""
-        images = {
+        values: dict[str, NDArray[Any]] = {
             array.name: np.full((*block.shape, *array.shape), array.fill, array.dtype)
-            for array in arrays
+            for array in arrays.images
         }
-        return cls(block=block, images=images, drawn=np.zeros(block.shape, bool))
+        values |= {name: np.full(block.shape, np.nan) for name, _ in arrays.measures}
+        return cls(block=block, values=values, drawn=np.zeros(block.shape, bool))
 
     def put(self, hogel: PlateHogel) -> None:
-        """Copy the images of a hogel to its place."""
+        """Copy the images and the measures of a hogel to its place."""
         place = self.block.place_of(hogel.aperture)
-        for name, images in self.images.items():
-            images[place] = hogel.image(Channel(name))
+        measures = hogel.measures if isinstance(hogel, JudgedPlateHogel) else {}
+        for name, values in self.values.items():
+            values[place] = measures[name] if name in measures else hogel.image(Channel(name))
         self.drawn[place] = True
-        if isinstance(hogel, JudgedPlateHogel):
-            self.measured.append(hogel.measured)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,12 +29,11 @@ from xfrustum.reports.common.records import columns_of
 from xfrustum.reports.plate.arrays import (
     Block,
     JudgedPlateHogel,
-    MeasuredHogel,
     PlateArrays,
     Tile,
     default_side,
 )
-from xfrustum.reports.plate.store import PLACES, SOURCE, PlateStore, open_store
+from xfrustum.reports.plate.store import SOURCE, PlateStore, open_store
 from xfrustum.scenes import Certainty, DoubleFrustum, HogelImage, InputError
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
@@ -51,7 +50,7 @@ class PlateOptions:
     #: columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None
     #: for the blocks of an existing store, or as many as `BLOCK_BYTES` hold
     block: tuple[int, int] | None = None
-    #: trace every hogel too, and store its measures beside its pixels
+    #: trace every hogel too, and store its measures as arrays
     judge: bool = False
     #: read every stored hogel in full, and draw it again where it is damaged
     check: bool = False
@@ -60,19 +59,24 @@ class PlateOptions:
     progress: bool = False
 
 
+def measures(numbers: ComparisonNumbers) -> dict[str, float]:
+    """Return the measures of a comparison by the names of their arrays, NaN where undefined."""
+    return {
+        column.name: np.nan if column.values[0] is None else column.values[0]
+        for column in columns_of(ComparisonNumbers, [numbers])
+        if pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+    }
+
+
 def measures_of(scene: Scene) -> dict[str, str]:
     """Return the unit of each measure of a scene's hogels, colors where it has an appearance."""
     numbers: dict[str, Any] = dict.fromkeys(ComparisonNumbers.__dataclass_fields__)
     numbers["certainty"] = {kind.name.lower(): 0 for kind in Certainty}
-    empty = ComparisonNumbers(**numbers)
-    row = MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)
     units = {"height": scene.units, "displacement": "px"}
     return {
-        column.name: units.get(column.name.partition("_")[0], "1")
-        for column in columns_of(MeasuredHogel, [row])
-        if column.name not in PLACES
-        and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
-        and (is_shaded(scene) or not column.name.startswith("radiance"))
+        name: units.get(name.partition("_")[0], "1")
+        for name in measures(ComparisonNumbers(**numbers))
+        if is_shaded(scene) or not name.startswith("radiance")
     }
 
 
@@ -104,7 +108,7 @@ class HogelSource:
         for hogel in hogels:
             # Hogels arrive in the order of request: the oldest open block is theirs.
             block = begun.popleft()
-            tile = Tile.empty(block, arrays.images)
+            tile = Tile.empty(block, arrays)
             for some in chain([hogel], islice(hogels, len(block.apertures) - 1)):
                 tile.put(some)
                 done(1)
@@ -187,18 +191,11 @@ def _judged(
     request = FrameRequest(color=True, colored_truths=is_shaded(scene), radiance=is_shaded(scene))
 
     def stored(frame: JudgedFrame) -> JudgedPlateHogel:
-        here, image = frame.aperture, frame.image
+        image = frame.image
         if Channel.NORMAL in content.channels:
             image = replace(image, normal=normals_of(scene, image.triangle))
-        measured = MeasuredHogel(
-            column=here.column,
-            row=here.row,
-            x=here.x,
-            y=here.y,
-            comparison=frame.comparison.numbers,
-        )
         channels: dict[str, Any] = vars(plate_hogel(image, content))
-        return JudgedPlateHogel(**channels, measured=measured)
+        return JudgedPlateHogel(**channels, measures=measures(frame.comparison.numbers))
 
     with closing(evaluator.frames(apertures, [settings], request)) as frames:
         yield from map(stored, frames)
@@ -264,8 +261,6 @@ class PlateFiles:
     damaged: int
     #: sentences for the user
     notes: tuple[str, ...]
-    #: folder of the table of measures, where hogels are judged
-    table: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -396,7 +391,6 @@ def write_plate(
         present=total - drawn,
         damaged=broken,
         notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
-        table=out.with_suffix(".parquet") if options.judge else None,
     )
 
 

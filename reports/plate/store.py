@@ -1,4 +1,4 @@
-"""Writing of a plate: blocks of hogels into shards of its Zarr group, and rows into its table.
+"""Writing of a plate: blocks of hogels into shards of its Zarr group.
 
 Zarr writes every file aside and renames it. The array `finished` is written after all others of a
 block, so that hogels that it names are there, whatever ends a process. A killed process may leave
@@ -14,28 +14,25 @@ from __future__ import annotations
 import fcntl
 import json
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import zarr
 from numpy.typing import NDArray
 from zarr.storage import LocalStore
 
 from xfrustum.interrupts import delayed
 from xfrustum.reports.common.outputs import Staging, refused
-from xfrustum.reports.common.records import table_of
-from xfrustum.reports.parts import differences_words, parquet_bytes, read_parquet
+from xfrustum.reports.parts import differences_words
 from xfrustum.reports.plate.arrays import (
     DAMAGE,
     FINISHED,
     LAYOUT,
     METADATA,
     Block,
-    MeasuredHogel,
     PlateArrays,
     Tile,
     description_of,
@@ -45,15 +42,11 @@ from xfrustum.reports.plate.arrays import (
     shard_file,
 )
 from xfrustum.scenes import Aperture, InputError
-from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.disk.input_files import in_words
 from xfrustum.scenes.plate.plate import ApertureBlocks, Plate
 
 SOURCE = "source"
 """Key of the place of a scene in its description, for people: it need not agree to go on."""
-
-#: columns of the table of measures that name the hogel
-PLACES = ("column", "row", "x", "y")
 
 
 class PlateStore:
@@ -73,25 +66,19 @@ class PlateStore:
             return stored.with_config({"write_empty_chunks": True})  # type: ignore[no-any-return]
 
         self._finished = array(FINISHED)
-        self._images = {image.name: array(image.name) for image in arrays.images}
-        self._maps = {name: array(name) for name, _ in arrays.measures}
-        # Beside the group, which holds Zarr's own files alone.
-        self._table = self._place.with_suffix(".parquet")
+        names = [image.name for image in arrays.images] + [name for name, _ in arrays.measures]
+        self._arrays = {name: array(name) for name in names}
 
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
         """Return the unfinished hogels of a block, and the number of damaged ones with `check`."""
-        flags, files = (
-            self._flags(block),
-            all(self._shard(name, block).is_file() for name in self._images),
-        )
-        measured = {(row["column"], row["row"]) for row in self.rows(block)} if self._maps else None
+        flags = self._flags(block)
+        files = all(self._shard(name, block).is_file() for name in self._arrays)
         missing, damaged = [], 0
         for aperture in block.apertures:
             there = bool(flags[block.place_of(aperture)]) and files
-            there = there and (measured is None or aperture.index in measured)
             if there and check:
                 try:
-                    for array in (*self._images.values(), *self._maps.values()):
+                    for array in self._arrays.values():
                         array[aperture.row, aperture.column]
                 except DAMAGE:
                     damaged, there = damaged + 1, False
@@ -111,56 +98,22 @@ class PlateStore:
             flags = self._flags(block)
             flags[tile.drawn] = 0
             kept = [(int(row), int(column)) for row, column in np.argwhere(flags)]
-            for name, array in self._images.items():
+            for name, array in self._arrays.items():
+                values = tile.values[name]
                 for row, column in kept:
                     try:
-                        tile.images[name][row, column] = array[
-                            block.rows[row], block.columns[column]
-                        ]
+                        values[row, column] = array[block.rows[row], block.columns[column]]
                     except DAMAGE:
                         # The next command draws it again.
                         flags[row, column] = 0
                 try:
-                    array[block.selection] = tile.images[name]
+                    array[block.selection] = values
                 except ValueError:
                     # Zarr reads the index of an existing shard, and this one is damaged.
                     self._shard(name, block).unlink()
-                    array[block.selection] = tile.images[name]
-            if self._maps:
-                self._write_measures(block, tile.measured)
+                    array[block.selection] = values
             flags[tile.drawn] = 1
             self._finished[block.selection] = flags
-
-    def _write_measures(self, block: Block, measured: Sequence[MeasuredHogel]) -> None:
-        """Write the rows of a block and the maps of its measures."""
-        rows = self.add_rows(block, measured)
-        for name, array in self._maps.items():
-            values = np.full(block.shape, np.nan)
-            for row in rows:
-                place = row["row"] - block.rows.start, row["column"] - block.columns.start
-                values[place] = np.nan if row[name] is None else row[name]
-            array[block.selection] = values
-
-    def table_file(self, block: Block) -> Path:
-        """Return the file of the rows of a block."""
-        return self._table / f"block-{block.number:08}.parquet"
-
-    def rows(self, block: Block) -> list[dict[str, Any]]:
-        """Return the rows of a block; none where their file is missing or damaged."""
-        table = read_parquet(self.table_file(block))
-        return [] if table is None else list(table.to_pylist())
-
-    def add_rows(self, block: Block, measured: Iterable[MeasuredHogel]) -> list[dict[str, Any]]:
-        """Write and return the rows of a block, by row and column, with more hogels."""
-        added = table_of(MeasuredHogel, list(measured))
-        before = [row for row in self.rows(block) if row.keys() == set(added.column_names)]
-        rows = {(row["row"], row["column"]): row for row in (*before, *added.to_pylist())}
-        merged = [rows[place] for place in sorted(rows)]
-        self._table.mkdir(exist_ok=True)
-        # From plain values: equal rows make equal bytes, however they came about.
-        table = pa.Table.from_pylist(merged, schema=added.schema)
-        write_file(self.table_file(block), parquet_bytes(table))
-        return merged
 
     def remove_partial(self) -> None:
         """Remove the files of killed processes, unless a process is writing."""
@@ -180,7 +133,7 @@ class PlateStore:
             return np.zeros(block.shape, np.uint8)
 
     def _shard(self, name: str, block: Block) -> Path:
-        return shard_file(self._place, self._images[name], block.columns.start, block.rows.start)
+        return shard_file(self._place, self._arrays[name], block.columns.start, block.rows.start)
 
 
 def open_store(
@@ -192,11 +145,6 @@ def open_store(
     or with other settings, is something else, or is damaged.
     """
     expected = json.loads(json.dumps({**description, LAYOUT: {"block": arrays.side}}))
-    table = out.resolve().with_suffix(".parquet")
-    if arrays.measures and table.exists() and not table.is_dir():
-        raise InputError(
-            f"--out {out}: its measures belong into {table}, which is no folder; move that away"
-        )
     if not out.exists():
         try:
             # Zarr writes from a thread of its own, which would go on after an interrupt.
@@ -278,8 +226,7 @@ def plate_size(
     With `files`, one image of each is written once more, in a layout of files.
     """
     hogels = len(apertures) - _finished(out, apertures)
-    # Measures are stored as maps and in a table.
-    per_hogel = arrays.hogel_bytes + 2 * 8 * len(arrays.measures)
+    per_hogel = arrays.hogel_bytes + 8 * len(arrays.measures)
     if files:
         per_hogel += arrays.images[-1].image_bytes
     place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())

@@ -1,15 +1,11 @@
 """`--decided-by`: pictures of single tracers, their errors, and reports against them."""
 
-import base64
-import io
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from tests.support.commands import Command
 from tests.support.views import view
@@ -77,14 +73,10 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     assert alone["embree"] == wrong.sum() > 100
     assert alone["mitsuba"] == 0
     assert content["decided_by"] == "certified"
-    assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
-    assert f"{alone['embree']:,} of {alone['judged']:,}</em>" in page
+    for tracer in ("embree", "mitsuba"):
+        line = f'wrong by {tracer.capitalize()} alone</td><td class="n">{alone[tracer]:,}</td>'
+        assert line in page
     assert "Not examined" not in page
-    marks = re.search(
-        r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page
-    )
-    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
-    np.testing.assert_array_equal(picture > 0, wrong)
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:

@@ -304,7 +304,7 @@ def test_four_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
         stores = [open_store(out, arrays, source.description, free=False) for _ in range(4)]
         (block,) = arrays.blocks(scene.plate.apertures())
         hogels = list(source.hogels(scene.plate.apertures()))
-    tiles = [Tile.empty(block, arrays.images) for _ in stores]
+    tiles = [Tile.empty(block, arrays) for _ in stores]
     for number, hogel in enumerate(hogels):
         tiles[number % 4].put(hogel)
     with ThreadPoolExecutor(4) as pool:

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import xarray
 import zarr
@@ -18,7 +17,7 @@ from PIL import Image
 from zarr.storage import _local as local_store
 
 from tests.conftest import CHECKOUT
-from tests.reports.plate.test_plate_stream import BLOCK, EVERYTHING, SETTINGS, drawn, small, tree
+from tests.reports.plate.test_plate_stream import BLOCK, SETTINGS, drawn, small, tree
 from tests.support.long_tail import kept, thinned
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -26,14 +25,11 @@ from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import convert
-from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.plate import PlateFiles, arrays_of, blocks_of_apertures
+from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures
 from xfrustum.reports.plate.reader import PlateReader, camera_of
-from xfrustum.reports.plate.store import PlateStore
 from xfrustum.reports.view import stored_plate
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
@@ -145,41 +141,30 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_measures_are_those_of_compare_in_arrays_and_rows(measured: Path) -> None:
+def test_the_measures_are_those_of_compare(measured: Path) -> None:
     opened, reference = xarray.open_zarr(measured, chunks=None), Reference(small())
-    rows = pq.read_table(measured.with_suffix(".parquet")).to_pylist()
-    assert sorted((row["column"], row["row"]) for row in rows) == sorted(CHOSEN)
+    finite = np.argwhere(np.isfinite(opened.displacement_px_p99.values))
+    assert {(column, row) for row, column in finite.tolist()} == set(CHOSEN)
     with Rasterizer(small()) as rasterizer:
-        for row in rows:
-            here = small().plate.aperture(row["column"], row["row"])
+        for index in CHOSEN:
+            here = small().plate.aperture(*index)
             drawn, truth = rasterizer.render(here, SETTINGS), reference.trace(here)
             numbers = compare_images(truth, drawn, reference, radiance=False).numbers
-            assert numbers.surface is not None and numbers.displacement_px is not None
             hogel = opened.isel(row=here.row, column=here.column)
             assert int(hogel.surface_wrong) == numbers.surface.wrong
             assert float(hogel.displacement_px_p99) == numbers.displacement_px.p99
-            assert (row["x"], row["y"]) == (here.x, here.y) == (float(hogel.x), float(hogel.y))
+            assert int(hogel.certainty_tie) == numbers.certainty["tie"]
             np.testing.assert_array_equal(hogel.color, drawn.color)
-            for name, number in hogel.data_vars.items():
-                if number.ndim == 0 and name != "finished":
-                    value = row[str(name)]
-                    assert value == float(number) or (value is None and np.isnan(number))
-    finite = np.argwhere(np.isfinite(opened.displacement_px_p99.values))
-    assert {(column, row) for row, column in finite.tolist()} == set(CHOSEN)
     units = opened.displacement_px_p99.attrs["units"], opened.height_rms.attrs["units"]
     assert units == ("px", "mm") and not any(str(n).startswith("radiance") for n in opened)
 
 
-@pytest.mark.parametrize("damage", ["part", "array"])
-def test_measures_that_are_gone_or_damaged_are_made_again(
-    damage: str, measured: Path, tmp_path: Path
-) -> None:
+def test_measures_that_are_gone_or_damaged_are_made_again(measured: Path, tmp_path: Path) -> None:
     out = Path(shutil.copytree(measured, tmp_path / "x.zarr"))
-    table = Path(shutil.copytree(measured.with_suffix(".parquet"), tmp_path / "x.parquet"))
-    spoiled = table / "block-00000000.parquet" if damage == "part" else out / "surface_wrong/c/0/0"
-    spoiled.write_bytes(b"")
-    assert judged(out, check=damage == "array").drawn == 2
-    assert tree(out) == tree(measured) and tree(table) == tree(measured.with_suffix(".parquet"))
+    (out / "surface_wrong/c/0/0").write_bytes(b"")
+    (out / "height_rms/c/1/1").unlink()
+    assert judged(out, check=True).drawn == 3
+    assert tree(out) == tree(measured)
 
 
 @pytest.mark.parametrize("written", kept([None, 1, 12], [None, 1]))
@@ -206,26 +191,6 @@ def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
     files = judged(out)
     assert (files.drawn + files.present, files.damaged) == (len(CHOSEN), 0)
     assert tree(out) == tree(measured)
-    assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
-
-
-def test_two_processes_write_the_measures_of_one_block_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whole blocks are written under a shared lock: neither file is in the other's way."""
-    out, write = tmp_path / "x.zarr", write_file
-    judged(out, [(0, 0)])
-    arrays = arrays_of(small(), EVERYTHING, SQUARE, judged=True)
-    store, (block, *_) = PlateStore(out, arrays), arrays.blocks([small().plate.aperture(0, 0)])
-
-    def overtaken(path: Path, content: bytes) -> None:
-        monkeypatch.setattr(plate_store, "write_file", write)
-        store.add_rows(block, ())
-        write(path, content)
-
-    monkeypatch.setattr(plate_store, "write_file", overtaken)
-    store.add_rows(block, ())
-    assert list(store.table_file(block).parent.iterdir()) == [store.table_file(block)]
 
 
 @pytest.mark.parametrize(
@@ -245,13 +210,6 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
         drawn(tmp_path / "False.zarr", here, scene=scene, content=ALL, judge=True)
     pixels, with_measures = written
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
-
-
-def test_a_table_that_cannot_be_written_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    (tmp_path / "x.parquet").write_text("mine")
-    with pytest.raises(InputError, match="is no folder"):
-        judged(tmp_path / "x.zarr")
-    assert [path.name for path in tmp_path.iterdir()] == ["x.parquet"]
 
 
 # Damage: no command reads a plate whose labels or descriptions differ from its scene.
@@ -336,10 +294,8 @@ def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     out = tmp_path / "x.zarr"
     line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out)]
     assert main([*line, "--judge", "--near", "0.1"]) == 0
-    table = tmp_path / "x.parquet"
-    printed = capsys.readouterr().out.splitlines()
-    assert printed == ["2 hogels drawn, 0 found", str(out), str(table)]
-    assert pq.read_table(table).num_rows == 2
+    assert capsys.readouterr().out.splitlines() == ["2 hogels drawn, 0 found", str(out)]
+    assert "surface_wrong" in zarr.open_group(out, mode="r")
     assert main([*line, "--truth", "--judge"]) == 2
     assert "leave out --truth" in capsys.readouterr().err
 

@@ -32,7 +32,7 @@ class _Plate(options.Measured):
     )
     block = option(options.TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
     truth = flag("Store truths, traced and certified, instead of --near.")
-    judge = flag("Trace every hogel too, and store how it differs (plate.parquet).")
+    judge = flag("Trace every hogel too, and store the measures of `compare`.")
     check = flag("Read all finished hogels in full, and draw damaged ones again.")
     layout = option(
         options.LAYOUT,
@@ -132,12 +132,11 @@ def plate(request: _Plate) -> None:
         "drawn": files.drawn,
         "found": files.present,
         "damaged": files.damaged,
-        "table": files.table,
         "bytes_at_most": size.needed,
         "layout": None,
     }
     lines = [f"{files.drawn} hogels drawn, {files.present} found"]
-    lines += [str(place) for place in (summary["out"], files.table) if place is not None]
+    lines += [str(files.out)] if summary["out"] else []
     if written is not None:
         tell_losses(written)
         lines += [f"{written.files} files ({written.written_as})", str(written.out)]
