@@ -61,10 +61,15 @@ if ! { cmp -s requirements.lock "$made_from" && "$venv/bin/python" -m pip --vers
     cp requirements.lock "$made_from"
 fi
 
-step "xfrustum itself, editable" "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-    --no-deps --no-build-isolation --editable .
+# By uv where this run has one; pip takes seconds to start.
+pip() {
+    { [ -n "$uv" ] && "$uv" pip "$@" --python "$venv/bin/python"; } ||
+        "$venv/bin/python" -m pip --disable-pip-version-check "$@"
+}
+
+step "xfrustum itself, editable" pip install --quiet --no-deps --no-build-isolation --editable .
 # Says where pyproject.toml asks for what the lock file does not have.
-step "check that all packages fit" "$venv/bin/python" -m pip check || {
+step "check that all packages fit" pip check || {
     echo "requirements.lock does not fit pyproject.toml: run make lock." >&2
     exit 1
 }

@@ -1,6 +1,5 @@
 """Help: every command has a use and an example; all examples parse and run in their order."""
 
-import json
 import os
 import shlex
 import subprocess
@@ -12,6 +11,7 @@ import click
 import pytest
 import trimesh
 
+from tests.support.commands import Command
 from tests.support.scene_file import film, named, part
 from xfrustum import reference
 from xfrustum.cli.app import COMPLETION_VARIABLE, MODULES, USES, cli
@@ -55,25 +55,19 @@ def words(name: str) -> list[str]:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_help_of_every_command_ends_with_an_example_of_it_that_parses(
-    name: str, capsys: pytest.CaptureFixture[str]
+    name: str, command: Command
 ) -> None:
-    assert main([*name.split(), "--help"]) == 0
-    heading, example = capsys.readouterr().out.rstrip().splitlines()[-2:]
+    heading, example = command(f"{name} --help").out.rstrip().splitlines()[-2:]
     assert heading == "  Example:"
     assert f"{example} ".startswith(f"    xfrustum {name} ")
-    command, arguments = commands()[name], words(name)[len(name.split()) :]
-    if isinstance(command, click.Group):
-        inner = commands()[f"{name} {arguments[0]}"]
-        inner.make_context(name, arguments[1:])
-    else:
-        command.make_context(name, arguments)
+    own, arguments = commands()[name], words(name)[len(name.split()) :]
+    if isinstance(own, click.Group):
+        own, arguments = commands()[f"{name} {arguments[0]}"], arguments[1:]
+    own.make_context(name, arguments)
 
 
-def test_the_list_of_commands_has_all_of_them_under_their_uses(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["--help"]) == 0
-    printed = capsys.readouterr().out
+def test_the_list_of_commands_has_all_of_them_under_their_uses(command: Command) -> None:
+    printed = command("--help").out
     assert all(f"\n{use}:\n" in printed for use in USES)
     assert set(MODULES) == {name for name in EXAMPLES if " " not in name}
     assert all(f"\n  {name} " in printed for name in MODULES)
@@ -112,22 +106,19 @@ def test_examples_run_one_after_the_other(tmp_path: Path, monkeypatch: pytest.Mo
     [("", "report"), ("re", "report"), ("report asym", "asymmetric"), ("report car --ti", "")],
 )
 def test_a_shell_is_told_commands_and_scenes(
-    line: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str, offered: str, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setenv(COMPLETION_VARIABLE, "bash_complete")
     monkeypatch.setenv("COMP_WORDS", f"xfrustum {line}")
     monkeypatch.setenv("COMP_CWORD", str(max(1, len(line.split()))))
-    assert main([]) == 0
-    printed = capsys.readouterr().out.splitlines()
-    assert (f"plain,{offered}" in printed) is bool(offered)
+    assert (f"plain,{offered}" in command("").out.splitlines()) is bool(offered)
 
 
 def test_a_shell_that_nobody_knows_is_bad_input(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setenv(COMPLETION_VARIABLE, "nosuch_source")
-    assert main([]) == 2
-    assert "bash_source" in capsys.readouterr().err
+    assert "bash_source" in command("", status=2).err
 
 
 # Help, listings and complaints come at once: nothing that draws, traces or reads meshes is loaded
@@ -151,43 +142,41 @@ FILES = {
     "strange.toml": SCENE + '[[object]]\nshape = "bax"\nmaterial = "gold"\n',
 }
 
-STRANGE_VALUES = (
-    ("raster", "car", "--near", "0.1", "--depth", "d99", "--out", "x.exr"),
-    ("report", "car", "--supersample", "0"),
-    ("trace", "car", "--tracer", "strange", "--out", "x.exr"),
-    ("plate", "car", "--near", "0.1", "--apertures", "a,b", "--out", "x.zarr"),
-    ("verify", "car", "x.png", "--accept", "strange"),
-    ("plan", "car", "--apertures", "none"),
-    ("compare", "nosuch.exr", "nosuch.exr"),
-    ("new", "nosuch.obj"),
-    ("strange",),
-)
+STRANGE_VALUES = [
+    line.split()
+    for line in (
+        "raster car --near 0.1 --depth d99 --out x.exr",
+        "report car --supersample 0",
+        "trace car --tracer strange --out x.exr",
+        "plate car --near 0.1 --apertures a,b --out x.zarr",
+        "verify car x.png --accept strange",
+        "plan car --apertures none",
+        "compare nosuch.exr nosuch.exr",
+        "new nosuch.obj",
+        "strange",
+    )
+]
 
 
-def loaded_by(
-    lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]
-) -> dict[str, list[str]]:
-    """Run command lines in one new process; return modules loaded by each but help and list."""
+def loaded_by(lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]) -> list[str]:
+    """Run command lines in one new process; return the first that loads a watched module."""
     program = f"""
-import contextlib, io, json, sys
+import contextlib, io, sys
 from xfrustum.cli.main import main
-told = {{}}
-for line in json.loads({json.dumps(json.dumps(list(lines)))}):
+for line in {[list(line) for line in lines]!r}:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         status = main(line)
     assert status == (0 if "--help" in line or line[0] == "scenes" else 2), (line, status)
-    found = [name for name in {list(watched)!r} if name in sys.modules]
-    if found:
-        told[" ".join(line)] = found
+    loaded = [name for name in {list(watched)!r} if name in sys.modules]
+    if loaded:
+        print(*line, *loaded)
         break
-print(json.dumps(told))
 """
     ended = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False
     )
     assert ended.returncode == 0, ended.stderr
-    modules: dict[str, list[str]] = json.loads(ended.stdout)
-    return modules
+    return ended.stdout.splitlines()
 
 
 def of_scene(scene: str) -> list[tuple[str, ...]]:
@@ -206,10 +195,10 @@ def test_help_listings_and_complaints_load_nothing_heavy_not_even_numpy(tmp_path
     files = [line for name in (*FILES, "nosuch.toml") for line in of_scene(name)]
     helped = [(*name.split(), "--help") for name in commands()]
     lines = [("--help",), ("scenes",), *helped, *STRANGE_VALUES, *files]
-    assert loaded_by(lines, tmp_path, (*HEAVY, "numpy")) == {}
+    assert loaded_by(lines, tmp_path, (*HEAVY, "numpy")) == []
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
 def test_unknown_names_and_the_list_of_hard_cases_load_numpy_alone(tmp_path: Path) -> None:
     lines = [("scenes", "--hard"), *of_scene("nosuch"), *of_scene("hard/nosuch")]
-    assert loaded_by(lines, tmp_path, HEAVY) == {}
+    assert loaded_by(lines, tmp_path, HEAVY) == []

@@ -43,31 +43,16 @@ def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(
         assert side.any()
 
 
-def sheet(z: float, size: float, *, to_viewer: bool, shift: float = 0.0) -> Floats:
-    """Return two triangles of a square about the axis, turned to the viewer or away."""
-    corners = np.array(
-        [(-size + shift, -size), (size + shift, -size), (size + shift, size), (-size + shift, size)]
-    )
-    points = np.column_stack((corners, np.full(4, z)))
-    faces = points[[[0, 1, 2], [0, 2, 3]]]
-    return faces if to_viewer else faces[:, ::-1]
+def square(middle: float, z: float, size: float) -> Floats:
+    """Return the corners (4, 3) of a square parallel to the plate, counterclockwise for viewers."""
+    corners = size * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) + (middle, 0)
+    return np.column_stack((corners, np.full(4, z)))
 
 
-def sheets(side: float) -> Scene:
-    """Return a sheet seen from behind, and a farther one seen from the front, half beside it."""
-    near_viewer, farther = (
-        (0.75 * REACH, 0.4 * REACH) if side > 0 else (-0.4 * REACH, -0.75 * REACH)
-    )
-    back = sheet(near_viewer, 4.1, to_viewer=False)
-    front = sheet(farther, 5.3, to_viewer=True, shift=5.0)
-    return soup(np.concatenate((back, front)), FRUSTUM)
-
-
-def shown_by(scene: Scene, faces: slice) -> Mask:
-    """Return the pixels whose lines meet the square of two faces, from its corners alone."""
-    corners = scene.triangles[faces].reshape(-1, 3)
-    lines = lines_by_definition(scene, scene.plate.middle)
+def shows(scene: Scene, corners: Floats) -> Mask:
+    """Return the pixels whose lines meet a square, from its corners alone."""
     middle = scene.plate.middle
+    lines = lines_by_definition(scene, middle)
     points = np.array([middle.x, middle.y, 0.0]) - corners[0, 2] * lines
     low, high = corners.min(axis=0), corners.max(axis=0)
     inside = (points[..., :2] > low[:2]) & (points[..., :2] < high[:2])
@@ -81,10 +66,16 @@ def squares(numbers: Numbers) -> Numbers:
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: float) -> None:
-    """Pixels become empty precisely where the truth shows a back and nothing lies behind it."""
-    scene = sheets(side)
+    """Pixels become empty precisely where the truth shows a back and nothing lies behind it.
+
+    A square is seen from behind, and a farther one from the front, half beside it.
+    """
+    heights = (0.75, 0.4) if side > 0 else (-0.4, -0.75)
+    turned, other = square(0.0, heights[0] * REACH, 4.1), square(5.0, heights[1] * REACH, 5.3)
+    faces = [turned[[0, 2, 1]], turned[[0, 3, 2]], other[[0, 1, 2]], other[[0, 2, 3]]]
+    scene = soup(np.array(faces), FRUSTUM)
     aperture = scene.plate.middle
-    back, front = shown_by(scene, slice(0, 2)), shown_by(scene, slice(2, 4))
+    back, front = shows(scene, turned), shows(scene, other)
     truth = Reference(scene).trace(aperture)
     np.testing.assert_array_equal(
         squares(truth.triangle), np.where(back, 0, np.where(front, 1, -1))
