@@ -9,13 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.images import assert_same
+from tests.support.light import dressed_scene
 from tests.support.lit import LAMP, SUN, ball, card, lit, sky
-from tests.support.long_tail import examples
+from tests.support.long_tail import examples, thinned
+from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, Pivot, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
@@ -69,6 +73,15 @@ def assert_same_bits(request: Scene, how: DoubleFrustum) -> None:
         Reference(request, effects=e).trace(request.plate.middle) for e in (None, ALL_EFFECTS)
     )
     assert_same(true, every, "color")
+
+
+@pytest.mark.parametrize(
+    "name", thinned([*builtin.names(), *SHARED_SCENES, *hard_cases.names(giants=False)], 11)
+)
+def test_auto_and_all_are_the_same_bits_on_every_scene(name: str) -> None:
+    world = dressed_scene(name, (64, 48)) if name.startswith("hard") else view(name, (64, 48))
+    near = 1e-3 * world.frustum.longest_reach
+    assert_same_bits(replace(world, sampling=Sampling()), reversed_d32f(near))
 
 
 COEFFICIENT = st.sampled_from([(0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.2, 0.4, 0.7)])
