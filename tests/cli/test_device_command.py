@@ -32,7 +32,8 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(device_model, "KNOWN", {})
+    for name in tuple(device_model.KNOWN):
+        monkeypatch.delitem(device_model.KNOWN, name)
     names = names_at_hand()
     safe = safe_model(int(names["subpixel_bits"]))
     assert device_model.model_of(names) == safe

@@ -243,6 +243,9 @@ def verify(request: _Verify) -> int:
     limited = stated or not (held.compared or held.approved)
     passed = held.passed and (verification.kept or not limited)
     text = f"{table(verification)}\n{accepted.lines(held)}"
+    if passed and not verification.kept:
+        # Limits that the user does not state are exceeded as they were when accepted.
+        text += "\nexit status 0: nothing is worse than accepted, and no limit is stated"
     request.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
 
