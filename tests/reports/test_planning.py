@@ -5,7 +5,6 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.support.scene_file import film, part
@@ -79,16 +78,3 @@ def test_the_text_ends_in_a_command_that_draws_so(
     assert "one pair of frusta is not enough" in " ".join(text.split()) and "binds" in text
     monkeypatch.chdir(tmp_path)
     assert main(command[1:]) == 0
-
-
-def test_a_surface_in_every_aperture_leaves_no_plan(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    size = film(
-        (40.0, 30.0), hogels=(4, 3), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(60.0, 60.0)
-    )
-    (tmp_path / "flat.toml").write_text(size + part("square", 80.0, (0.0, 0.0, 0.0)))
-    made = planned(f"{tmp_path / 'flat.toml'} --sample 2", capsys)
-    assert made["sentence"].startswith("No plan: a surface lies in every aperture")
-    assert made["binds"] == "pixels" and made["near"] is None
-    assert made["plate"]["infeasible"] == np.prod([4, 3])

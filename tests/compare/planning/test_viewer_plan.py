@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -73,23 +72,6 @@ def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
     small, large = required.noticed(cut), required.noticed(whole)
     assert 0 < small[STEREO][0] < large[STEREO][0]
     assert small[CRACK][0] == pytest.approx(large[CRACK][0] * 6 / 8)
-
-
-def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) -> None:
-    scene = open_scene(scene_file)
-    required = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
-    assert required.excess(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach)) > 1
-    stereo, crack = required.limits()
-    assert stereo.largest_near == 0.0
-    assert crack.largest_near != 0.0
-    assert binding(required.limits()) == stereo
-
-
-def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str) -> None:
-    required = requirement(open_scene(scene_file), Viewer(distance=600.0))
-    cut = DoubleFrustum(near=0.2, slabs=(0.4,))
-    (without, _), (with_cuts, _) = required.limits(), required.limits(cut)
-    assert with_cuts.largest_near is None or with_cuts.largest_near > without.largest_near
 
 
 @pytest.mark.slow
@@ -208,14 +190,3 @@ def aside(scene: Scene, center: tuple[float, float]) -> Scene:
     assert scene.frustum.screen is not None
     screen = replace(scene.frustum.screen, center=center)
     return replace(scene, frustum=replace(scene.frustum, screen=screen))
-
-
-def test_plan_exits_with_2_outside_the_view_zone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "zone.toml"
-    path.write_text(PROJECTED + part("sphere", 40.0, (0.0, 0.0, -40.0)))
-    assert main(["plan", str(path), "--viewer=600mm", "--quiet"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "view zone is 60 x 60 mm at 600 mm" in line
-    assert "up to 60 mm apart, and these are 65" in line

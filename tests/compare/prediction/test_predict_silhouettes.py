@@ -14,7 +14,6 @@ from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
 from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.compare.prediction.silhouettes import (
-    Contours,
     Kind,
     Silhouettes,
     contours,
@@ -33,7 +32,6 @@ from xfrustum.scenes import (
     SceneObject,
 )
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset
 
@@ -89,63 +87,12 @@ def on_film(points: Floats, height: float) -> Floats:
     return np.concatenate((xy, np.full((len(xy), 1), height)), axis=1)
 
 
-def circle(center: tuple[float, float], radius: float) -> Floats:
-    turn = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    return np.asarray(center) + radius * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-
-
 def traced(scene: Scene) -> HogelImage:
     return Reference(scene).trace(AXIS)
 
 
 def wrong_pixels(silhouettes: Silhouettes, settings: DoubleFrustum, scene: Scene) -> float:
     return sum(silhouettes.charged_pixels(traced_settings(settings, scene.frustum)))
-
-
-def length(outlines: Contours) -> float:
-    return float(outlines.length.sum())
-
-
-def only_one_of_two_circles(r: float, other: float, distance: float) -> float:
-    """Return the area that belongs to exactly one of two overlapping circles."""
-    if distance <= abs(r - other):
-        return math.pi * abs(r**2 - other**2)
-    a = math.acos((distance**2 + r**2 - other**2) / (2 * distance * r))
-    b = math.acos((distance**2 + other**2 - r**2) / (2 * distance * other))
-    common = r**2 * (a - math.sin(2 * a) / 2) + other**2 * (b - math.sin(2 * b) / 2)
-    return math.pi * (r**2 + other**2) - 2 * common
-
-
-@pytest.mark.parametrize("turned", np.linspace(0, 90, 7))
-def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> None:
-    angle = math.radians(turned)
-    along = np.array([math.cos(angle), math.sin(angle)])
-    across = np.array([-along[1], along[0]])
-    strip = 0.1 * across + np.array(
-        [-0.6 * along, 0.6 * along, 0.6 * along - 0.3 * across, -0.6 * along - 0.3 * across]
-    )
-    outlines = contours(traced(scene_of(part(on_film(strip, -HEIGHT)))))
-    assert length(outlines) == pytest.approx((2 * 1.2 + 2 * 0.3) * 128, rel=STAIRS)
-    np.testing.assert_allclose(np.hypot(*outlines.normal.T), 1, rtol=1e-12)
-
-
-@pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
-@pytest.mark.parametrize(
-    ("center", "radius"), [((0.3, -0.2), 0.45), ((0.4, 0.35), 0.2), ((0.0, 0.0), 0.6)]
-)
-def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
-    height: float, center: tuple[float, float], radius: float
-) -> None:
-    """The drawn disc is |z| / (|z| + n) times as large, about the middle of the film."""
-    scene = scene_of(part(on_film(circle(center, radius), height)))
-    silhouettes = Silhouettes(traced(scene), scene.frustum)
-    for near in (0.01, 0.1, 0.5):
-        smaller = abs(height) / (abs(height) + near)
-        r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
-        exact = only_one_of_two_circles(r, r * smaller, distance)
-        predicted = wrong_pixels(silhouettes, DoubleFrustum(near=near), scene)
-        # The contour itself shrinks while it is swept: n / |z| of the area.
-        assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
 
 
 def two_sheets(
@@ -322,17 +269,6 @@ def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
             assert abs(expected - other) <= ENOUGH_PIXELS / 2
         else:
             assert other / FACTOR <= expected <= other * FACTOR
-
-
-def test_a_finer_mesh_has_the_same_contours() -> None:
-    scene = view("asymmetric", (128, 96))
-    aperture = scene.plate.middle
-    coarse, fine = (Reference(mesh).trace(aperture) for mesh in (scene, refine(scene, 2)))
-    settings = DoubleFrustum(near=1.0)
-    a, b = (
-        wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) for truth in (coarse, fine)
-    )
-    assert a == pytest.approx(b, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", thinned(["asymmetric", "car"], 2))
