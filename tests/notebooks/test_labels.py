@@ -1,42 +1,16 @@
-"""Images turn into labelled arrays that fit to each other and to stored plates."""
+"""Images as labelled arrays: channels, places and signs."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.notebooks.test_shown import SETTINGS, small_scene
 from tests.support.worlds import World
-from xfrustum import InputError, PlateOptions, Rasterizer, compare_images, write_plate
-from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+from xfrustum import InputError, compare_images
 
-xarray = pytest.importorskip(
+pytest.importorskip(
     "xarray", reason="needs the package xarray, the optional part xfrustum[notebook]"
 )
-
-
-@pytest.mark.slow
-def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -> None:
-    scene = small_scene()
-    aperture = scene.plate.aperture(3, 1)
-    channels = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
-    content = PlateContent(channels=channels, color=ColorType.FLOAT32)
-    write_plate(scene, SETTINGS, tmp_path / "plate.zarr", [aperture], PlateOptions(content=content))
-    hogel = xarray.open_zarr(tmp_path / "plate.zarr").isel(row=1, column=3)
-    with Rasterizer(scene) as rasterizer:
-        image = rasterizer.render(aperture, SETTINGS)
-    labelled = image.to_xarray(units="mm")
-    for name in map(str, channels):
-        assert labelled[name].dims == hogel[name].dims
-        assert labelled[name].attrs.get("units") == hogel[name].attrs.get("units")
-        assert float(abs(labelled[name].astype(float) - hogel[name].astype(float)).max()) == 0
-    for name in ("u", "v", "x", "y", "row", "column"):
-        xarray.testing.assert_equal(labelled.coords[name].variable, hogel.coords[name].variable)
-        assert labelled.coords[name].attrs == hogel.coords[name].attrs
-    assert labelled.attrs["aperture"] == [3, 1]
-    assert labelled.attrs["scene_hash"] == scene.content_hash
-    assert '"near": 2.0' in labelled.attrs["settings"]
 
 
 def test_a_labelled_truth_has_the_images_channels_and_places_its_points(

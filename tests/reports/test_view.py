@@ -16,12 +16,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.scenes import DoubleFrustum, open_scene
 from xfrustum.scenes.files.exr import write_image
 
-EYES, EYE, RESOLUTION, NEAR = (
-    "--eye=-20,3,300;25,3,300",
-    "--eye=0,0,300",
-    "--resolution=24,18",
-    "--near=0.5",
-)
+EYES, EYE, NEAR = "--eye=-20,3,300;25,3,300", "--eye=0,0,300", "--near=0.5"
+RESOLUTION = "--resolution=24,18"
 SCENE = (
     named("two", "mm")
     + film(
@@ -76,12 +72,12 @@ def test_view_keeps_the_contract_and_writes_all_its_files(
     out = folder / "fly"
     assert [eye["eye"] for eye in drawn] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
     for eye in drawn:
-        for loss in (eye["display"], eye["renderer"]):
+        display, renderer = eye["display"], eye["renderer"]
+        for loss in (display, renderer):
             assert loss["fraction"] == loss["wrong"] / loss["judged"]
-            assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
             assert loss["depth_error"]["p50"] <= loss["depth_error"]["p99"]
-        display, renderer = (eye[name]["displacement_arcmin"] for name in ("display", "renderer"))
-        assert display["p50"] > renderer["p50"]
+        moved, by_renderer = (loss["displacement_arcmin"]["p50"] for loss in (display, renderer))
+        assert moved > by_renderer
     kinds = [f"{k}.{kind}" for k in "01" for kind in ("exr", "png")]
     pictures = [f"{name}_{kind}" for name in ("true", "replayed", "drawn") for kind in kinds]
     names = sorted(path.name for path in out.iterdir())
@@ -97,7 +93,7 @@ def test_view_keeps_the_contract_and_writes_all_its_files(
 def test_only_the_display_is_judged_without_hogels(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (eye,) = printed(capfd, folder, EYE, RESOLUTION)["eyes"]
+    (eye, _) = printed(capfd, folder, "--eye=0,0,10;0,0,300", RESOLUTION)["eyes"]
     assert eye["renderer"] is None and eye["display"]["flip"] > 0
     run("view", folder, "--eye=0,0,10;0,0,300", RESOLUTION)
     assert "1 of 2 eyes lie within the scene" in capfd.readouterr().out

@@ -145,19 +145,6 @@ def test_surfaces_through_the_plate_are_those_within_its_border() -> None:
     assert through == [True, False]
 
 
-def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
-    scene = SCENES["car"]
-    assert scene_length((0.6, "m"), scene) == pytest.approx(600.0)
-    assert scene_length((600.0, None), scene) == scene_length((600.0, "mm"), scene) == 600.0
-    assert scene_length((1.0, "m"), replace(scene, units="in")) == pytest.approx(1000 / 25.4)
-    for length, units, message in (
-        ((1.0, "parsec"), "mm", "known"),
-        ((1.0, "mm"), "units", "long"),
-    ):
-        with pytest.raises(InputError, match=message):
-            scene_length(length, replace(scene, units=units))
-
-
 # Limits of a display at a distance, also by `check`.
 
 
@@ -196,5 +183,8 @@ def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
     record = viewer_record(scene, 600.0, DoubleFrustum(near=1.0))
     assert record["stereo_change_arcsec"] is None
     assert [item.name for item in record["near_limits"]] == [CRACK]
+    assert scene_length((1.0, "m"), SCENES["car"]) == 1000 * scene_length((1.0, None), scene)
+    with pytest.raises(InputError, match="how long"):
+        scene_length((1.0, "mm"), scene)
     with pytest.raises(InputError, match="distance"):
         Viewer(distance=-1.0)
