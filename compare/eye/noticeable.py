@@ -164,7 +164,7 @@ class Display:
 
 @dataclass(frozen=True, kw_only=True)
 class DisplayLimits:
-    """Limits of a display for a viewer, and unnoticeable near offsets; lengths in scene units.
+    """Limits of a display for a viewer; lengths in scene units.
 
     Values that depend on the length of the scene's unit are None where it is unknown.
     """
@@ -182,12 +182,6 @@ class DisplayLimits:
     before: float
     #: pixels of a hogel that a pupil catches along an axis
     rays_per_pupil: float | None
-    #: largest near whose gap changes disparity across the plate by stereo acuity
-    near_stereo: float | None
-    #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a
-    #: hogel, in surfaces that run through the plate, seen through its corners with pivot
-    #: `aperture`; infinite where the corners are seen along the shear
-    near_crack: float
 
 
 def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
@@ -196,13 +190,6 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
     pixel, unit = display.pixel, display.millimeters
     # The coarser of the display and the eye limits the visible angle.
     finest = max(display.pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
-    slope = gap_slope(display, distance)
-    near_stereo = None
-    if unit is not None:
-        apart = viewer.eyes_apart_mm / unit
-        disparity = viewer.stereo_acuity_arcsec / ARCSEC_PER_RADIAN
-        # apart / (L - n) - apart / (L + n) = disparity, solved for n without cancellation.
-        near_stereo = disparity * distance**2 / (apart + math.hypot(apart, disparity * distance))
     return DisplayLimits(
         viewer=viewer,
         pixel_arcmin=pixel * ARCMIN_PER_RADIAN,
@@ -211,8 +198,6 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
         behind=distance * finest / (pixel - finest) if pixel > finest else math.inf,
         before=distance * finest / (pixel + finest),
         rays_per_pupil=None if unit is None else viewer.pupil_mm / unit / (distance * pixel),
-        near_stereo=near_stereo,
-        near_crack=finest * distance / (2 * slope) if slope else math.inf,
     )
 
 
