@@ -69,8 +69,8 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
         return None, f"the truth names no scene; {unseen}"
     # The scene may lie where it is named, or beside the image: a folder of both may have been moved
     # as one.
-    note, beside = "", (folder / camera.scene, folder / Path(camera.scene).name)
-    for name in dict.fromkeys((camera.scene, *map(str, beside))):
+    note, moved = "", (folder / camera.scene, folder / Path(camera.scene).name)
+    for name in dict.fromkeys((camera.scene, *map(str, moved))):
         try:
             scene = open_scene(name)
         except InputError as error:

@@ -86,19 +86,13 @@ def notes(auto: AutoApertures) -> list[str]:
 
 
 def scout_record(auto: AutoApertures) -> dict[str, Any]:
-    """Return the record of a plate scan: scanned apertures and chosen ones."""
-    looks = auto.scout.looks
-    names = ("nearest", "pixels_per_near", "outline_widths")
+    """Return the record of a plate scan: numbers of apertures, and the chosen ones."""
     return {
         "hogels": math.prod(auto.scout.scene.plate.hogels),
-        "scouted": len(looks),
+        "scouted": len(auto.scout.looks),
         "blocked": auto.blocked,
         "lines": FILM_PIXELS**2,
         "chosen": choices(auto),
-        "looks": [
-            {"aperture": look.aperture.index} | {name: getattr(look, name) for name in names}
-            for look in looks
-        ],
     }
 
 

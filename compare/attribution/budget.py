@@ -80,7 +80,6 @@ class BudgetNumbers:
     explained: dict[str, int]
     cancelled: int
     unexplained: int
-    not_in_every_link: int
     prediction_reasons: Reasons
     #: name of the model by which rounding is explained
     device_model: str
@@ -94,16 +93,13 @@ class VectorBudget(ShortRepr):
     steps: Floats
     #: (H, W, components) last image minus first
     total: Floats
-    #: pixels left out, because some image shows no surface or one in the plate
-    elsewhere: int
 
     @classmethod
     def from_values(cls, values: Floats) -> VectorBudget:
         """Return the differences of a quantity (images, H, W, components), NaN where undefined."""
         defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
         values = np.where(defined[..., None], values, np.nan)
-        total = values[-1] - values[0]
-        return cls(steps=np.diff(values, axis=0), total=total, elsewhere=int((~defined).sum()))
+        return cls(steps=np.diff(values, axis=0), total=values[-1] - values[0])
 
 
 Size = tuple[float | None, float | None]
@@ -265,12 +261,6 @@ class Budget(ShortRepr):
         return int((self.charge != RIGHT).sum())
 
     @property
-    def displacement(self) -> VectorBudget:
-        """Budget of displacement: columns and rows, pixels."""
-        shifts = np.stack((*self.start.shifts, self.errors.shift))
-        return VectorBudget.from_values(np.moveaxis(shifts, 1, -1))
-
-    @property
     def links(self) -> tuple[str, ...]:
         """Names of the links."""
         return tuple(cause.name for cause in self.causes)
@@ -292,7 +282,6 @@ class Budget(ShortRepr):
             unexplained=counts.pop("unexplained"),
             explained=counts,
             cancelled=int(cancelled.sum()),
-            not_in_every_link=self.displacement.elsewhere,
             prediction_reasons=self.reasons,
             device_model=self.start.device.name,
         )

@@ -93,7 +93,6 @@ class DeviceRecord:
     ties: dict[str, int]
     viewport: dict[str, int]
     cut_from_px: float | None
-    cuts: dict[str, float]
     varyings: dict[str, float]
     #: numbers of trials
     tried: dict[str, Any]
@@ -160,31 +159,6 @@ class Measured:
         # Only triangles that reach out of the window can be cut there.
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
         return float(cut.min()) if len(cut) else None
-
-    @cached_property
-    def cuts(self) -> dict[str, float]:
-        """Pixels a pixel inside of triangles cut by near and far plane, and wrong ones among them.
-
-        `farthest_px` is how far the farthest of these lies from the exact cut.
-        """
-        planes, drawn = self._planes, self.fingerprint.drawn
-        which, points, _ = self._stored(
-            DepthFormat.D32F, np.zeros_like(drawn) | ~planes.uncut[:, None, None]
-        )
-        slopes = np.linalg.norm(planes.weights[..., :2], axis=-1) * 2 / SIZE
-        sides = np.einsum("knc,nc->kn", planes.weights[:, which], points)
-        # Pixels within a pixel of an edge may be uncovered by snapping, which is no cut.
-        inside = (sides > slopes[:, which]).all(axis=0)
-        which, points, drawn = which[inside], points[inside], drawn[~planes.uncut].ravel()[inside]
-        depth, slope = planes.exact(which, points), planes.gradient[which, :2] * 2 / SIZE
-        beyond = np.maximum(-depth, depth - 1)
-        differ = drawn != (beyond <= 0)
-        farthest = np.abs(beyond)[differ] / np.linalg.norm(slope[differ], axis=1)
-        return {
-            "pixels": len(which),
-            "differ": int(differ.sum()),
-            "farthest_px": float(farthest.max(initial=0)),
-        }
 
     @cached_property
     def snaps_depth(self) -> bool:
@@ -322,7 +296,6 @@ class Measured:
             ties=self.ties,
             viewport=self.viewport,
             cut_from_px=self.cut_from_px,
-            cuts=self.cuts,
             varyings=self.varyings(),
             tried={
                 "triangles": len(fingerprint.vertices),

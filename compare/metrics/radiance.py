@@ -49,8 +49,6 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 STEP = 1 / 255
 """One level of 8-bit output in linear radiance: allowed difference of two shaded answers."""
 
-#: one number for each of red, green and blue
-Rgb = tuple[float, float, float]
 #: function that is called when a part of the work is done
 Done = Callable[[], object]
 
@@ -72,10 +70,6 @@ class NoiseNumbers:
     #: pixels times channels
     tests: int
     p_value: float
-    #: deviation in standard errors; infinite where a pixel without noise differs
-    farthest: float
-    #: tested pixels in which no channel varies from sample to sample
-    without_noise: int
     #: mean of picture minus reference over the tested pixels
     bias: float
     #: one standard error of it, from the variances
@@ -125,8 +119,6 @@ def compare_with_noise(
         alpha=ALPHA,
         tests=chance.size,
         p_value=joint_chance(float(chance.min(initial=1.0)), chance.size),
-        farthest=float(np.abs(scaled).max(initial=0.0)),
-        without_noise=int((~noisy).all(axis=-1).sum()),
         bias=float(difference.mean()) if len(difference) else 0.0,
         bias_error=float(np.sqrt(variance.sum()) / variance.size) if variance.size else 0.0,
     )
@@ -276,16 +268,6 @@ def perceptual_difference(
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChannelSpread:
-    """Distribution of the radiance error in red, green and blue alone; see `RadianceSpread`."""
-
-    rms: Rgb
-    mean: Rgb
-    p99: Rgb
-    max: Rgb
-
-
-@dataclass(frozen=True, kw_only=True)
 class RadianceSpread:
     """Distribution of the radiance error over some pixels.
 
@@ -301,33 +283,21 @@ class RadianceSpread:
     max: float
     #: share of pixels with a channel that is off by more than `STEP`
     above_step: float
-    channels: ChannelSpread
 
     @staticmethod
     def from_errors(error: Floats) -> RadianceSpread | None:
         """Return the spread of signed errors, (3, N) for each channel; None without any."""
         if error.size == 0:
             return None
-        sizes, squares, means = np.abs(error), np.square(error).mean(axis=1), error.mean(axis=1)
-        worst = sizes.max(axis=0)
-
-        def rgb(values: Floats) -> Rgb:
-            red, green, blue = values.tolist()
-            return red, green, blue
-
+        worst = np.abs(error).max(axis=0)
+        # Means of channels are taken first: a channel is contiguous in memory.
         return RadianceSpread(
             pixels=worst.size,
-            rms=float(np.sqrt(squares.mean())),
-            mean=float(means.mean()),
+            rms=float(np.sqrt(np.square(error).mean(axis=1).mean())),
+            mean=float(error.mean(axis=1).mean()),
             p99=float(np.percentile(worst, 99)),
             max=float(worst.max()),
             above_step=float(np.mean(worst > STEP)),
-            channels=ChannelSpread(
-                rms=rgb(np.sqrt(squares)),
-                mean=rgb(means),
-                p99=rgb(np.percentile(sizes, 99, axis=1)),
-                max=rgb(sizes.max(axis=1)),
-            ),
         )
 
 

@@ -259,7 +259,8 @@ def test_sizes_are_those_of_pixels_at_which_every_image_shows_a_surface(near: fl
     with Rasterizer(scene) as rasterizer:
         chain = make_chain(reference, rasterizer, scene.plate.corners[0], settings)
     budget = make_budget(reference, chain)
-    steps = np.linalg.norm(budget.displacement.steps, axis=-1)
+    shifts = np.stack((*budget.start.shifts, budget.errors.shift))
+    steps = np.linalg.norm(np.diff(shifts, axis=0), axis=1)
     known = np.isfinite(steps).all(axis=0)
     assert 0 < known.sum() < known.size
     for cause, lengths in zip(budget.causes, steps[:, known], strict=True):

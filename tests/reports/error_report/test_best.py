@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, SurfaceShare
 from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, Spread, is_worse
-from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
+from xfrustum.compare.metrics.radiance import RadianceNumbers
 from xfrustum.compare.run import StageTimes
 from xfrustum.reports.error_report.best import (
     SURFACE_TIE_FRACTION,
@@ -38,10 +38,8 @@ def some(count: int, first: int = 0) -> Mask:
 
 
 def radiance(share: float) -> RadianceNumbers:
-    gray = (0.1, 0.1, 0.1)
-    channels: Any = ChannelSpread(rms=gray, mean=gray, p99=gray, max=gray)
     numbers: dict[str, Any] = dict.fromkeys(RadianceNumbers.__dataclass_fields__)
-    return RadianceNumbers(**{**numbers, "channels": channels, "above_step": share})
+    return RadianceNumbers(**{**numbers, "above_step": share})
 
 
 def judged(
