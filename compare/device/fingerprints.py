@@ -361,7 +361,7 @@ class Measured:
         The product with the number of steps is rounded in float32 first, which is no part of this.
         """
         drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
-        values = np.concatenate((self.fingerprint.fragment[..., 0][drawn], wrote))
+        values: Floats = np.concatenate((self.fingerprint.fragment[..., 0][drawn], wrote))
         off = (
             np.concatenate((self.fingerprint.stored[depth][drawn], kept)) - values * LARGEST[depth]
         )
