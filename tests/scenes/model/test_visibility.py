@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from xfrustum.reports.scene_check.sight import require_seen, unseen_sentence, wa
 from xfrustum.scenes import (
     DoubleFrustum,
     Frustum,
-    InputError,
     Plate,
     Scene,
     SceneObject,
@@ -34,21 +34,15 @@ from xfrustum.scenes.model.visibility import (
 )
 from xfrustum.scenes.plate.plate import Screen
 
-CENTERED = Frustum(
-    resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50))
-)
-BEHIND = Frustum(
-    resolution=(48, 40),
-    reach=(10.0, 14.0),
-    screen=Screen(height=-8.0, center=(1.0, -2.0), size=(9.0, 8.0)),
-)
-BEFORE = Frustum(
-    resolution=(48, 40),
-    reach=(10.0, 14.0),
-    screen=Screen(height=6.0, center=(-1.0, 1.0), size=(9.0, 8.0)),
-)
+FILM_SIZE: dict[str, Any] = {"resolution": (48, 40), "reach": (10.0, 14.0)}
 FRUSTA = pytest.mark.parametrize(
-    "frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"]
+    "frustum",
+    [
+        Frustum(fov=(math.radians(60), math.radians(50)), **FILM_SIZE),
+        Frustum(screen=Screen(height=-8.0, center=(1.0, -2.0), size=(9.0, 8.0)), **FILM_SIZE),
+        Frustum(screen=Screen(height=6.0, center=(-1.0, 1.0), size=(9.0, 8.0)), **FILM_SIZE),
+    ],
+    ids=["centered", "behind", "before"],
 )
 
 FILM = film(
@@ -147,19 +141,15 @@ def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> N
 @examples(60)
 @given(
     st.lists(st.floats(-4, 4), min_size=9, max_size=9),
-    st.floats(-5, 5),
-    st.floats(-5, 5),
-    st.floats(-5, 5),
+    st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(sorted),
 )
 def test_shares_of_a_surface_between_heights_add_up(
-    corners: list[float], first: float, second: float, third: float
+    corners: list[float], heights: list[float]
 ) -> None:
-    low, middle, high = sorted((first, second, third))
+    low, middle, high = heights
     triangle = np.array(corners).reshape(1, 3, 3)
-    whole, lower, upper = (
-        float(share_between(triangle, *ends)[0])
-        for ends in ((low, high), (low, middle), (middle, high))
-    )
+    ends = ((low, high), (low, middle), (middle, high))
+    whole, lower, upper = (float(share_between(triangle, *pair)[0]) for pair in ends)
     if np.ptp(triangle[..., 2]) == 0:  # the flat object lies in the cut, and counts on either side
         assert whole == max(lower, upper)
     else:
@@ -177,13 +167,8 @@ def test_half_way_up_a_triangle_lies_a_quarter_of_its_surface() -> None:
 )
 def test_no_hard_case_is_taken_for_empty(name: str) -> None:
     scene = open_scene(name)
-    refused = []
     for index in hard_cases.CASES[name].apertures:
-        try:
-            require_seen(scene, [scene.plate.aperture(*index)])
-        except InputError as error:
-            refused.append(str(error))
-    assert refused == []
+        require_seen(scene, [scene.plate.aperture(*index)])
 
 
 FAR_WORDS = "(sphere) spans 8,000 to 9,000 mm behind the plate; the reach is 150 mm there"
