@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,46 +17,67 @@ from xfrustum.reports.plate.arrays import (
     DAMAGE,
     FINISHED,
     PlateArrays,
-    description_of,
     open_group,
     reason_of,
     require_arrays,
     shard_file,
 )
-from xfrustum.reports.plate.store import SOURCE
 from xfrustum.scenes import DoubleFrustum, Frustum, HogelCamera, InputError
-from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 
-def _arrays_described(
-    place: Path, group: zarr.Group, description: Mapping[str, Any]
-) -> PlateArrays:
-    """Return the arrays that a description implies; InputError where it is damaged.
+@dataclass(frozen=True, kw_only=True)
+class _Scene:
+    """Scene of a plate."""
 
-    The measures are those that the group has, for the scene's look decides which there are.
-    """
+    units: str
+    source: str
+    hash: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Content(PlateContent):
+    """Images of a plate."""
+
+    #: true if the plate has measures, too
+    judged: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Renderer:
+    """Renderer of a plate."""
+
+    device: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Description:
+    """Parts of a description that readers use; others are ignored."""
+
+    plate: Plate
+    frustum: Frustum
+    scene: _Scene
+    content: _Content
+    renderer: _Renderer
+    #: None of a plate of truths
+    settings: DoubleFrustum | None = None
+
+
+_DESCRIPTION = TypeAdapter(_Description)
+
+
+def _described(place: object, attributes: Mapping[str, Any]) -> _Description:
+    """Return the validated description in the attributes of a group."""
+    description = attributes.get(ATTRIBUTE)
+    if not isinstance(description, Mapping):
+        raise InputError(f"{place}: is no plate of xfrustum; draw it with `xfrustum plate`")
     try:
-        content = description["content"]
-        channels = tuple(map(Channel, content.get("channels", ())))
-        arrays = PlateArrays(
-            plate=TypeAdapter(Plate).validate_python(description["plate"]),
-            frustum=TypeAdapter(Frustum).validate_python(description["frustum"]),
-            units=str(description["scene"]["units"]),
-            content=PlateContent(
-                color=ColorType(content["color"]), ids=content["ids"], channels=channels
-            ),
-            side=(1, 1),
-        )
-        # Measures of verdicts are the remaining arrays, whose names depend on the comparison.
-        others = {*(name for name, *_ in arrays.coordinates()), *Channel, FINISHED}
-        measures = sorted(set(group.array_keys()) - others) if content.get("judged") else ()
-        units = tuple((name, str(group[name].attrs.get("units", ""))) for name in measures)
-    except (*DAMAGE, ValidationError, InputError) as error:
+        return _DESCRIPTION.validate_python(description)
+    except (ValidationError, InputError) as error:
         raise InputError(
             f"{place}: the description of the plate is damaged; draw it again"
         ) from error
-    return replace(arrays, measures=units)
 
 
 def checked_group(place: Path) -> zarr.Group:
@@ -65,10 +86,23 @@ def checked_group(place: Path) -> zarr.Group:
     Groups of other programs, which have no description, are returned unchecked.
     """
     group = open_group(place)
-    description = group.attrs.get(ATTRIBUTE)
-    if isinstance(description, dict):
+    if isinstance(group.attrs.get(ATTRIBUTE), dict):
+        stored = _described(place, group.attrs)
+        arrays = PlateArrays(
+            plate=stored.plate,
+            frustum=stored.frustum,
+            units=stored.scene.units,
+            content=stored.content,
+            side=(1, 1),
+        )
+        if stored.content.judged:
+            # Measures are the remaining arrays, whose names depend on the scene's look.
+            others = {*(name for name, *_ in arrays.coordinates()), *Channel, FINISHED}
+            names = sorted(set(group.array_keys()) - others)
+            units = [str(group[name].attrs.get("units", "")) for name in names]
+            arrays = replace(arrays, measures=tuple(zip(names, units, strict=True)))
         # A changed array would yield plausible pixels of another plate.
-        require_arrays(place, _arrays_described(place, group, description))
+        require_arrays(place, arrays)
     return group
 
 
@@ -77,12 +111,11 @@ class PlateReader:
 
     def __init__(self, path: Path) -> None:
         group = checked_group(path)
-        description = group.attrs.get(ATTRIBUTE)
-        if not isinstance(description, dict):
-            raise InputError(f"{path}: is no plate of xfrustum; draw it with `xfrustum plate`")
+        attributes: Mapping[str, Any] = group.attrs
+        _described(path, attributes)
         self.path = path
         #: everything that decides the pixels
-        self.description: Mapping[str, Any] = description
+        self.description: Mapping[str, Any] = attributes[ATTRIBUTE]
         #: Images by name, (rows, columns, H, W) or (rows, columns, H, W, 3).
         self.arrays: dict[str, Any] = {name: group[name] for name in Channel if name in group}
         self._finished: Any = group[FINISHED]
@@ -128,23 +161,10 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     InputError where there is no plate, or no such hogel on it.
     """
     in_folder = isinstance(store, str | Path)
-    description = description_of(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)
-    name = store if in_folder else "the store"
-    if not isinstance(description, Mapping):
-        raise InputError(
-            f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made"
-        )
-    try:
-        plate = TypeAdapter(Plate).validate_python(description["plate"])
-        frustum = TypeAdapter(Frustum).validate_python(description["frustum"])
-        settings = TypeAdapter(DoubleFrustum | None).validate_python(description.get("settings"))
-        scene, device = description["scene"], str(description["renderer"]["device"])
-        source, scene_hash = str(scene[SOURCE]), str(scene["hash"])
-    except (KeyError, TypeError, ValidationError, InputError) as error:
-        raise InputError(
-            f"{name}: the description of the plate is damaged; draw it again"
-        ) from error
-    aperture = plate.aperture(column, row)
+    group = open_group(Path(store)) if in_folder else store
+    described = _described(store if in_folder else "the store", group.attrs)
+    frustum = described.frustum
+    aperture = described.plate.aperture(column, row)
     shear, half_extent = film_window(frustum, aperture)
     return HogelCamera(
         aperture=aperture,
@@ -152,8 +172,8 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
         shear=shear,
         half_extent=half_extent,
         reach=frustum.reach,
-        scene=source,
-        scene_hash=scene_hash,
-        renderer=device,
-        settings=settings,
+        scene=described.scene.source,
+        scene_hash=described.scene.hash,
+        renderer=described.renderer.device,
+        settings=described.settings,
     )

@@ -208,8 +208,7 @@ DAMAGE: list[tuple[Callable[[Path], object], int, int]] = [
 ]
 
 
-@pytest.mark.parametrize("name", ["triangle", pytest.param("color", marks=pytest.mark.slow)])
-def test_a_damaged_block_is_drawn(name: str, plate: Path, clean: Path) -> None:
+def test_a_damaged_block_is_drawn_again(plate: Path, clean: Path) -> None:
     """Hogels have checksums: no change of a bit goes unnoticed where all is read."""
     for damage, gone, damaged in DAMAGE:
         damage(plate / SHARD["triangle"])

@@ -112,6 +112,8 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
         drawn(out, [here], content=replace(content, channels=(Channel.COLOR,)))
     with pytest.raises(InputError, match="certainty is the truth's alone"):
         drawn(tmp_path / "y.zarr", [here], content=content)
+    with pytest.raises(InputError, match="leave out --truth"):
+        drawn(tmp_path / "z.zarr", [here], None, judge=True)
 
 
 def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
@@ -288,16 +290,6 @@ def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
 
 
 # The command, its size on the disk, and its page.
-
-
-def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "x.zarr"
-    line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out)]
-    assert main([*line, "--judge", "--near", "0.1"]) == 0
-    assert capsys.readouterr().out.splitlines() == ["2 hogels drawn, 0 found", str(out)]
-    assert "surface_wrong" in zarr.open_group(out, mode="r")
-    assert main([*line, "--truth", "--judge"]) == 2
-    assert "leave out --truth" in capsys.readouterr().err
 
 
 def test_a_plate_reports_its_size_and_stops_where_the_disk_is_smaller(
