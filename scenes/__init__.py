@@ -12,8 +12,7 @@ plate/          Plate, apertures, their crossed frustum, and the settings of the
 arguments       Arguments of the public dataclasses: numbers, names and programs
 arrays          Types of arrays, named by their content
 errors          Exception for mistakes that users can mend
-labelled        Arrays with labels, as xarray datasets
-representation  Short text of objects, and the hook of their notebook display
+representation  Short text of numbers and objects, and arrays with labels
 opening         Scenes by name or path
 
 Words: see the glossary in CONVENTIONS.md.

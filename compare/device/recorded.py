@@ -17,8 +17,7 @@ from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.disk.archives import read_arrays
-from xfrustum.scenes.disk.input_files import check_picture_size
+from xfrustum.scenes.disk.input_files import check_picture_size, read_arrays
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, Digits, model_of
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

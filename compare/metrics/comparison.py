@@ -12,9 +12,8 @@ from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, co
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.labelled import NO_UNIT, SCENE_UNITS, Labelled, dataset
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.representation import ShortRepr
+from xfrustum.scenes.representation import NO_UNIT, SCENE_UNITS, Labelled, ShortRepr, dataset
 
 if TYPE_CHECKING:
     import xarray

@@ -27,9 +27,8 @@ from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.display import encoding_curve
 from xfrustum.scenes.appearance.sampling import sub_apertures
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
-from xfrustum.scenes.disk.archives import read_arrays, read_member
 from xfrustum.scenes.disk.durable import TempPath, new_file, scratch_folder
-from xfrustum.scenes.disk.input_files import damage_refused, open_input
+from xfrustum.scenes.disk.input_files import damage_refused, open_input, read_arrays, read_member
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.hogel_image import HogelImage
 

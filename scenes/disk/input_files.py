@@ -6,15 +6,22 @@ library that opens it itself is called after `regular_size`. The memory that a f
 through `check_declared`, and errors of a library that reads it through `damage_refused`.
 """
 
+from __future__ import annotations
+
+import io
 import os
 import stat
 import struct
+import zipfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from xfrustum.scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MEMORY_PER_BYTE = 64
 """Memory for each byte of a file, bytes, where that is more than the bound.
@@ -242,3 +249,39 @@ def in_words(size: float) -> str:
     power = 3 if size >= 1 << 30 else 2 if size >= 1 << 20 else 1
     size, unit = size / 1024**power, ("KiB", "MiB", "GiB")[power - 1]
     return f"{size:.0f} {unit}" if size >= 100 else f"{size:.3g} {unit}"
+
+
+# Zip archives and .npz files from outside: no pickles, and memory bounded by the size of the file
+# -------------------------------------------------------------------------------------------------
+
+
+def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
+    """Return a member of the archive in a file; InputError where it declares too much memory.
+
+    Raises whatever `zipfile` raises of damage: call it within `damage_refused`.
+    """
+    check_declared(path, archive.getinfo(name).file_size, f"unpacking {name}")
+    return archive.read(name)  # `zipfile` reads no more than the member declares
+
+
+def read_arrays(
+    path: Path, what: str, advice: str, content: bytes | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a .npz file, or of its `content`, by their names.
+
+    InputError where it is damaged, declares too much memory, or has members other than plain
+    arrays.
+    """
+    content = read_input(path, what, advice) if content is None else content
+    import numpy as np  # noqa: PLC0415 - a scene file is checked without it
+
+    arrays: dict[str, NDArray[Any]] = {}
+    with damage_refused(path, what, advice), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        check_declared(
+            path, sum(member.file_size for member in archive.infolist()), "unpacking its arrays"
+        )
+        for name in archive.namelist():
+            # The header is at most 10,000 bytes, and holds literals alone.
+            member = io.BytesIO(read_member(archive, name, path))
+            arrays[name.removesuffix(".npy")] = np.lib.format.read_array(member, allow_pickle=False)
+    return arrays

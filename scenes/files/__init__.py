@@ -1,9 +1,8 @@
 """Scenes from files: tables, maps and images.
 
 layouts         Layouts of the pictures of a plate, one table row each
-channels        Channel names of OpenEXR files of other programs
+channels        Channel names of OpenEXR files of other programs, and error bounds of stored values
 exr             Hogel images and other pictures as OpenEXR files
-exr_storage     Error bounds of OpenEXR's pixel types and compressions
 foreign_images  Hogel images of other renderers: numbers packed in RGB, pictures, OpenEXR
 pictures        Pictures and environment maps as arrays
 plate_files     Pixels of a plate in files of any layout: recognized, read by rows, and written

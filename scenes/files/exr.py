@@ -37,11 +37,13 @@ from xfrustum.scenes.files.channels import (
     TRIANGLE,
     VARIANCE,
     StoredChannel,
+    largest_whole,
     listed,
     located,
+    lossy,
     refuse_several,
+    uncertainty,
 )
-from xfrustum.scenes.files.exr_storage import largest_whole, lossy, uncertainty
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import Rendering
 
@@ -187,19 +189,14 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
 
 def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDArray[Any]:
     """Return the pixels (H, W) of the display window from the pixels of the data window."""
-    (left, top), (right, bottom) = (corner.tolist() for corner in data)
-    (first, upper), (last, lower) = (corner.tolist() for corner in display)
-    if (left, top, right, bottom) == (first, upper, last, lower):
-        return pixels
     missing = np.nan if name in (*POSITION, *NORMAL, HEIGHT) else 0
-    whole = np.full((lower - upper + 1, last - first + 1), missing, pixels.dtype)
-    x, y = (
-        slice(max(left, first), min(right, last) + 1),
-        slice(max(top, upper), min(bottom, lower) + 1),
+    # Rows and columns of the display window, counted from the data window's first ones.
+    rows, columns = (
+        np.arange(display[0][axis], display[1][axis] + 1) - data[0][axis] for axis in (1, 0)
     )
-    if x.start < x.stop and y.start < y.stop:
-        part = pixels[y.start - top : y.stop - top, x.start - left : x.stop - left]
-        whole[y.start - upper : y.stop - upper, x.start - first : x.stop - first] = part
+    (height, width), whole = pixels.shape, np.full((len(rows), len(columns)), missing, pixels.dtype)
+    row, column = (rows >= 0) & (rows < height), (columns >= 0) & (columns < width)
+    whole[np.ix_(row, column)] = pixels[np.ix_(rows[row], columns[column])]
     return whole
 
 
@@ -255,11 +252,13 @@ def read_image(
         raise InputError(
             f"{path}: has no {CAMERA_ATTRIBUTE} attribute; name the camera that it answers for"
         )
-    missing = "neither id.triangle nor P.X P.Y P.Z"
-    if not planes.keys() - {ANY_ID}:
-        missing = f"none of {' '.join(CHANNELS)}" if partial else missing
+    usable = planes.keys() & ({*CHANNELS} if partial else {TRIANGLE, *POSITION})
+    if not usable:
+        missing = (
+            f"none of {' '.join(CHANNELS)}" if partial else "neither id.triangle nor P.X P.Y P.Z"
+        )
         advice = "write one of them"
-        if planes:
+        if planes.keys() == {ANY_ID}:
             advice = "state with --encoding triangle-id or object-id what id counts"
         raise InputError(f"{path}: has {missing}; {advice}; it has {listed(header.channels)}")
     width, height = header.size
@@ -270,10 +269,6 @@ def read_image(
             "size"
         )
     position = _vectors(path, planes, POSITION)
-    if position is None and TRIANGLE not in planes and not partial:
-        raise InputError(
-            f"{path}: has {missing}; write one of them; it has {listed(header.channels)}"
-        )
     doubt = None if position is None else _uncertainty(path, read)
     if position is None:
         position = np.full((height, width, 3), np.nan, dtype=np.float32)

@@ -20,8 +20,7 @@ import numpy as np
 from trimesh.util import triangle_fans_to_faces, triangle_strips_to_faces
 
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk.archives import read_member
-from xfrustum.scenes.disk.input_files import check_declared, damage_refused, read_input
+from xfrustum.scenes.disk.input_files import check_declared, damage_refused, read_input, read_member
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, unit_normals
 from xfrustum.scenes.model.scene import UnreadFeature

@@ -10,9 +10,8 @@ from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.labelled import Labelled
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
-from xfrustum.scenes.representation import ShortRepr
+from xfrustum.scenes.representation import Labelled, ShortRepr
 
 #: Default resolution of an eye's film, and its largest number of pixels, some 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24

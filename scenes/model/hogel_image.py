@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
-from xfrustum.scenes.labelled import NO_UNIT, SCENE_UNITS, Labelled, dataset
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.representation import ShortRepr
+from xfrustum.scenes.representation import NO_UNIT, SCENE_UNITS, Labelled, ShortRepr, dataset
 
 if TYPE_CHECKING:
     import xarray

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
+from xfrustum.scenes.files.channels import uncertainty
 from xfrustum.scenes.files.exr import read_channels
-from xfrustum.scenes.files.exr_storage import uncertainty
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.plate.plate import Plate
 
