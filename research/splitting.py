@@ -20,11 +20,10 @@ from scipy.optimize import brentq
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, surface_errors
 from xfrustum.compare.planning.views import SheetFilm, SheetPair
-from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS as BY_FRAGMENT
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
-from xfrustum.compare.prediction.displacement import TruePoints
+from xfrustum.compare.prediction.displacement import TruePoints, spread_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
@@ -263,7 +262,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(
                     truth
                 )
-                predicted = predict.displacement(TruePoints.from_image(truth), scene.frustum, exact)
+                predicted = spread_of(TruePoints.from_image(truth), scene.frustum, exact)
             drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
+from xfrustum.compare.metrics.error_maps import (
+    Spread,
+    lengths,
+    pixel_centers,
+    root_mean_square,
+)
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
@@ -43,11 +50,8 @@ class TruePoints:
 
     def at(self, pixels: Indices) -> TruePoints:
         """Return the points at some pixels, given as indices of the flattened image."""
-        height, from_middle = (
-            self.height.reshape(-1)[pixels],
-            self.from_middle.reshape(-1, 2)[pixels],
-        )
-        return TruePoints(height=height, from_middle=from_middle, camera=self.camera)
+        height, places = self.height.reshape(-1)[pixels], self.from_middle.reshape(-1, 2)[pixels]
+        return TruePoints(height=height, from_middle=places, camera=self.camera)
 
     def shown(self) -> TruePoints:
         """Return the points that are on a surface and off the plate."""
@@ -116,3 +120,68 @@ def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> Mask:
     if settings.offset is Offset.NONE:
         drawn &= np.abs(height) >= settings.near
     return drawn
+
+
+def spread_of(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
+    """Return the spread of displacement over the visible surfaces; None without any."""
+    moved = displacement_lengths(points, frustum, settings)
+    return Spread.from_values(moved[np.isfinite(moved)])
+
+
+def link_lengths(
+    points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
+) -> list[float | None]:
+    """Return the rms displacement (px) that each link of a chain adds; None without surfaces."""
+    fields = {link: displacements(points, frustum, link) for link in dict.fromkeys(chain)}
+
+    def rms(moved: Floats) -> float | None:
+        known = lengths(moved)
+        known = known[np.isfinite(known)]
+        return root_mean_square(known) if known.size else None
+
+    first = rms(fields[chain[0]])
+    # Where nothing moves, all links draw the same surfaces.
+    still = None if first is None else 0.0
+    return [
+        first,
+        *(
+            still if link == after else rms(fields[after] - fields[link])
+            for link, after in pairwise(chain)
+        ),
+    ]
+
+
+def outside_shares(
+    points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
+) -> tuple[float, ...]:
+    """Return the share of pixels from outside the film that each link of a chain adds.
+
+    Pixels are charged to the first link that shows points from outside to the end. A point on
+    the border of the film that is drawn further in by d pixels leaves the d pixels between to
+    points from beyond the border. A pixel counts from its center on: of d pixels, floor(d +
+    1/2) count. `points` are the points of all pixels (H, W).
+    """
+    height, width = points.height.shape
+    columns, rows = np.arange(width), np.arange(height) * width
+    # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
+    sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
+    borders = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
+
+    def shown(settings: DoubleFrustum) -> list[Floats]:
+        """Return the width in pixels of the strip from beyond the border, for each side."""
+        moved = (
+            sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
+        )
+        # Undefined displacement, of points that no camera draws, counts as nothing.
+        return [np.floor(np.fmax(depth, 0.0) + 0.5) for depth in moved]
+
+    by_settings = {link: shown(link) for link in dict.fromkeys(chain)}
+    together, to_the_end = [], by_settings[chain[-1]]
+    for settings in reversed(chain):
+        pairs = zip(to_the_end, by_settings[settings], strict=True)
+        left, right, top, bottom = to_the_end = [np.minimum(depth, other) for depth, other in pairs]
+        across = np.minimum(left + right, width).sum() / (height * width)
+        down = np.minimum(top + bottom, height).sum() / (height * width)
+        # Both at once only in corners: taken as independent.
+        together.append(1 - (1 - across) * (1 - down))
+    return tuple(np.diff(together[::-1], prepend=0.0).tolist())

@@ -64,3 +64,8 @@ def chance(pixels: float, together: float = 0.0) -> Reason | None:
     if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
         return None
     return Reason.FEW if pixels < MIN_PIXELS and together <= pixels else Reason.ALIGNED
+
+
+def first_reason(*cases: tuple[bool, Reason | None]) -> Reason | None:
+    """Return the first reason whose condition holds, or None."""
+    return next((reason for holds, reason in cases if holds), None)

@@ -144,6 +144,26 @@ def _heights(frustum: Frustum, reach: Interval) -> Iterator[Interval]:
     yield from pairwise(sorted(ends))
 
 
+def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
+    """Return whether a surface crosses or touches the plate in a window about an aperture.
+
+    `window` (2,) has the half-lengths along x and y. Triangles in the plate do not count.
+    """
+    lowest, highest = scene.height_ranges
+    some = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
+    corners, valid = _parts(some, 0.0, 0.0)
+    # A triangle meets the plate in a segment: from one of its points to the farthest other.
+    places = np.where(valid[..., None], corners[..., :2] - [aperture.x, aperture.y], np.nan)
+    first = np.take_along_axis(places, valid.argmax(axis=1)[:, None, None], axis=1)
+    apart = np.nan_to_num(np.abs(places - first).sum(axis=-1), nan=-1.0).argmax(axis=1)
+    last = np.take_along_axis(places, apart[:, None, None], axis=1)
+    middle, end = (first + last)[:, 0] / 2, (last - first)[:, 0] / 2
+    # A segment meets a rectangle unless an axis, or the segment's own normal, separates them.
+    meets = (np.abs(middle) <= window + np.abs(end)).all(axis=1)
+    across = np.abs(middle[:, 0] * end[:, 1] - middle[:, 1] * end[:, 0])
+    return bool((meets & (across <= np.abs(end) @ window[::-1])).any())
+
+
 # Regions of apertures
 # -------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import pytest
 from tests.support.views import at, reversed_d32f
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.prediction.chain import make_chain
-from xfrustum.compare.prediction.creases import crease_pixels
+from xfrustum.compare.prediction.silhouettes import crease_pixels
 from xfrustum.compare.rounding.positions import POSITION_TOLERANCE
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
