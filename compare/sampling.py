@@ -125,10 +125,6 @@ class GrowingSample:
         """Number of samples until there is no hogel left."""
         return 1 + math.ceil(math.log2(self.hogels / self.first))
 
-    def size(self, look: int) -> int:
-        """Return the number of hogels of a sample, 0 for the first."""
-        return min(self.first << look, self.hogels)
-
     def places(self, look: int) -> Indices:
         """Return the numbers of the hogels of a sample, (n,) in ascending order."""
         places = np.zeros(0, dtype=np.int64)

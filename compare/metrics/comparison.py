@@ -83,11 +83,6 @@ class Comparison(ShortRepr, ComparisonNumbers):
         return self.surface.wrong if self.surface else None
 
     @property
-    def triangle_wrong(self) -> int | None:
-        """Number of judged pixels with another triangle; None where the raster names none."""
-        return self.triangle.wrong if self.triangle else None
-
-    @property
     def numbers(self) -> ComparisonNumbers:
         """The numbers alone, without the images."""
         return ComparisonNumbers(

@@ -89,7 +89,7 @@ def test_the_summary_is_the_contract_in_json(case: Case) -> None:
     assert without_scene.maps.surface is None and without_scene.maps.outside is None
     assert without_scene.summary() == summary | {"surface": None}
     itself = case.compared(case.truth)
-    assert itself.surface_wrong == itself.triangle_wrong == itself.height.max == 0
+    assert itself.surface_wrong == itself.triangle.wrong == itself.height.max == 0
     assert itself.displacement_px.max < 1e-9
     assert itself.certainty == {"proven": 64 * 48, "exact": 0, "tie": 0, "unexamined": 0}
 
@@ -164,7 +164,7 @@ def test_ties_are_not_judged(case: Case) -> None:
         tie = kind is Certainty.TIE
         assert comparison.judged == comparison.pixels - tie
         np.testing.assert_array_equal(comparison.maps.judged, ~where | (not tie))
-        assert comparison.surface_wrong == comparison.triangle_wrong == (0 if tie else 1)
+        assert comparison.surface_wrong == comparison.triangle.wrong == (0 if tie else 1)
         assert comparison.certainty["tie"] == tie
 
 
