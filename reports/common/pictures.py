@@ -202,7 +202,8 @@ def height_map(
 
     def index(error: NDArray[np.floating]) -> Floats:
         level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
-        return 1 + _HEIGHT_STEPS + np.copysign(np.ceil(level), error)
+        step: Floats = np.copysign(np.ceil(level), error)
+        return 1 + _HEIGHT_STEPS + step
 
     return _error_map(height, index, HEIGHT_SCALE, reduction)
 
@@ -215,7 +216,8 @@ def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
     """
 
     def index(size: NDArray[np.floating]) -> Floats:
-        return np.clip(1 + np.floor(_level(size, RADIANCE_RANGE, _STEPS)), 0, _STEPS)
+        step: Floats = 1 + np.floor(_level(size, RADIANCE_RANGE, _STEPS))
+        return step.clip(0, _STEPS)
 
     return _error_map(np.abs(error).max(axis=-1), index, RADIANCE_SCALE, reduction)
 

@@ -21,7 +21,7 @@ Rows = Sequence[tuple[int, Measurement]]
 #: height of the panel of causes of one depth buffer on the page
 PANEL_PIXELS = 170
 
-_DASHED = {"name": "closed form", "mode": "lines", "line": {"color": INK, "dash": "dash"}}
+_DASHED: Figure = {"name": "closed form", "mode": "lines", "line": {"color": INK, "dash": "dash"}}
 _HOVER = "near %{x:.3g} of the reach<br>%{text}"
 
 
@@ -56,7 +56,8 @@ class Quantity:
 
         Zeros of a share are hollow marks at half a pixel, below the smallest measurable share.
         """
-        lines, forms = [], {}
+        lines: list[Figure] = []
+        forms: dict[tuple[float | None, ...], Figure] = {}
         write = percent if self.is_share else digits
         for place, (label, group) in enumerate(groups.items()):
             color, symbol = look(place)
@@ -94,9 +95,9 @@ class Quantity:
                 ink = INK if tuple(form) in forms else color
                 line = {"color": ink, "dash": "dash"}
                 forms[tuple(form)] = {"x": nears, "y": form, **_DASHED, "line": line}
-        for form in forms.values():
+        for dashed in forms.values():
             # The legend has one entry for all closed forms.
-            lines.append(form | {"showlegend": lines[-1]["name"] != form["name"]})
+            lines.append(dashed | {"showlegend": lines[-1]["name"] != dashed["name"]})
         return _log_figure(lines, self.title, percents=self.is_share)
 
 
@@ -141,8 +142,12 @@ def by_depth(rows: Rows) -> dict[str, Rows]:
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure | None:
     """Draw a measured number and its closed form, dashed, against near as a share of the reach."""
     nears, *heights = (list(column) for column in zip(*points, strict=True))
-    marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
-    lines = [
+    marked: Figure = {
+        "name": "measured",
+        "mode": "lines+markers",
+        "line": {"color": COLORS[1], "width": 2},
+    }
+    lines: list[Figure] = [
         {"x": nears, "y": [height or None for height in column], **style}
         for column, style in zip(heights, (marked, _DASHED), strict=True)
     ]

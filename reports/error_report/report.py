@@ -21,6 +21,7 @@ from xfrustum.compare.scout import FILM_PIXELS, AutoApertures
 from xfrustum.reference import alone
 from xfrustum.reports import inspection
 from xfrustum.reports.common import pictures, provenance
+from xfrustum.reports.common.figure_style import Figure
 from xfrustum.reports.common.outputs import Staging, json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.common.templates_environment import address, html_page
@@ -44,7 +45,6 @@ from xfrustum.reports.error_report.figures import (
     FIGURES,
     GEOMETRY_FIGURES,
     SHADED_FIGURES,
-    Figure,
     by_depth,
     cause_figure,
     pair_figure,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -232,11 +232,14 @@ class PlateArrays:
         across = -(-hogels[0] // width)
         # Rectangles may have millions of hogels, which are listed one block at a time.
         if isinstance(apertures, ApertureBlocks):
-            rectangles, requested = apertures.blocks, apertures
+            requested: Container[Aperture] = apertures
+            rectangles = apertures.blocks
         else:
-            requested = dict.fromkeys(apertures)
-            cells = [aperture.index for aperture in requested]
-            rectangles = [(range(column, column + 1), range(row, row + 1)) for column, row in cells]
+            requested = cells = dict.fromkeys(apertures)
+            rectangles = tuple(
+                (range(cell.column, cell.column + 1), range(cell.row, cell.row + 1))
+                for cell in cells
+            )
         numbers = dict.fromkeys(
             row * across + column
             for columns, rows in rectangles
@@ -340,14 +343,14 @@ def _difference(
         for key in expects:
             if stored.get(key) != expects[key]:
                 return f"{key} of {name} is {stored.get(key)}, and should be {expects[key]}"
-    for name, _, expects, _, _ in arrays.coordinates():
+    for name, _, places, _, _ in arrays.coordinates():
         values = np.asarray(group[name][:])  # type: ignore[index]
-        wrong = np.flatnonzero(values != expects)
+        wrong = np.flatnonzero(values != places)
         if wrong.size:
             first = wrong[0]
             return (
                 f"{wrong.size:,} of {values.size:,} values of {name} are not the scene's: "
-                f"{name}[{first}] is {values[first]:.6g}, and should be {expects[first]:.6g}"
+                f"{name}[{first}] is {values[first]:.6g}, and should be {places[first]:.6g}"
             )
     return None
 

@@ -28,7 +28,6 @@ MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
 PIXELS = 256 * 256
 FEW = int(SURFACE_TIE_FRACTION * PIXELS)
-NOTHING = dict.fromkeys(("triangle", "height", "certainty"))
 GENERATOR = np.random.default_rng(7)
 
 
@@ -55,19 +54,18 @@ def judged(
     wrong = {"surface": surface} | ({} if color is None else {"radiance": color})
     share = SurfaceShare(wrong=int(surface.sum()), fraction=float(surface.mean()), outside=0)
     spread = Spread(rms=p99 / 2, p50=p99 / 3, p95=p99 / 1.5, p99=p99, max=2 * p99)
-    counts = dict.fromkeys(("pixels", "judged", "covered"), PIXELS)
-    comparison = ComparisonNumbers(
-        **counts,
-        **NOTHING,  # type: ignore[arg-type]
-        at_plate=0,
-        surface=share,
-        displacement_px=spread,
-        radiance=None if color is None else radiance(float(color.mean())),
-    )
+    numbers: dict[str, Any] = {
+        **dict.fromkeys(("pixels", "judged", "covered"), PIXELS),
+        **dict.fromkeys(("triangle", "height", "certainty")),
+        "at_plate": 0,
+        "surface": share,
+        "displacement_px": spread,
+        "radiance": None if color is None else radiance(float(color.mean())),
+    }
     row: dict[str, Any] = {
         "aperture": MIDDLE,
         "settings": DoubleFrustum(near=near, depth=depth),
-        "comparison": comparison,
+        "comparison": ComparisonNumbers(**numbers),
         "causes": (),
         "unexplained": 0,
         "predicted": None,

@@ -127,9 +127,9 @@ def test_the_page_is_one_file_with_pictures_and_curves_of_every_row(files: Repor
     for row in data["rows"]:
         stored = data["pictures"][row["pictures"]["causes"]].split(",")[1]
         pixels = decoded(base64.b64decode(stored)).reshape(-1, 4)
-        shown = Counter(map(tuple, pixels[pixels[:, 3] > 0, :3].tolist()))
+        counts = Counter(map(tuple, pixels[pixels[:, 3] > 0, :3].tolist()))
         charged = {colors[cause["name"]]: cause["surface"] for cause in row["causes"]}
-        assert shown == {color: count for color, count in charged.items() if count}
+        assert counts == {color: count for color, count in charged.items() if count}
     assert sorted(path.name for path in files.html.parent.iterdir()) == sorted(FILES)
 
 
