@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]
@@ -69,9 +70,11 @@ def test_the_lock_file_names_no_registry_and_hashes_everything() -> None:
     assert not [entry for entry in entries if "://" in entry or "--hash=sha256:" not in entry]
 
 
-def literals(tree: ast.AST) -> list[str]:
+@cache
+def literals(path: Path) -> list[str]:
     """Return the texts of a module but docstrings and messages of errors."""
     excluded: set[int] = set()
+    tree = ast.parse(path.read_text())
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise | ast.Assert):
             excluded.update(map(id, ast.walk(node)))
@@ -91,7 +94,7 @@ def test_stages_before_reports_make_no_html() -> None:
     violations = [
         f"{name(path)}: {text!r}"
         for path in sources
-        for text in literals(ast.parse(path.read_text()))
+        for text in literals(path)
         if markup.search(text)
     ]
     assert violations == []
@@ -106,7 +109,7 @@ def test_stages_before_reports_build_no_sentences() -> None:
         f"{name(path)}: {text!r}"
         for path in SOURCES
         if name(path).split("/")[0] in STAGES[1:] and name(path) not in WORDED
-        for text in literals(ast.parse(path.read_text()))
+        for text in literals(path)
         if sentence.search(text)
     ]
     assert violations == []

@@ -120,7 +120,7 @@ def test_without_its_scene_compare_leaves_surface_open_and_says_why(
 
 
 def test_report_says_the_best_setting_and_where_the_page_is(scene: str, command: Command) -> None:
-    line = f"report {scene} --near 1,0.01 --apertures '2,1;0,2' --depth d24"
+    line = f"report {scene} --near 1,0.01 --apertures '2,1;0,2' --depth d24 --no-causes"
     printed = command(f"{line} --out out --quiet")
     assert printed.err == ""
     assert printed.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")
