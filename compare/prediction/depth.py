@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel, safe_model
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import (
@@ -81,9 +81,7 @@ def smallest_separation(
     steps = 1.0 if device is None else device.stored_steps(depth)
     step = steps * STEP[depth] or float32_spacing(stored)
     chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
-    rounding = chance * np.sqrt(
-        2 * depth_variance(w, (stored, slope), near_plane, far_plane, mapping)
-    )
+    rounding = chance * np.sqrt(2 * depth_variance(w, near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)
 
 
@@ -103,11 +101,9 @@ def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[
             assert_never(mapping)
 
 
-def depth_variance(
-    w: Floats, depth: tuple[Floats, Floats], n: float, f: float, mapping: DepthMapping
-) -> Floats:
-    """Return the variance of a depth by float32 roundings; see `stored_depth`."""
-    stored, slope = depth
+def depth_variance(w: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
+    """Return the variance of a stored depth by float32 roundings."""
+    stored, slope = stored_depth(w, n, f, mapping)
     spacing = float32_spacing(w)
     position = (slope * spacing) ** 2
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
@@ -137,12 +133,7 @@ CORNERS_SQUARED = 0.5
 
 
 def pair_variance(
-    w: Floats,
-    depth: tuple[Floats, Floats],
-    n: float,
-    f: float,
-    mapping: DepthMapping,
-    device: DeviceModel,
+    w: Floats, n: float, f: float, mapping: DepthMapping, device: DeviceModel
 ) -> Floats:
     """Return the variance of the depth of each of two surfaces that a buffer may order either way.
 
@@ -158,12 +149,12 @@ def pair_variance(
     * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than
       that.
     """
-    stored, slope = depth
+    stored, slope = stored_depth(w, n, f, mapping)
     own, relative = float32_spacing(stored) ** 2, (float32_spacing(w) / w) ** 2
     reciprocal = (float32_spacing(1 / w) * w) ** 2
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
-            return depth_variance(w, depth, n, f, mapping)
+            return depth_variance(w, n, f, mapping)
         case DepthMapping.STANDARD:
             corner = (f / (f - n)) ** 2 * (relative + reciprocal) + own
         case DepthMapping.GL:
@@ -207,43 +198,46 @@ MAX_DOUBT_DEVIATIONS = 6.0
 MIN_STEP_PER_ERROR = 1e-3
 
 
-#: Distances (N,) to next surfaces, and to the next ones drawn earlier; None where the order is not
-#: known.
-Gaps = tuple[Floats, Floats | None]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surfaces:
+    """N surfaces that one camera shows, and the next ones on their lines, scene units."""
+
+    distance: Floats  #: (N,) |z|
+    gap: Floats  #: (N,) distance to the next one on the same line, see `Reference.gaps`
+    #: (N,) distance to the next one that is drawn before; None where the order is not known
+    earlier: Floats | None = None
+
+    def at(self, places: Indices | Mask) -> Surfaces:
+        """Return some of the surfaces."""
+        earlier = None if self.earlier is None else self.earlier[places]
+        return Surfaces(distance=self.distance[places], gap=self.gap[places], earlier=earlier)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthLayers:
-    """Distances and gaps of the surfaces in a true image, scene units, by their camera."""
+    """Surfaces that a true image shows in judged pixels, by their camera."""
 
     judged: int  #: pixels whose truth is no tie
-    distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
-    gap: Mapping[
-        Camera, Floats
-    ]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
-    #: (N,) distance to the next one of those that are drawn before it; None where the order is not
-    #: known
-    earlier: Mapping[Camera, Floats] | None = None
+    surfaces: Mapping[Camera, Surfaces]
 
     @classmethod
     def from_truth(
         cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None
     ) -> DepthLayers:
-        """Return the stacks of a true image and its gaps, (H, W), from `Reference.gaps`."""
-        # It loads the reference and its tracers, which `explain` does without.
+        """Return the layers of a true image and its gaps, (H, W), from `Reference.gaps`."""
+        # It loads the reference and its tracers, which `check` does without.
         from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
 
-        judged = judged_pixels(truth).ravel()
-        height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
-        order = None if earlier is None else earlier.ravel()
-        shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
+        judged, height = judged_pixels(truth).ravel(), truth.height.astype(np.float64).ravel()
+        every = Surfaces(
+            distance=np.abs(height),
+            gap=gaps.ravel(),
+            earlier=None if earlier is None else earlier.ravel(),
+        )
+        sides = {Camera.C: height <= 0, Camera.C_STAR: height > 0}
         return cls(
             judged=int(judged.sum()),
-            distance={camera: np.abs(height[here]) for camera, here in shown.items()},
-            gap={camera: gaps[here] for camera, here in shown.items()},
-            earlier=None
-            if order is None
-            else {camera: order[here] for camera, here in shown.items()},
+            surfaces={camera: every.at(judged & side) for camera, side in sides.items()},
         )
 
 
@@ -281,7 +275,7 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[DepthRange]:
 
 
 def depth_wrong_shares(
-    stacks: DepthLayers,
+    layers: DepthLayers,
     frustum: Frustum,
     settings: Sequence[DoubleFrustum],
     device: DeviceModel = ANY,
@@ -292,7 +286,7 @@ def depth_wrong_shares(
 
     The settings differ in their depth buffers alone. Such pixels are wrong with them, and right
     with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
-    `stacks.earlier` has it; half of them are where that is not known; all of them with `unlucky`.
+    `Surfaces.earlier` has it; half of them are where that is not known; all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this
     difference have a normal error of standard deviation e. A format with step q and a uniformly
@@ -315,38 +309,34 @@ def depth_wrong_shares(
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = np.zeros(len(settings))
-    for camera in stacks.distance:
+    for camera, shown in layers.surfaces.items():
         own = [slab for slab in slabs(frustum, settings[0]) if slab.camera is camera]
-        distance, gap = stacks.distance[camera], stacks.gap[camera]
-        earlier = None if stacks.earlier is None or unlucky else stacks.earlier[camera]
-        wrong = chances(own, distance, (gap, earlier), settings, order, device)
+        surfaces = replace(shown, earlier=None) if unlucky else shown
+        wrong = chances(own, surfaces, settings, order, device)
         # The chance under linear depth, which few pixels need, is subtracted.
         at = np.flatnonzero(wrong.any(axis=0))
-        some = gap[at], None if earlier is None else earlier[at]
-        anyway = chances(own, distance[at], some, [control], order, device)
+        anyway = chances(own, surfaces.at(at), [control], order, device)
         expected += np.maximum(wrong.take(at, axis=1) - anyway, 0.0).sum(axis=1)
-    return [float(count) / max(stacks.judged, 1) for count in expected]
+    return [float(count) / max(layers.judged, 1) for count in expected]
 
 
 def chances(
     own: Sequence[DepthRange],
-    distance: Floats,
-    gaps: Gaps,
+    surfaces: Surfaces,
     settings: Sequence[DoubleFrustum],
     order: float = 1.0,
     device: DeviceModel = ANY,
 ) -> Floats:
     """Return the probability of each surface being wrong in its camera's slabs, (settings, N).
 
-    `distance` and `gaps` are as in `DepthLayers`; `order` is the ratio, from 1 to
-    `MAX_ORDER_FACTOR`, of the misordered share to the share at an unknown draw order.
+    `order` is the ratio, from 1 to `MAX_ORDER_FACTOR`, of the misordered share to the share at an
+    unknown draw order.
     """
-    gap, earlier = gaps
+    distance = surfaces.distance
     least = np.full((len(settings), len(distance)), np.inf)
     for slab in own:
         inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
-        some = gap[inside], None if earlier is None else earlier[inside]
-        chance = _chance(slab, distance[inside], some, settings, order, device)
+        chance = _chance(slab, surfaces.at(inside), settings, order, device)
         for row, of_setting in zip(least, chance, strict=True):
             row[inside] = np.minimum(row[inside], of_setting)
     return np.where(np.isfinite(least), least, 0.0)
@@ -354,63 +344,62 @@ def chances(
 
 def _chance(
     slab: DepthRange,
-    distance: Floats,
-    gaps: Gaps,
+    surfaces: Surfaces,
     settings: Sequence[DoubleFrustum],
     order: float,
     device: DeviceModel,
 ) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
-    gap, earlier = gaps
     # Lost: the depth, with the error of one surface, comes within half a step of the clear value.
     # The buffer of C is cleared to its far value, the buffer of C* to its near value.
-    w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
+    nearest_wins = slab.camera is Camera.C
+    w, clear = surfaces.distance + slab.step, slab.far if nearest_wins else slab.near
+    kinds = [(surfaces.gap, _COIN)]
+    if surfaces.earlier is not None:
+        kinds = [(surfaces.gap, _LATER), (surfaces.earlier, _EARLIER)]
     # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
     # surface, and the next one lies closer to the camera. Pairs in different slabs are not
     # compared.
-    kinds = [(gap, _COIN)] if earlier is None else [(gap, _LATER), (earlier, _EARLIER)]
-    pairs: list[tuple[Floats, Floats, Floats | float]] = []
-    paired = []
-    for some, _ in kinds:
-        other = w + (some if slab.camera is Camera.C else -some)
-        paired.append(at := np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far)))
-        pairs.append((w[at], some[at], other[at]))
-    pairs.append((w, np.abs(clear - w), clear))
+    pairs = []
+    for gap, ends in kinds:
+        other = w + (gap if nearest_wins else -gap)
+        places = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
+        pairs.append((places, w[places], gap[places], other[places], ends))
 
     # Most of the time goes into arrays that do not depend on the buffer.
     @cache
-    def apart(kind: int, mapping: DepthMapping) -> Floats:
-        return _difference(*pairs[kind], slab, mapping)
+    def apart(pair: int, mapping: DepthMapping) -> Floats:
+        _, own, gap, other, _ = pairs[pair]
+        return _difference(own, gap, other, slab, mapping)
+
+    @cache
+    def from_clear(mapping: DepthMapping) -> Floats:
+        return _difference(w, np.abs(clear - w), clear, slab, mapping)
 
     chances = np.zeros((len(settings), w.size))
     for wrong, buffer in zip(chances, settings, strict=True):
         depth, mapping = buffer.depth, buffer.mapping
         known, alike = _table(slab, depth, mapping, device), _ALIKE.get(mapping, mapping)
-        at, row = known.in_doubt(w, lost := apart(-1, alike))
+        at, row = known.in_doubt(w, lost := from_clear(alike))
         wrong[at] = ndtr((known.step[row] / 2 - lost[at]) / (known.error[row] * np.sqrt(0.5)))
         misordered = np.zeros_like(w)
-        for kind, (_, ends) in enumerate(kinds):
-            own, difference = pairs[kind][0], apart(kind, alike)
-            close, row = known.in_doubt(own, difference)
-            difference, step, error = difference[close], known.step[row], known.error[row]
+        for number, (places, own, _, _, ends) in enumerate(pairs):
+            close, row = known.in_doubt(own, apart(number, alike))
+            difference, step, error = apart(number, alike)[close], known.step[row], known.error[row]
+            chance = order * _misordered(difference, step, error, ends)
             # Where the error is small beside a fixed step, it counts where depths lie between
             # steps.
             sharp = (error < MAX_SHARP_ERROR * step) & (ends != _COIN) & (STEP[depth] > 0)
-            chance = np.empty_like(difference)
-            chance[~sharp] = order * _misordered(
-                difference[~sharp], step[~sharp], error[~sharp], ends
-            )
             if sharp.any():
                 # C keeps the smaller depth and C* the larger one, or the reverse where the mapping
                 # falls.
-                falls = (mapping is DepthMapping.REVERSED) != (slab.camera is Camera.C_STAR)
+                falls = (mapping is DepthMapping.REVERSED) == nearest_wins
                 place = stored_depth(own[close[sharp]], slab.near, slab.far, mapping)[0]
                 last = 1 / STEP[depth] - 1  # the largest stored number, which stands for one
-                places = (-last if falls else last) * place, last * difference[sharp]
-                chance[sharp] = _misordered_steps(
-                    places, error[sharp] / step[sharp] * np.sqrt(0.5), ends
-                )
-            at = paired[kind][close]
+                between = (-last if falls else last) * place, last * difference[sharp]
+                spread = error[sharp] / step[sharp] * np.sqrt(0.5)
+                chance[sharp] = _misordered_steps(between, spread, ends)
+            at = places[close]
             misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
         # Only a surface that is not lost can be misordered; the two chances are taken as
         # independent.
@@ -506,9 +495,9 @@ def _table(
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
     # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
-    stored = stored_depth(w, slab.near, slab.far, mapping)
-    error = np.sqrt(2 * pair_variance(w, stored, slab.near, slab.far, mapping, device))
-    step = np.maximum(STEP[depth] or float32_spacing(stored[0]), MIN_STEP_PER_ERROR * error)
+    stored, _ = stored_depth(w, slab.near, slab.far, mapping)
+    error = np.sqrt(2 * pair_variance(w, slab.near, slab.far, mapping, device))
+    step = np.maximum(STEP[depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
     return _Table(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
 
 

@@ -19,6 +19,7 @@ from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     MAX_ORDER_FACTOR,
     DepthLayers,
+    Surfaces,
     chances,
     depth_wrong_shares,
     slabs,
@@ -131,7 +132,8 @@ def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
     """Return the chance of one wrongly shown surface, whether or not linear depth fails too."""
     camera = Camera.C if height < 0 else Camera.C_STAR
     own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
-    return float(chances(own, np.array([abs(height)]), (np.array([gap]), None), [settings])[0, 0])
+    surface = Surfaces(distance=np.array([abs(height)]), gap=np.array([gap]))
+    return float(chances(own, surface, [settings])[0, 0])
 
 
 @pytest.mark.parametrize(("depth", "mapping"), SETTINGS)
