@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
+from xfrustum.compare.metrics.error_maps import existing_triangles
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -29,7 +30,7 @@ from xfrustum.compare.renderer_model.pictures import (
 from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels, scattered
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Mask, Numbers
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.conformance.suite import Case
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -69,8 +70,7 @@ class Pixels:
     unexplained: int = 0
 
     def __add__(self, other: Pixels) -> Pixels:
-        right = asdict(other)
-        return Pixels(**{name: count + right[name] for name, count in asdict(self).items()})
+        return Pixels(**{name: n + getattr(other, name) for name, n in vars(self).items()})
 
     def within(self, case: Case) -> bool:
         """Return whether a case accepts them."""
@@ -159,66 +159,59 @@ def judged(
         replace(camera, precision=exact)
         for camera in foreign_cameras(scene, renderer_model(case), truth.camera.aperture)
     )
+    assert truth.tied_triangles is not None
+    row, column, number = truth.tied_triangles.T
     if case.encoding == "triangle-id":
-        return _judged_triangles(scene, cameras, truth, image)
-    if case.colored:
-        shown, differs = _compared_colors(case, truth, image)
+        shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
+        differs = truth.triangle != image.triangle
+        # Exact ties have no true triangle: any of their surfaces is right.
+        right = image.triangle[row, column] == number
+        tied = differs & _marked(differs, row[right], column[right])
+        pixels = np.flatnonzero(differs & ~tied)
+        causes = find_causes(scene.triangles, cameras, truth, image, pixels)
+        # An edge does not excuse a triangle that lies elsewhere: such a pixel is unexplained.
+        placed = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
+        counts = causes.some(placed).counts()
+        misplaced = differs & ~tied & ~scattered(differs.shape, causes.pixels[placed])
+        counts["unexplained"] = int((causes.unexplained | misplaced).sum())
+        counts["tie"] = int(tied.sum())
     else:
-        shown, differs = _compared_objects(scene, truth, image)
-    near_edge = _near_edges(scene, cameras, truth, differs)
-    excused = int((differs & (near_edge | _ties(truth))).sum())
-    wrong = int(differs.sum())
-    return Pixels(shown=int(shown.sum()), wrong=wrong, edge=excused, unexplained=wrong - excused)
+        compared = _compared_colors if case.colored else _compared_objects
+        shown, differs = compared(case, scene, truth, image)
+        near = _near_edges(scene, cameras, truth, differs) | _marked(differs, row, column)
+        counts = {"edge": int((differs & near).sum()), "unexplained": int((differs & ~near).sum())}
+    return Pixels(shown=int(shown.sum()), wrong=int(differs.sum()), **counts)
 
 
-def _judged_triangles(
-    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, image: HogelImage
-) -> Pixels:
-    shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
-    differs = truth.triangle != image.triangle
-    # Exact ties have no true triangle: any of their surfaces is right.
-    tied = differs & _ties(truth, image.triangle)
-    judged_pixels = np.flatnonzero(differs & ~tied)
-    causes = find_causes(scene.triangles, cameras, truth, image, judged_pixels)
-    # An edge does not excuse a triangle that lies elsewhere: such a pixel is unexplained.
-    placed = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
-    counts = causes.some(placed).counts()
-    misplaced = differs & ~tied & ~scattered(differs.shape, causes.pixels[placed])
-    counts["unexplained"] = int((causes.unexplained | misplaced).sum())
-    sums = {"shown": int(shown.sum()), "wrong": int(differs.sum()), "tie": int(tied.sum())}
-    return Pixels(**sums, **counts)
+def _marked(like: Mask, row: Indices, column: Indices) -> Mask:
+    """Return a mask of some pixels, of the shape of another."""
+    marks = np.zeros_like(like)
+    marks[row, column] = True
+    return marks
 
 
-def _compared_colors(case: Case, truth: HogelImage, image: HogelImage) -> tuple[Mask, Mask]:
+def _compared_colors(
+    case: Case, _: Scene, truth: HogelImage, image: HogelImage
+) -> tuple[Mask, Mask]:
     """Return the pixels (H, W) that show something, and those that differ."""
     assert truth.color is not None
-    if image.color is None:
-        image = replace(image, color=np.full(truth.color.shape, np.nan, dtype=np.float32))
-    assert image.color is not None
+    color = np.full_like(truth.color, np.nan) if image.color is None else image.color
+    image = replace(image, color=color)
     tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
     differs = colors_differ(as_stored(truth, image), image, tolerance)
     # NaN is neither above 0 nor at most 0: a pixel without a color shows something wrong.
-    shown = (truth.color > 0).any(axis=-1) | ~(image.color <= 0).all(axis=-1)
+    shown = (truth.color > 0).any(axis=-1) | ~(color <= 0).all(axis=-1)
     return np.asarray(shown), differs
 
 
-def _compared_objects(scene: Scene, truth: HogelImage, image: HogelImage) -> tuple[Mask, Mask]:
+def _compared_objects(
+    _: Case, scene: Scene, truth: HogelImage, image: HogelImage
+) -> tuple[Mask, Mask]:
     """Return the pixels (H, W) that show something, and those that differ."""
     objects = image.object
     if not (objects != NOTHING).any():  # OpenEXR files can have triangle numbers alone
-        existing = np.where(image.triangle < len(scene.faces), image.triangle, NOTHING)
-        objects = scene.object_of_number[existing]
+        objects = scene.object_of_number[existing_triangles(image.triangle, scene)]
     return (truth.object != NOTHING) | (objects != NOTHING), truth.object != objects
-
-
-def _ties(truth: HogelImage, shown: Numbers | None = None) -> Mask:
-    """Return the pixels (H, W) with a tie in the truth, or with one of the shown triangle."""
-    assert truth.tied_triangles is not None
-    row, column, number = truth.tied_triangles.T
-    same = np.full(len(row), True) if shown is None else shown[row, column] == number
-    ties = np.zeros(truth.triangle.shape, dtype=np.bool_)
-    ties[row[same], column[same]] = True
-    return ties
 
 
 def _near_edges(

@@ -73,8 +73,7 @@ MAX_MISSING_OUTLINES = 0.1
 """Largest share of the truth's outlines that a right picture in another shading may lack.
 
 Two grays drawn from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %,
-of
-all pairs.
+of all pairs.
 """
 
 MIN_SHADING_RATIO = 2.0
@@ -134,10 +133,9 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     Labels of which no judged pixel differs have the answer's outlines: they have moved by
     0. So have colors with the answer's contrast to the last bit. Registration would measure less:
     few or straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance
-    are
-    registered, for a dim outline may have moved within it. An answer without an outline, such as
-    soft shading, has nothing that could be seen to move, and what moves into the film from outside
-    is wrong pixels.
+    are registered, for a dim outline may have moved within it. An answer without an outline, such
+    as soft shading, has nothing that could be seen to move, and what moves into the film from
+    outside is wrong pixels.
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
@@ -462,6 +460,7 @@ class _Compared:
             position=upright(points),
             color=None if image.color is None else upright(image.color),
             uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
+            storage=image.storage,
         )
         # An image without any surface is judged by the property that it could have.
         by = "triangle"

@@ -1,15 +1,17 @@
 """The verdict engine: figures of hogel images, and the limits that they keep or exceed.
 
-`verify` and the conformance suite judge by it: `judge_images` returns the verdict on decoded images
-by a model. Sentences about verdicts are made in `xfrustum.reports.verification.words`.
+`Hogel.from_figures` is the verdict on one image by its model, and `Verdict` that on a plate.
+Sentences about verdicts are made in `xfrustum.reports.verification.words`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Self
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.judging.judged import (
@@ -20,15 +22,11 @@ from xfrustum.compare.judging.judged import (
     Judging,
     MeasuredBy,
     SurfaceFigures,
-    judge,
 )
 from xfrustum.compare.judging.where import Places, places_of
 from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
-from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
-from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -98,35 +96,33 @@ class Limits:
         colors where the truth has no outline that a picture could show elsewhere. Any other image
         of such a truth is not judged.
         """
-        numbers = figures.numbers
+        numbers, checks = figures.numbers, list[Check]()
+
+        def limit_share(figure: str, value: float, limit: float, held: bool | None) -> None:
+            unit = "share"
+            checks.append(Check(figure=figure, value=value, limit=limit, unit=unit, held=held))
+
         counts = {numbers.limited_figure: numbers.limited - excused}
         if numbers.radiance is not None:
             counts[COLORS] = numbers.radiance.wrong
-        checks = []
         for name, count in counts.items():
             share, single = count / max(numbers.shown, 1), count == 1 and self.wrong > 0
             held = single or not is_beyond(0.0, share, math.inf, self.wrong)
-            checks.append(
-                Check(figure=name, value=share, limit=self.wrong, unit="share", held=held)
-            )
+            limit_share(name, share, self.wrong, held)
         if numbers.invalid:
-            share, held = numbers.invalid / figures.claimed, 2 * numbers.invalid <= figures.claimed
-            limit = MAX_INVALID_SHARE
-            checks.append(Check(figure=INVALID, value=share, limit=limit, unit="share", held=held))
+            share, most = numbers.invalid / figures.claimed, MAX_INVALID_SHARE
+            limit_share(INVALID, share, most, share <= most)
         spread, most_px = numbers.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
         kept: bool | None = most_px is None or not is_beyond(value, 0.0, most_px)
         if value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES:
             kept = None if numbers.blind else True
         elif (outlines := numbers.outlines) is not None and outlines.shown:
-            share, limit = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
+            share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
             # A minority of outlines does not stand for the majority that the picture cannot show.
             doubtful = 2 * outlines.unknown > outlines.shown
             doubtful |= outlines.untold > self.wrong * numbers.shown
-            present = False if share > limit else None if doubtful else True
-            checks.append(
-                Check(figure=MISSING, value=share, limit=limit, unit="share", held=present)
-            )
+            limit_share(MISSING, share, most, False if share > most else None if doubtful else True)
         moved = Check(figure=DISPLACEMENT, value=value, limit=most_px, unit="px", held=kept)
         return (*checks, moved)
 
@@ -156,6 +152,27 @@ class Hogel:
     left: int = 0  #: wrong pixels that stay when it is corrected, without those by rounding
     mended: bool = True  #: whether it is right when it is corrected
     storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
+
+    @classmethod
+    def from_figures(
+        cls,
+        limits: Limits,
+        aperture: Aperture,
+        model: RendererModel,
+        as_found: Figures,
+        corrected: Figures,
+    ) -> Self:
+        """Judge an image by its figures as found, and as corrected for a diagnosed model."""
+        return cls(
+            aperture=aperture,
+            as_found=as_found.numbers,
+            corrected=corrected.numbers,
+            checks=limits.checks(as_found),
+            places=places_of(as_found),
+            left=corrected.numbers.all_wrong - corrected.rounded,
+            mended=limits.mends(as_found, corrected, model),
+            storage=as_found.image.storage,
+        )
 
     @property
     def verdict(self) -> Outcome:
@@ -195,34 +212,32 @@ class PlateNumbers:
         known = [figure for figure in figures if figure is not None]
         if not known:
             return None
-        shown, wrong = (
-            sum(numbers.shown for numbers in known),
-            sum(numbers.wrong for numbers in known),
+        shown, wrong, invalid = (
+            sum(getattr(numbers, name) for numbers in known)
+            for name in ("shown", "wrong", "invalid")
         )
         spreads = [numbers.displacement_px.p99 for numbers in known if numbers.displacement_px]
         colored = [numbers.radiance.wrong for numbers in known if numbers.radiance]
-        causes = [numbers.causes for numbers in known if numbers.causes]
-        surface = None
-        if surfaces := [numbers.surface for numbers in known if numbers.surface]:
-            bad, outside = (
-                sum(surface.wrong for surface in surfaces),
-                sum(surface.outside for surface in surfaces),
-            )
-            surface = SurfaceFigures(wrong=bad, fraction=bad / max(shown, 1), outside=outside)
+        surfaces = [numbers.surface for numbers in known if numbers.surface]
+        bad, outside = (
+            sum(getattr(surface, name) for surface in surfaces) for name in ("wrong", "outside")
+        )
+        surface = SurfaceFigures(wrong=bad, fraction=bad / max(shown, 1), outside=outside)
+        causes = Counter[str]()
+        for numbers in known:
+            causes.update(numbers.causes or {})
         return cls(
             hogels=len(known),
             by=" or ".join(sorted({numbers.by for numbers in known})),
             shown=shown,
             wrong=wrong,
-            fraction=wrong / shown if shown else 0.0,
-            surface=surface,
-            invalid=sum(numbers.invalid for numbers in known),
+            fraction=wrong / max(shown, 1),
+            surface=surface if surfaces else None,
+            invalid=invalid,
             displacement_px={"worst_p99": max(spreads)} if spreads else None,
             displacement_by=" or ".join(sorted({numbers.displacement_by for numbers in known})),
             radiance=ColorFigures(wrong=sum(colored)) if colored else None,
-            causes={name: sum(cause[name] for cause in causes) for name in causes[0]}
-            if causes
-            else None,
+            causes=dict(causes) or None,
         )
 
 
@@ -265,33 +280,3 @@ class Verdict:
     def corrected(self) -> PlateNumbers | None:
         """Figures of all hogels after correction for the diagnosis."""
         return PlateNumbers.from_hogels([hogel.corrected for hogel in self.hogels])
-
-
-def judge_images(
-    reference: Reference,
-    images: Iterable[HogelImage],
-    model: RendererModel,
-    limits: Limits,
-    *,
-    excuse_rounding: bool = False,
-) -> Verdict:
-    """Judge decoded hogel images by a model, and return the verdict by some limits.
-
-    `RendererModel()` draws the true crossed frustum. Wrong pixels have causes in `as_found.causes`;
-    with `excuse_rounding`, pixels that rounding explains count as right.
-    """
-    hogels = []
-    for image in images:
-        points = shown_points(drawn_scene(reference, model).scene, model, image)
-        figures = judge(reference, model, image, points, limits.judging, explained=True)
-        excused = figures.rounded if excuse_rounding else 0
-        hogels.append(
-            Hogel(
-                aperture=image.camera.aperture,
-                as_found=figures.numbers,
-                checks=limits.checks(figures, excused),
-                places=places_of(figures),
-                storage=image.storage,
-            )
-        )
-    return Verdict(limits=limits, hogels=tuple(hogels))

@@ -100,6 +100,16 @@ def plain_text(template: str, values: Mapping[str, Any], filters: Filters = NO_F
     )
 
 
+def sentence(template: str, macro: str, **values: Any) -> str:
+    """Return the text of a macro in a template, a blank in place of any white space."""
+    return " ".join(str(getattr(_macros(template), macro)(**values)).split())
+
+
+@cache
+def _macros(template: str) -> Any:
+    return _environment((), autoescape=False).get_template(template).module
+
+
 def png(pixels: NDArray[np.number], *, optimize: bool = True) -> bytes:
     """Encode levels (H, W), (H, W, 3) or (H, W, 4) from 0 to 255 as PNG."""
     buffer = io.BytesIO()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import metadata
@@ -20,12 +19,6 @@ from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_diges
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
 #: failed cases that the terminal lists
 MAX_LISTED = 20
-#: colors of a badge, by the names of badge services
-COLORS = {
-    CaseOutcome.PASS: "brightgreen",
-    CaseOutcome.FAIL: "red",
-    CaseOutcome.UNSUPPORTED: "lightgrey",
-}
 NOT_RUN = "not run"
 
 
@@ -42,28 +35,27 @@ class Statement:
     @cached_property
     def counts(self) -> dict[str, Counter[str]]:
         """Numbers of cases by judged level and outcome, and of the cases that were not run."""
-        counts = {}
-        # In the order of levels, whatever the order of verdicts.
-        for level in LEVELS:
-            run = Counter(str(case.verdict) for case in self.verdicts if case.level == level)
-            if run:
-                counts[level] = run
-                # A partial run must not read as a full pass.
-                run[NOT_RUN] = len(chosen((level,))) - run.total()
+        counts = dict[str, Counter[str]]()
+        for case in sorted(self.verdicts, key=lambda case: list(LEVELS).index(case.level)):
+            counts.setdefault(case.level, Counter())[str(case.verdict)] += 1
+        for level, run in counts.items():
+            # A partial run must not read as a full pass.
+            run[NOT_RUN] = len(chosen((level,))) - run.total()
         return counts
 
     @property
     def levels(self) -> dict[str, CaseOutcome]:
         """CaseOutcome of each judged level: pass where no case fails and some case passes."""
+        # One failed case fails its level; unsupported cases only leave it partly claimed.
+        order = (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
         return {
-            level: next(
-                outcome
-                # One failed case fails its level; unsupported cases only leave it partly claimed.
-                for outcome in (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
-                if counts[outcome]
-            )
+            level: next(outcome for outcome in order if counts[outcome])
             for level, counts in self.counts.items()
         }
+
+    def of_outcome(self, outcome: CaseOutcome) -> list[str]:
+        """Return the judged levels with an outcome."""
+        return [level for level, result in self.levels.items() if result is outcome]
 
     @property
     def passed(self) -> bool:
@@ -78,14 +70,11 @@ class Statement:
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        outcomes = self.levels
-        failed = [level for level in outcomes if outcomes[level] is CaseOutcome.FAIL]
-        passed = [level for level in outcomes if outcomes[level] is CaseOutcome.PASS]
-        for place, level in enumerate(passed):
-            if level in self.partly:
-                counts = self.counts[level]
-                share = f"{counts[CaseOutcome.PASS]} of {counts.total()} cases"
-                passed[place] = f"{level} ({share})"
+        failed, passed = self.of_outcome(CaseOutcome.FAIL), []
+        for level in self.of_outcome(CaseOutcome.PASS):
+            counts = self.counts[level]
+            share = f" ({counts[CaseOutcome.PASS]} of {counts.total()} cases)"
+            passed.append(level + (share if level in self.partly else ""))
         parts = [f"passes {', '.join(passed)}"] if passed else []
         parts += [f"fails {', '.join(failed)}"] if failed else []
         claims = " and ".join(parts) or "claims none of these cases"
@@ -109,26 +98,18 @@ class Statement:
 
     def badge(self) -> dict[str, Any]:
         """Return badge.json, in the form that badge services read."""
-        outcomes = self.levels
-        passed = [
-            level + ("*" if level in self.partly else "")
-            for level, outcome in outcomes.items()
-            if outcome is CaseOutcome.PASS
-        ]
-        kind = (
-            CaseOutcome.PASS
-            if passed
-            else CaseOutcome.UNSUPPORTED
-            if self.passed
-            else CaseOutcome.FAIL
-        )
-        nothing = "no level" if kind is CaseOutcome.FAIL else "nothing claimed"
+        levels = self.of_outcome(CaseOutcome.PASS)
+        message = " ".join(level + ("*" if level in self.partly else "") for level in levels)
+        # Passed levels beside failed ones: neither green nor red would be honest.
+        color = "brightgreen" if self.passed else "yellow"
+        if not message:
+            nothing = ("nothing claimed", "lightgrey") if self.passed else ("no level", "red")
+            message, color = nothing
         return {
             "schemaVersion": 1,
             "label": f"hogel conformance {SUITE}",
-            "message": " ".join(passed) or nothing,
-            # Passed levels beside failed ones: neither green nor red would be honest.
-            "color": "yellow" if passed and not self.passed else COLORS[kind],
+            "message": message,
+            "color": color,
         }
 
     def table(self) -> str:
@@ -157,30 +138,24 @@ def failure(verdict: Verdict) -> str:
     return "; ".join(verdict.words) or counted_pixels(verdict.pixels)
 
 
-def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
-    """Return a test case of JUnit for each case."""
-    cases = []
-    for verdict in verdicts:
-        cause = verdict.cause or "not claimed"
-        cases.append(
-            JUnitCase(
-                classname=verdict.level,
-                name=verdict.name,
-                failure=f"{cause}: {failure(verdict)}"
-                if verdict.verdict is CaseOutcome.FAIL
-                else None,
-                text=counted_pixels(verdict.pixels),
-                # Continuous integration shows skipped tests without failing the build.
-                skipped=cause if verdict.verdict is CaseOutcome.UNSUPPORTED else None,
-            )
-        )
-    return cases
+def junit_case(verdict: Verdict) -> JUnitCase:
+    """Return the test case of JUnit for a case."""
+    cause, outcome = verdict.cause or "not claimed", verdict.verdict
+    failed = f"{cause}: {failure(verdict)}" if outcome is CaseOutcome.FAIL else None
+    return JUnitCase(
+        classname=verdict.level,
+        name=verdict.name,
+        failure=failed,
+        text=counted_pixels(verdict.pixels),
+        # Continuous integration shows skipped tests without failing the build.
+        skipped=cause if outcome is CaseOutcome.UNSUPPORTED else None,
+    )
 
 
 def write_statement(statement: Statement, out: Path) -> tuple[Path, ...]:
     """Write statement, page, JUnit and badge, all or nothing."""
     values = {"statement": statement, "suite": SUITE, "levels": LEVELS, "badge": statement.badge()}
-    cases = junit_cases(statement.verdicts)
+    cases = list(map(junit_case, statement.verdicts))
     files: dict[str, object] = {
         STATEMENT: statement.summary(),
         BADGE: statement.badge(),

@@ -14,7 +14,7 @@ from xfrustum.reports.common.figure_style import Figure as Plot
 from xfrustum.reports.common.figure_style import log_axis, look, styled
 from xfrustum.reports.common.outputs import Staging, json_object
 from xfrustum.reports.common.provenance import raster_command, versions
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.templates_environment import html_page, sentence
 from xfrustum.reports.heat_map import MARK, mark, plate_map
 from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.notebook import Figure, NotebookRepr, map_of, png
@@ -22,6 +22,9 @@ from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.representation import digits, percent, percent_up
 from xfrustum.tolerances import MAX_WRONG
+
+#: template of sentences
+WORDS = "survey-words.txt.j2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -64,35 +67,16 @@ class Survey(NotebookRepr):
     @property
     def sentence(self) -> str:
         """Answer in one sentence, for the best setting."""
-        answer, extent = self.stats[self.best], self.extent
-        hogels, seeing = extent.sample.hogels, len(extent.sample.population)
-        limits = f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong"
-        near, several = digits(self.settings[self.best].near), len(self.settings)
-        near = f" with near {near}, the best of {several}" if several > 1 else ""
-        if extent.everything:
-            verb = "is" if answer.beyond == 1 else "are"
-            share = percent(answer.beyond / hogels)
-            text = f"{answer.beyond:,} of the {hogels:,} hogels ({share}) {verb} {limits}"
-        elif self.at_most(answer) is None:
-            text = (
-                f"{answer.beyond:,} of the {extent.judged:,} hogels judged so far, of {hogels:,}, "
-                f"are {limits}, with other parts unfinished"
-            )
-        else:
-            text = (
-                f"at most {self.bound_words(answer)} of the {hogels:,} hogels are {limits} "
-                f"({percent(extent.confidence)}; {answer.beyond:,} of {extent.judged:,} sampled)"
-            )
-        text += near
-        if seeing < hogels:
-            text += f"; {hogels - seeing:,} hogels see nothing of the scene and are not judged"
-        if answer.empty:
-            others = answer.judged - answer.empty
-            text += f"; {answer.empty:,} of the {answer.judged:,} judged show nothing, and of the "
-            text += f"{others:,} others {answer.beyond:,} are beyond"
-        if answer.worst:
-            text += "; worst by displacement: {},{}".format(*answer.worst[0].aperture)
-        return f"{text}."
+        stats, sample = self.stats[self.best], self.extent.sample
+        return sentence(
+            WORDS,
+            "sentence",
+            survey=self,
+            stats=stats,
+            bound=self.bound_words(stats),
+            limits=f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
+            unseen=sample.hogels - len(sample.population),
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the record of `survey --json`: the best setting, then each in its order."""
@@ -131,15 +115,12 @@ class Survey(NotebookRepr):
 
     def table(self) -> str:
         """Return the sentence, and a line for each of several settings."""
-        lines = [self.sentence]
         several = zip(self.settings, self.stats, strict=True) if len(self.settings) > 1 else ()
-        for settings, answer in several:
-            more = f" ({answer.empty:,} show nothing)" if answer.empty else ""
-            bound = self.bound_words(answer)
-            more += "" if bound == "-" else f", at most {bound}"
-            counts = f"{answer.beyond:,} of {answer.judged:,} beyond"
-            lines.append(f"near {digits(settings.near)}: {counts}{more}")
-        return "\n".join(lines)
+        lines = [
+            sentence(WORDS, "setting", near=used.near, stats=stats, bound=self.bound_words(stats))
+            for used, stats in several
+        ]
+        return "\n".join([self.sentence, *lines])
 
     def _said(self) -> str:
         return f"{self.scene.name!r}, {self.sentence}"

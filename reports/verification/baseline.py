@@ -32,9 +32,10 @@ from xfrustum.reports.common.outputs import (
 )
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.words import text
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.input_files import read_input
-from xfrustum.scenes.representation import counted, digits
+from xfrustum.scenes.representation import counted
 
 ACCEPTED, OPTION = "accepted", "--baseline"
 
@@ -390,54 +391,25 @@ def commit_of(folder: Path) -> str | None:
 
 def sentence(held: Baseline) -> str:
     """Return the change of the measures in one sentence."""
-    if held.change is Change.NEW and held.approved:
-        return "Baseline: these measures are the first that are accepted."
-    if held.change is Change.NEW:
-        return (
-            "Baseline: nothing is accepted yet that could be compared; --approve accepts what is "
-            "here now."
-        )
-    also = ", and accepted now" if held.approved else ""
-    if held.change is Change.SAME:
-        return f"Baseline: as accepted ({held.tolerance}){also}."
-    first, *more = held.of_kind(held.change)
-    others = f"; and {len(more)} more" if more else ""
-    return (
-        f"Baseline: {held.change} than accepted{also}: {change_words(first)}{others} "
-        f"({held.tolerance})."
-    )
-
-
-def change_words(changed: MeasureChange) -> str:
-    """Return a measure, its place and its size before and now."""
-
-    def sized(value: float | None) -> str:
-        if value is None:
-            return "unknown"
-        if changed.measure.endswith("_px"):
-            # Displacements near the rounding of doubles are noise: their digits differ between
-            # machines.
-            return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
-        return f"{value:,.0f}"
-
-    column, row = changed.aperture
-    before, now = sized(changed.accepted), sized(changed.now)
-    return f"{MEASURES[changed.measure]} of hogel {column},{row}: {before} accepted, {now} now"
+    return text("baseline_sentence", held=held, changed=held.of_kind(held.change), names=MEASURES)
 
 
 def lines(held: Baseline) -> str:
     """Return the changes as lines for the terminal and for GitHub."""
-    text = [sentence(held)]
+    listed = [sentence(held)]
     for change in (Change.WORSE, Change.BETTER):
-        changed = [f"  {change}: {change_words(entry)}" for entry in held.of_kind(change)]
+        changed = [
+            f"  {change}: {text('change_words', changed=entry, name=MEASURES[entry.measure])}"
+            for entry in held.of_kind(change)
+        ]
         more = len(changed) - MAX_LISTED
-        text += changed[:MAX_LISTED] + ([f"  {change}: {more} more"] if more > 0 else [])
+        listed += changed[:MAX_LISTED] + ([f"  {change}: {more} more"] if more > 0 else [])
     if held.compared and held.new_hogels:
         beyond = f"{held.new_beyond_limits:,} of them beyond the limits"
-        text.append(f"  note: {counted(held.new_hogels, 'hogel')} not accepted before, {beyond}")
+        listed.append(f"  note: {counted(held.new_hogels, 'hogel')} not accepted before, {beyond}")
     if held.not_judged_hogels:
-        text.append(f"  note: {counted(held.not_judged_hogels, 'accepted hogel')} not judged now")
-    return "\n".join(text)
+        listed.append(f"  note: {counted(held.not_judged_hogels, 'accepted hogel')} not judged now")
+    return "\n".join(listed)
 
 
 def append_step_summary(held: Baseline) -> str | None:

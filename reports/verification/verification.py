@@ -25,7 +25,6 @@ from xfrustum.compare.diagnosis.diagnosis import (
 from xfrustum.compare.diagnosis.testset import TestSet
 from xfrustum.compare.judging.judged import Figures, judge
 from xfrustum.compare.judging.verdict import Hogel
-from xfrustum.compare.judging.where import places_of
 from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
@@ -204,16 +203,7 @@ class Run:
             restored = encoding.read(reference, image)
             points = shown_points(scene, model, restored)
             corrected = judge(reference, model, restored, points, findings.judging, explained=True)
-        hogel = Hogel(
-            aperture=aperture,
-            checks=limits.checks(as_found),
-            as_found=as_found.numbers,
-            corrected=corrected.numbers,
-            places=places_of(as_found),
-            left=corrected.numbers.all_wrong - corrected.rounded,
-            mended=limits.mends(as_found, corrected, model),
-            storage=image.storage,
-        )
+        hogel = Hogel.from_figures(limits, aperture, model, as_found, corrected)
         return hogel, (as_found, corrected)
 
 

@@ -13,8 +13,8 @@ import trimesh
 
 import xfrustum
 from tests.support.scene_file import film, named
-from xfrustum.compare.judging.judged import Compared, Judging
-from xfrustum.compare.judging.verdict import Limits, judge_images
+from xfrustum.compare.judging.judged import Compared, Judging, judge
+from xfrustum.compare.judging.verdict import Hogel, Limits
 from xfrustum.compare.metrics.error_maps import true_lines
 from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
@@ -79,7 +79,9 @@ def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tupl
             truth = trace_drawn(reference, right, aperture)
             there = scene.plate.aperture(0, 0) if name == ONE_FOR_ALL else aperture
             shown = replace(trace_drawn(reference, model, there), camera=truth.camera)
-            verdict = judge_images(reference, [lit(reference, shown)], right, limits).verdict
+            picture = lit(reference, shown)
+            figures = judge(reference, right, picture, picture.position, limits.judging)
+            verdict = Hogel.from_figures(limits, aperture, right, figures, figures).verdict
             wrong = float((shown.triangle != truth.triangle).mean())
             assert name != "right" or verdict != "fail"
             assert wrong <= 1.5 * MAX_WRONG or verdict != "pass", f"{name}: {wrong:.0%} are wrong"
