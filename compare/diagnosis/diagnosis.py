@@ -225,15 +225,10 @@ def _of_wrong(test: TestSet) -> Diagnosis:
     # else the wrong pixels have causes that are no defect, and need no other model
     # Step 3: other axes, where something is left to explain, or where they alone may make the
     # pictures that several mistakes of cameras make together.
-    if len(diagnosis.faults) > MAX_CAMERA_DEFECTS or _leaves_outliers(whole, diagnosis.model):
+    if len(diagnosis.faults) > MAX_CAMERA_DEFECTS or whole.leaves_outliers(diagnosis.model):
         start = best if diagnosis.faults else GeometryFit.exact(nominal)
         return _with_axes(whole, start, diagnosis)
     return diagnosis
-
-
-def _leaves_outliers(test: TestSet, model: RendererModel) -> bool:
-    """Return whether a candidate leaves any hogel with many wrong pixels without a cause."""
-    return any(test.of([image]).outlying(model) for image in test.images)
 
 
 def _fitted(test: TestSet) -> tuple[GeometryFit, Evidence]:
@@ -269,7 +264,7 @@ def _with_axes(test: TestSet, start: GeometryFit, diagnosis: Diagnosis) -> Diagn
         fewer = len(faults) < len(diagnosis.faults) and not test.pays(diagnosis.model, model)
         if fewer or test.pays(model, diagnosis.model):
             diagnosis = replace(diagnosis, model=model, faults=faults, does_not_explain=())
-            if not _leaves_outliers(test, model):
+            if not test.leaves_outliers(model):
                 break
     return diagnosis
 

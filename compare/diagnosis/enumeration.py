@@ -19,6 +19,7 @@ from xfrustum.compare.diagnosis.geometry_fit import (
     GeometryFit,
     fit_geometry,
 )
+from xfrustum.compare.diagnosis.registration import with_near
 from xfrustum.compare.diagnosis.testset import TestSet, shows
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
@@ -27,7 +28,6 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Front,
     Recentering,
     RendererModel,
-    screen_lengths,
 )
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -39,7 +39,6 @@ from xfrustum.compare.renderer_model.pictures import (
     drawn_scene,
 )
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 Picture = NDArray[Any]
@@ -70,9 +69,6 @@ EXCHANGED_AXES = (
 
 # Smallest number of claims that distinguishes axes.
 MIN_AXES_CLAIMS = 30
-
-# Shares of the scene's vertices below the heights at which twins of pictures are tried.
-TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 # Largest relative difference between the pitches of columns and rows at which they count as equal:
 # each may be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
@@ -193,13 +189,16 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
 def equivalents(
     test: TestSet, model: RendererModel, *, by_depth: bool = False
 ) -> list[RendererModel]:
-    """Return candidates with other defects that show the same images, or nearly so (`by_depth`)."""
+    """Return candidates with other defects that show the same images, or nearly so (`by_depth`).
+
+    At one depth of the scene a near offset n looks like a field of view 1 + n / |z| times as large.
+    """
     same = list(_moved_instead(test, model))
     if tried := list(_sheared_instead(test, model)):
         most = test.wrong(model, explained=True)
         same += [other for other in tried if test.wrong(other, explained=True) <= most]
-    if by_depth:
-        same += filter(test.explains, _at_one_depth(test, model))
+    if by_depth and model.fov != test.nominal.fov:
+        same += filter(test.explains, [with_near(test, model)])
     return same
 
 
@@ -247,29 +246,3 @@ def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMo
     if model.screen_center != nominal.screen_center:
         for shear in (Recentering.NONE, Recentering.BOTH_REVERSED):
             yield replace(model, recentering=shear, screen_center=nominal.screen_center)
-
-
-def _at_one_depth(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
-    """Yield candidates that look like another field of view or shift at some depths of the scene.
-
-    At one depth, a near offset n looks like a field of view 1 + n / |z| times as large, and a moved
-    scene or plate like a shift of the sampling points.
-    """
-    nominal, scene = test.nominal, test.reference.scene
-    plain = model.with_parameters(nominal.parameters)
-    if plain == model:
-        return
-    _, half = film_window(scene.frustum, scene.plate.middle)
-    shift, factor = np.asarray(model.shift), float(np.mean(model.fov))
-    if scene.frustum.screen is not None:
-        shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
-    tilt = 2 * shift / scene.frustum.resolution * half * (1, -1)
-    plain = replace(plain, fov=model.fov)
-    for z in np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS):
-        if factor != 1.0:
-            near = float(np.clip((factor - 1) * abs(z), 0.0, 0.5 * scene.frustum.longest_reach))
-            yield replace(model, fov=nominal.fov, near=near)
-        if tilt.any():
-            x, y = (tilt * z).tolist()
-            yield replace(plain, scene_offset=(x, y, 0.0))
-            yield replace(plain, aperture_offset=(-x, -y))
