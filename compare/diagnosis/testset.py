@@ -113,14 +113,11 @@ class TestSet:
         """Count a candidate's wrong pixels; if `explained`, without a known cause."""
         return int(self.mask(model, explained=explained).sum())
 
-    def outlying(self, model: RendererModel) -> bool:
-        """Return whether many pixels are wrong by a candidate, without a known cause."""
-        pixels = len(self.tested) * np.prod(self.reference.scene.frustum.resolution)
-        return bool(self.wrong(model, explained=True) > MIN_OUTLYING_FRACTION * pixels)
-
     def leaves_outliers(self, model: RendererModel) -> bool:
-        """Return whether any hogel is an outlier under a candidate."""
-        return any(self.of([image]).outlying(model) for image in self.images)
+        """Return whether a candidate leaves any hogel with many wrong pixels without a cause."""
+        many = MIN_OUTLYING_FRACTION * np.prod(self.reference.scene.frustum.resolution)
+        alone = (self.of([image]) for image in self.images)
+        return any(test.wrong(model, explained=True) > many for test in alone)
 
     def share(self, model: RendererModel) -> float | None:
         """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
