@@ -342,7 +342,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
     pictures[BY_TRIANGLE] = causes(truth, geometry.charge, unexplained, own)
     pictures[BY_SURFACE] = causes(truth, geometry.surface_charge, unexplained & wrong, own)
-    changes = (*report.radiance.change.steps, report.radiance.change.total)
+    changes = (*report.radiance.steps, report.radiance.total)
     for name, change in zip((*report.radiance.links, IN_ALL), changes, strict=True):
         pictures[_radiance_file(name)] = images.radiance_map(change)
     # A map of a link without effect would be a black picture.

@@ -85,23 +85,6 @@ class BudgetNumbers:
     device_model: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class VectorBudget(ShortRepr):
-    """Change of a quantity by each link, where every image of the chain shows a surface."""
-
-    #: (links, H, W, components) differences between neighboring images, NaN elsewhere
-    steps: Floats
-    #: (H, W, components) last image minus first
-    total: Floats
-
-    @classmethod
-    def from_values(cls, values: Floats) -> VectorBudget:
-        """Return the differences of a quantity (images, H, W, components), NaN where undefined."""
-        defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
-        values = np.where(defined[..., None], values, np.nan)
-        return cls(steps=np.diff(values, axis=0), total=values[-1] - values[0])
-
-
 Size = tuple[float | None, float | None]
 """Root mean square and 99th percentile of some lengths; None where there are none."""
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.attribution.budget import Named, VectorBudget
+from xfrustum.compare.attribution.budget import Named
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.radiance import Done, measure_left_out
 from xfrustum.compare.prediction.chain import Chain, links_of, make_chain
@@ -81,8 +81,10 @@ class RadianceBudget(ShortRepr):
     """The radiance error of one image, link by link."""
 
     links: tuple[str, ...]
-    #: linear RGB; nothing is left out, for a pixel that shows no surface is black
-    change: VectorBudget
+    #: (links, H, W, 3) changes of linear RGB; a pixel without a surface is black
+    steps: Floats
+    #: (H, W, 3) last color minus first
+    total: Floats
     #: (H, W) pixels whose truth is no tie
     judged: Mask
     #: (H, W) judged pixels that show the same triangle in all images of the chain
@@ -94,24 +96,29 @@ class RadianceBudget(ShortRepr):
     def numbers(self) -> RadianceNumbers:
         """The numbers alone, without the images."""
 
+        def sizes(change: Floats) -> tuple[float | None, float | None]:
+            if not len(change):
+                return None, None
+            return float(np.sqrt(np.mean(change**2))), float(np.abs(change).max())
+
         def changed(change: Floats) -> RadianceChange:
-            numbers: dict[str, float | None] = {"mean": None}
-            for of, where in (("", self.judged), ("_same_triangle", self.same)):
-                some = change[where]
-                numbers[f"rms{of}"] = float(np.sqrt(np.mean(some**2))) if len(some) else None
-                numbers[f"max{of}"] = float(np.abs(some).max()) if len(some) else None
-            if self.judged.any():
-                numbers["mean"] = float(change[self.judged].mean())
-            return RadianceChange(**numbers)
+            judged, same = sizes(change[self.judged]), sizes(change[self.same])
+            return RadianceChange(
+                mean=float(change[self.judged].mean()) if self.judged.any() else None,
+                rms=judged[0],
+                max=judged[1],
+                rms_same_triangle=same[0],
+                max_same_triangle=same[1],
+            )
 
         return RadianceNumbers(
             judged=int(self.judged.sum()),
             same_triangle=int(self.same.sum()),
             links=tuple(
                 RadianceLink(name=name, **vars(changed(step)), standard_error=self.errors.get(name))
-                for name, step in zip(self.links, self.change.steps, strict=True)
+                for name, step in zip(self.links, self.steps, strict=True)
             ),
-            total=changed(self.change.total),
+            total=changed(self.total),
         )
 
 
@@ -173,10 +180,12 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         colors = np.concatenate((colors[:1] + left_out.mean, colors))
     # Output clips first and rounds then, as the display does.
     clipped = np.clip(colors[-1:], 0.0, 1.0)
+    colors = np.concatenate((colors, clipped, through_8_bits(clipped)))
     judged, numbers = judged_pixels(truth), np.stack([image.triangle for image in chain.images])
     return RadianceBudget(
         links=(*links, CLIPPING, OUTPUT),
-        change=VectorBudget.from_values(np.concatenate((colors, clipped, through_8_bits(clipped)))),
+        steps=np.diff(colors, axis=0),
+        total=colors[-1] - colors[0],
         judged=judged,
         same=judged & truth.covered & (numbers == numbers[0]).all(axis=0),
         errors=errors,
