@@ -269,19 +269,12 @@ def find_files(
             candidates,
             key=lambda files: (-files.strangers, known is not None and files.shape == known),
         )
-    stated = layouts[0].name if len({layout.name for layout in layouts}) == 1 else None
-    fitting = (
-        layout
-        for layout in LAYOUTS
-        if layout.numbers and all(layout.read_name(path.name) for path in paths)
-    )
-    likely = next(fitting, None)
-    why = "have names of no layout"
-    if stated and likely is not None:
-        why = f"are not named as those of {stated}; they look like {likely.name}"
-    problems.append(f"its files ({len(paths)} pictures, such as {paths[0].name}) {why}")
-    name = stated or "that their names fit"
-    raise InputError(f"{place}: cannot be read in the layout {name}: {problems[0]}")
+    names = list(dict.fromkeys(layout.name for layout in layouts))
+    layout_name = names[0] if len(names) == 1 else "that their names fit"
+    likely = [each.name for each in LAYOUTS if each.numbers and each.read_name(paths[0].name)]
+    hint = f"; such names are of {likely[0]}" if likely else ""
+    problems.append(f"{len(paths)} pictures, such as {paths[0].name}, have other names{hint}")
+    raise InputError(f"{place}: cannot be read in the layout {layout_name}: {problems[0]}")
 
 
 def pictures_at(place: Path) -> list[Path]:

@@ -162,6 +162,15 @@ def magnification(scene_from_mesh: Floats) -> float:
     return float(np.linalg.norm(scene_from_mesh[:3, :3], ord=2))
 
 
+def cofactors(matrices: Floats) -> Floats:
+    """Return (N, 3, 3) matrices by which normals, as rows, follow surfaces that matrices place.
+
+    They are the inverse transposes times the determinants, and exist for singular matrices too.
+    """
+    x, y, z = np.moveaxis(matrices, 2, 0)
+    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+
+
 def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
@@ -180,9 +189,8 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
         # matrix mirrors. Normals are not made unit vectors, so that their interpolation stays
         # linear in the original ones.
         linear = scene_from_mesh[:3, :3]
-        a, b, c = (linear / np.abs(linear).max()).T
-        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-        normals = normals @ (cofactors / np.abs(cofactors).max()).T
+        (turned,) = cofactors((linear / np.abs(linear).max())[None])
+        normals = normals @ (turned / np.abs(turned).max())
     return replace(part, vertices=np.stack(moved, axis=1), vertex_normals=normals)
 
 

@@ -276,10 +276,8 @@ def read_patches(path: Path) -> list[Floats]:
                 net = np.array(words[at + 2 : end], dtype=np.float64).reshape(n + 1, m + 1, 3)
             except ValueError as error:
                 raise InputError(f"{point} is not a number ({error})") from error
-            if not np.isfinite(net).all():
-                raise InputError(f"{point} is NaN or infinite; repair it")
-            if np.abs(net).max() > LARGEST_COORDINATE:
-                raise InputError(f"{point} is beyond {LARGEST_COORDINATE:.0e}; repair it")
+            if not (np.abs(net) <= LARGEST_COORDINATE).all():
+                raise InputError(f"{point} is NaN, or beyond {LARGEST_COORDINATE:.0e}; repair it")
             nets.append(net)
             at = end
     if at < len(words):

@@ -16,6 +16,7 @@ from trimesh.visual.color import srgb_to_linear
 
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.disk.input_files import check_picture_size, open_image, read_input
+from xfrustum.scenes.geometry.shapes import cofactors
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 
 #: Errors of Pillow at damage and at variants without a decoder; its plugins differ.
@@ -55,15 +56,6 @@ def unit_normals(normals: Floats) -> Floats:
         length = np.linalg.norm(normals, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
     return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
-
-
-def cofactors(matrices: Floats) -> Floats:
-    """Return (N, 3, 3) matrices by which normals, as rows, follow surfaces that matrices place.
-
-    They are the inverse transposes times the determinants, and exist for singular matrices too.
-    """
-    x, y, z = np.moveaxis(matrices, 2, 0)
-    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
 
 
 def carried(

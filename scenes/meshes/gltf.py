@@ -21,11 +21,11 @@ from trimesh.transformations import quaternion_matrix
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.geometry.shapes import cofactors
 from xfrustum.scenes.meshes.content import (
     MeshContent,
     MeshPart,
     carried,
-    cofactors,
     open_picture,
     opened,
     unit_normals,

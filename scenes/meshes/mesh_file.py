@@ -37,24 +37,15 @@ _READERS: dict[str, Callable[[Path], MeshContent]] = {
     ".stl_ascii": read_stl,
 }
 
-#: Formats that are known and not read, by suffix, and what to do with them.
+#: Formats that are known and not read, and what to do with them, by suffixes.
 _EXPORT = "export the mesh as glTF, OBJ, PLY or STL"
 _REFUSED = {
-    **dict.fromkeys((".dae", ".zae"), f"COLLADA, which is not read; {_EXPORT}"),
-    **dict.fromkeys(
-        (".xaml", ".x3d", ".wrl", ".amf", ".ctm", ".drc"),
-        f"of a format that is not read; {_EXPORT}",
-    ),
-    **dict.fromkeys(
-        (".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc"), f"a scene; {_EXPORT}"
-    ),
-    **dict.fromkeys(
-        (".step", ".stp", ".iges", ".igs", ".brep", ".dxf", ".dwg"), f"a CAD drawing; {_EXPORT}"
-    ),
-    **dict.fromkeys(
-        (".xyz", ".pts", ".pcd", ".las", ".laz", ".e57"), "a point cloud; give it a mesh with faces"
-    ),
-    **dict.fromkeys((".zip", ".gz", ".bz2", ".xz", ".tar", ".7z"), "packed; unpack it first"),
+    ".dae .zae": f"COLLADA, which is not read; {_EXPORT}",
+    ".xaml .x3d .wrl .amf .ctm .drc": f"of a format that is not read; {_EXPORT}",
+    ".fbx .blend .usd .usda .usdc .usdz .abc": f"a scene; {_EXPORT}",
+    ".step .stp .iges .igs .brep .dxf .dwg": f"a CAD drawing; {_EXPORT}",
+    ".xyz .pts .pcd .las .laz .e57": "a point cloud; give it a mesh with faces",
+    ".zip .gz .bz2 .xz .tar .7z": "packed; unpack it first",
 }
 
 
@@ -109,8 +100,9 @@ def _reader(path: Path) -> Callable[[Path], MeshContent]:
     suffix = path.suffix.lower()
     if suffix in _READERS:
         return _READERS[suffix]
-    if suffix in _REFUSED:
-        raise InputError(f"{path}: is {_REFUSED[suffix]}")
+    for suffixes, kind in _REFUSED.items():
+        if suffix in suffixes.split():
+            raise InputError(f"{path}: is {kind}")
     kinds = ", ".join(sorted(suffix[1:] for suffix in _READERS))
     raise InputError(f"{path}: not a mesh type that can be read; use one of {kinds}")
 
@@ -122,25 +114,23 @@ def _joined(
     own = list(values)
     if all(value is None for value in own):
         return None
-    filled = [np.array(otherwise) if value is None else value for value in own]
-    shapes = [(len(part.vertices), len(otherwise)) for part in parts]
-    return np.concatenate(
-        [np.broadcast_to(value, shape) for value, shape in zip(filled, shapes, strict=True)]
-    )
+    filled = [
+        np.broadcast_to(otherwise if value is None else value, (len(part.vertices), len(otherwise)))
+        for part, value in zip(parts, own, strict=True)
+    ]
+    return np.concatenate(filled)
 
 
 def _check_geometry(path: Path, parts: Sequence[MeshPart]) -> None:
     """Raise InputError where faces leave their own vertices, or vertices are no points in space."""
     for part in parts:
-        if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.shape[1:] != (3,):
-            raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
-        lowest, highest = int(part.faces.min()), int(part.faces.max())
-        if lowest < 0 or highest >= len(part.vertices):
-            raise InputError(
-                f"{path}: faces point past the vertices (index "
-                f"{lowest if lowest < 0 else highest}, "
-                f"{len(part.vertices)} vertices); export the mesh again"
-            )
+        ends, count = (int(part.faces.min()), int(part.faces.max())), len(part.vertices)
+        for index in ends:
+            if not 0 <= index < count:
+                raise InputError(
+                    f"{path}: faces point past the vertices (index {index}, {count} vertices); "
+                    "export the mesh again"
+                )
     finite = np.concatenate([np.isfinite(part.vertices).all(axis=1) for part in parts])
     if not finite.all():
         raise InputError(
