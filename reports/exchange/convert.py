@@ -3,7 +3,7 @@
 import math
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
@@ -216,17 +216,26 @@ def convert(
             "give the layout to write with --to; only names that end in .zarr state it themselves"
         )
     array = None if options.array is None else choice(PlateArray, options.array, "array")
-    notes: tuple[str, ...] = ()
     if read_as == ZARR or (read_as is None and (source / METADATA).is_file()):
         group = open_plate(source, array)
-        plate, notes = group.rows, words.missing_hogels(group.missing)
-        layout, reasons = ZARR, (f"array {group.array}", str(plate.shape), *notes)
+        plate, layout, notes = group.rows, ZARR, words.missing_hogels(group.missing)
+        reasons = (f"array {group.array}", str(plate.shape), *notes)
     else:
         files = _files_at(source, read_as, options)
-        plate, layout, reasons = files.rows(), files.layout.name, words.reasons(files)
-    if target != ZARR:
-        target = layouts.layouts_named(target)[0].name
-    done = Conversion(
+        plate, layout, notes = files.rows(), files.layout.name, ()
+        reasons = words.reasons(files)
+    if target == ZARR:
+        if array is PlateArray.TRIANGLE and plate.floating:
+            raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
+        described = {"source": str(source), "layout": layout}
+        _into_group(plate, out, array or PlateArray.COLOR, described, progress=progress)
+        count, losses = math.prod(plate.shape.hogels), ()
+    else:
+        form = _target(plate, out, target, options)
+        target, losses = form.layout.name, words.losses(plate, form)
+        out, count = _into_files(plate, out, form, progress=progress)
+        notes += words.notes(plate, form)
+    return Conversion(
         source=source,
         out=out,
         read_as=layout,
@@ -234,13 +243,10 @@ def convert(
         written_as=target,
         hogels=plate.shape.hogels,
         resolution=plate.shape.resolution,
-        files=0,
-        losses=(),
+        files=count,
+        losses=losses,
         notes=notes,
     )
-    if target == ZARR:
-        return _into_group(done, plate, array or PlateArray.COLOR, progress=progress)
-    return _into_files(done, plate, options, progress=progress)
 
 
 def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> plate_files.FileSet:
@@ -256,28 +262,27 @@ def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> 
 
 
 def _into_group(
-    done: Conversion, plate: PlateRows, array: PlateArray, *, progress: bool
-) -> Conversion:
+    plate: PlateRows,
+    out: Path,
+    array: PlateArray,
+    described: dict[str, object],
+    *,
+    progress: bool,
+) -> None:
     """Write a plate into a new Zarr group."""
-    source, out = done.source, done.out
-    if array is PlateArray.TRIANGLE and plate.floating:
-        raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if out.exists() or out.is_symlink():
         raise InputError(
             f"{out}: exists; choose another place, for a group is written in one piece"
         )
-    count = math.prod(plate.shape.hogels)
     with (
         refused(f"{out}: cannot be written", "choose another place"),
         TempPath(out.absolute().parent, folder=True) as temporary,
-        progress_bar(count, "convert", "hogel", shown=progress) as bar,
+        progress_bar(math.prod(plate.shape.hogels), "convert", "hogel", shown=progress) as bar,
     ):
         # The rename makes the group appear as a whole.
         made = temporary.path / "group"
-        described: dict[str, object] = {"source": str(source), "layout": done.read_as}
         write_group(plate, made, array, described, bar.update)
         made.rename(out)
-    return replace(done, files=count)
 
 
 def is_one_file(out: Path, layout: str) -> bool:
@@ -285,19 +290,16 @@ def is_one_file(out: Path, layout: str) -> bool:
     return layout in layouts.SINGLE_PICTURES and out.suffix.lower() in layouts.PICTURE_SUFFIXES
 
 
-def _into_files(
-    done: Conversion, plate: PlateRows, options: ConversionOptions, *, progress: bool
-) -> Conversion:
-    """Write a plate into files."""
-    out, layout = done.out, layouts.layouts_named(done.written_as)[0]
-    single = is_one_file(out, layout.name)
+def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) -> layouts.Target:
+    """Return layout and names of the files to be written; InputError where they cannot hold it."""
+    layout, single = layouts.layouts_named(name)[0], is_one_file(out, name)
     suffix = out.suffix.lower() if single else options.suffix
     suffix = suffix or (".exr" if plate.floating else ".png")
     if suffix not in (".png", ".exr"):
         raise InputError(f"files that end in {suffix} are not written; choose .png or .exr")
     # The part of a quilt's name behind _qs is its own.
-    stem = out.stem.partition("_qs")[0] if layout.name == "quilt" else out.stem
-    target = layouts.Target(
+    stem = out.stem.partition("_qs")[0] if name == "quilt" else out.stem
+    form = layouts.Target(
         layout=layout,
         suffix=suffix,
         stem=stem if single else "",
@@ -305,19 +307,20 @@ def _into_files(
         tiles=options.tiles,
     )
     # Tiles that do not hold the views are refused before the work.
-    target.stated(plate.shape)
-    count = layout.file_count(plate.shape)
+    form.stated(plate.shape)
+    return form
+
+
+def _into_files(
+    plate: PlateRows, out: Path, form: layouts.Target, *, progress: bool
+) -> tuple[Path, int]:
+    """Write a plate into files; return their folder, or the single file, and their number."""
+    single, count = is_one_file(out, form.layout.name), form.layout.file_count(plate.shape)
     with Staging(out.absolute().parent if single else out) as staging:
         with progress_bar(count, "convert", "file", shown=progress) as bar:
-            plate_files.write_files(plate, target, staging.folder, bar.update)
+            plate_files.write_files(plate, form, staging.folder, bar.update)
         written = staging.commit()
-    return replace(
-        done,
-        out=written[0] if single else out,
-        files=count,
-        losses=words.losses(plate, target),
-        notes=(*done.notes, *words.notes(plate, target)),
-    )
+    return written[0] if single else out, count
 
 
 #: ending of a group that is kept until its files are written

@@ -115,7 +115,7 @@ def _apertures_of(
 
     A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) +
     widened. The screen is at s = S and has its middle at m; without a screen 1/S is zero. Between
-    the heights of `_heights` 1 - s/S keeps its sign.
+    the heights of `_layers` 1 - s/S keeps its sign.
     """
     corners, valid = part
     s, x = -corners[..., 2], corners[..., axis]
@@ -135,13 +135,10 @@ def _apertures_of(
     return low, high
 
 
-def _heights(frustum: Frustum, reach: Interval) -> Iterator[Interval]:
-    """Yield the layers of a reach, which end at the plate and at the projection screen."""
-    toward, back = reach
-    ends = [-back, 0.0, toward]
-    if frustum.screen is not None and -back < frustum.screen.height < toward:
-        ends.append(frustum.screen.height)
-    yield from pairwise(sorted(ends))
+def _layers(frustum: Frustum, low: float, high: float) -> Iterator[Interval]:
+    """Yield the layers between two heights, which end at the plate and at the screen."""
+    cuts = [0.0] if frustum.screen is None else sorted([0.0, frustum.screen.height])
+    yield from pairwise([low, *(cut for cut in cuts if low < cut < high), high])
 
 
 def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
@@ -215,10 +212,11 @@ class Region:
     def holds(self, triangles: Floats, heights: Interval | None = None) -> Mask:
         """Return (F,) which triangles may have a part in the region, and between two heights.
 
-        False is certain. The heights lie within one layer.
+        False is certain.
         """
+        toward, back = self.reach
         held = np.zeros(len(triangles), dtype=np.bool_)
-        for ends in _heights(self.frustum, self.reach) if heights is None else [heights]:
+        for ends in _layers(self.frustum, *(heights or (-back, toward))):
             part = _parts(triangles, *ends)
             inside = np.asarray(part[1].any(axis=1))
             for axis, (first, last) in enumerate(self.apertures):
@@ -263,7 +261,7 @@ def apertures_in_view(
     # sums along both are the numbers of rectangles over each aperture.
     steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     for triangles in triangles_in_chunks(part):
-        for ends in _heights(frustum, frustum.reach):
+        for ends in _layers(frustum, -frustum.reach[1], frustum.reach[0]):
             cut = _parts(_split(triangles, len(part.faces)), *ends)
             (left, right), (low, high) = (
                 _indices_between(*_apertures_of(cut, frustum, axis, widened[axis]), plate, axis)
@@ -439,15 +437,15 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     places, (column, row) = [], scene.plate.middle.index
     for number, part in enumerate(scene.objects):
         flags = apertures_in_view(part, scene.frustum, scene.plate)
-        rows, columns = (numbers.tolist() for numbers in np.nonzero(flags))
-        first, *rest = (bool(flags[r, c]) for r in (0, -1) for c in (0, -1))
+        rows, columns = np.nonzero(flags)
+        top_left, top_right, left, right = flags[[0, 0, -1, -1], [0, -1, 0, -1]].tolist()
         sight = Sight(
             apertures=len(rows),
             of=flags.size,
-            columns=(min(columns), max(columns)) if columns else None,
-            rows=(min(rows), max(rows)) if rows else None,
+            columns=_ends(columns),
+            rows=_ends(rows),
             middle=bool(flags[row, column]),
-            corners=(first, rest[0], rest[1], rest[2]),
+            corners=(top_left, top_right, left, right),
         )
         (low, high), share = box(part), share_in_reach(part, scene.frustum)
         extent = ObjectExtent(
@@ -461,6 +459,10 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
         )
         places.append(extent)
     return tuple(places)
+
+
+def _ends(numbers: Indices) -> tuple[int, int] | None:
+    return (int(numbers.min()), int(numbers.max())) if len(numbers) else None
 
 
 # By depth
@@ -518,12 +520,7 @@ def _held(
     outer_end = np.where(least == most, least <= far, least < far)
     inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
     inside = triangles[outer_end & inner_end]
-    screen = region.frustum.screen
-    cuts = [] if screen is None or not low_z < screen.height < high_z else [screen.height]
-    held = np.zeros(len(inside), dtype=np.bool_)
-    for ends in pairwise([low_z, *cuts, high_z]):
-        held |= region.holds(inside, ends)
-    kept = inside[held]
+    kept = inside[region.holds(inside, (low_z, high_z))]
     area = float((areas(kept) * share_between(kept, low_z, high_z)).sum())
     z = np.clip(kept[..., 2], low_z, high_z)
     ends_of = np.abs(np.stack((z.min(axis=1), z.max(axis=1)), axis=1))

@@ -165,7 +165,7 @@ def test_names_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
 def test_a_folder_of_other_pictures_has_no_layout(tmp_path: Path) -> None:
     for name in ("left.png", "right.png"):
         Image.new("RGB", (4, 4)).save(tmp_path / name)
-    with pytest.raises(InputError, match="such as left.png, have other names"):
+    with pytest.raises(InputError, match=r"such as left\.png, have other names"):
         find_files(tmp_path)
 
 
