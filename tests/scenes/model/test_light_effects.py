@@ -70,6 +70,7 @@ def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
         Effect.C_STAR: scene(sheet(), sheet(z=5.0)),
     }.items():
         assert needed(world) == BASE | {effect}
+    assert needed(scene(sheet(z=0.0))) == BASE | {Effect.C_STAR}, "both cameras draw the plate"
 
 
 def test_each_missing_fact_turns_it_off_again() -> None:

@@ -158,8 +158,12 @@ def test_shares_of_a_surface_between_heights_add_up(
 
 def test_half_way_up_a_triangle_lies_a_quarter_of_its_surface() -> None:
     upright = np.array([[(0.0, 0.0, 2.0), (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)]])
-    assert share_between(upright, 1.0, 2.0)[0] == pytest.approx(0.25)
-    assert share_between(upright, -9.0, 1.0)[0] == pytest.approx(0.75)
+    for triangle, upper in ((upright, 0.25), (upright * (1, 1, -1) + (0, 0, 2), 0.75)):
+        assert share_between(triangle, 1.0, 2.0)[0] == pytest.approx(upper)
+        assert share_between(triangle, -9.0, 1.0)[0] == pytest.approx(1 - upper)
+    flat = upright * (1, 1, 0)  # a cut at its height counts it on either side
+    shares = [share_between(flat, *ends)[0] for ends in ((0, 1), (-1, 0), (0.1, 1))]
+    assert shares == [1, 1, 0]
 
 
 @pytest.mark.parametrize(
