@@ -7,6 +7,8 @@ long; each `share`-th runs the whole command.
 import io
 import json
 import shlex
+import subprocess
+import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
@@ -65,34 +67,29 @@ samples = 4
 """
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Seed:
     """A valid input: files, the file to mutate, and the command that reads them."""
 
     name: str  #: unique among all seeds; names of findings begin with it
     files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
     mutated: str  #: name of the file that is mutated; empty where the command line itself is
-    command: tuple[str, ...]  #: arguments of `xfrustum`
-    outputs: frozenset[
-        str
-    ]  #: files and folders that the command may leave when it ends with 0 or 1
+    line: str  #: arguments of `xfrustum`, quoted as for a shell
+    left: str = ""  #: outputs that may be left at exit status 0 or 1, between spaces
     share: int = 1  #: number of inputs of this seed for each input of a seed of share 1
     how: str = "mutated"  #: name of the function of `mutations` that damages the file
     #: Pattern of the files that the mutated file, a JSON list, names, and the content of each
     listed: tuple[str, bytes] | None = None
 
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Arguments of `xfrustum`."""
+        return tuple(shlex.split(self.line))
 
-def _seed(
-    name: str,
-    files: Mapping[str, bytes],
-    mutated: str,
-    line: str,
-    outputs: str = "",
-    how: str = "mutated",
-) -> Seed:
-    """Return a seed; its command line is quoted as for a shell, its outputs have spaces between."""
-    command, allowed = tuple(shlex.split(line)), frozenset(outputs.split())
-    return Seed(name=name, files=files, mutated=mutated, command=command, outputs=allowed, how=how)
+    @property
+    def outputs(self) -> frozenset[str]:
+        """Files and folders that the command may leave when it ends with 0 or 1."""
+        return frozenset(self.left.split())
 
 
 def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
@@ -122,33 +119,26 @@ def packed(files: Mapping[str, bytes]) -> dict[str, bytes]:
     return result
 
 
-def _also(seeds: list[Seed], word: str, line: str, outputs: str = "", share: int = 1) -> list[Seed]:
+def _also(seeds: list[Seed], word: str, line: str, left: str = "", share: int = 1) -> list[Seed]:
     """Return seeds once more, with another command and `share` times as many inputs."""
-    command, allowed = tuple(line.split()), frozenset(outputs.split())
     return [
-        replace(seed, name=f"{seed.name}-{word}", command=command, outputs=allowed, share=share)
+        replace(seed, name=f"{seed.name}-{word}", line=line, left=left, share=share)
         for seed in seeds
     ]
 
 
 def _of_scene(seeds: list[Seed]) -> list[Seed]:
     """Return seeds whose scene is traced, mostly only read, and checked."""
-    return [
-        *seeds,
-        *_also(seeds, "read", "read-scene scene.toml", share=8),
-        *_also(seeds, "check", "check scene.toml"),
-    ]
+    read = _also(seeds, "read", "read-scene scene.toml", share=8)
+    return [*seeds, *read, *_also(seeds, "check", "check scene.toml")]
 
 
-def _of_mesh(name: str, data: bytes, **more: bytes) -> Seed:
+def _of_mesh(name: str, data: bytes, title: str = "", **more: bytes) -> Seed:
     """Return the seed of one mesh file; `more` are referenced files, with `_` for the dot."""
     scene = SCENE + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n'
-    files = {
-        "scene.toml": scene.encode(),
-        name: data,
-        **{k.replace("_", "."): v for k, v in more.items()},
-    }
-    return _seed(f"mesh-{name.replace('.', '-')}", files, name, _TRACE, "out.exr")
+    files = {"scene.toml": scene.encode(), name: data}
+    files |= {k.replace("_", "."): v for k, v in more.items()}
+    return Seed(title or f"mesh-{name.replace('.', '-')}", files, name, _TRACE, "out.exr")
 
 
 _TRACE = "trace scene.toml --out out.exr --quiet"
@@ -161,45 +151,52 @@ def scenes() -> list[Seed]:
     """Return scene files with every table."""
     texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
     sky = _map("map.exr")
-    return _of_scene(
-        [
-            _seed(f"scene-{name}", files, "scene.toml", _TRACE, "out.exr")
-            for name, text in texts.items()
-            for files in [{"scene.toml": text.encode(), "map.exr": sky}]
-        ]
-    )
+    seeds = []
+    for name, text in texts.items():
+        files = {"scene.toml": text.encode(), "map.exr": sky}
+        seeds.append(Seed(f"scene-{name}", files, "scene.toml", _TRACE, "out.exr"))
+    return _of_scene(seeds)
+
+
+OBJ = b"""\
+# a comment
+mtllib a.mtl
+o part
+usemtl m
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+vt 0 0
+vt 1 0
+vt 0 1
+vn 0 0 1
+f 1/1/1 2/2/1 3/3/1
+f 1/1 2/2 4/3
+f 1//1 3//1 4//1
+"""
+STRIPS = '<Faces><Face strips="0 1 2 3" triangles="0 1 4"/></Faces>'
+LIBRARY = b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n"
 
 
 def meshes() -> list[Seed]:
     """Return a mesh of every format that is read."""
     box = trimesh.creation.box()
     box.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
-    scene = trimesh.Scene(box)
-    obj = (
-        b"# a comment\nmtllib a.mtl\no part\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
-        b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
-    )
-    wood = _of_mesh(
-        "a.obj", obj, a_mtl=b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n", skin_png=_picture()
-    )
+    gltf = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box), embed_buffers=True)
+    wood = _of_mesh("a.obj", OBJ, a_mtl=LIBRARY, skin_png=_picture())
     return _of_scene(
         [
             wood,
             _of_mesh("a.ply", box.export(file_type="ply", encoding="ascii")),
             _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
             _of_mesh("a.off", box.export(file_type="off").encode()),
-            _of_mesh(
-                "a.gltf", trimesh.exchange.gltf.export_gltf(scene, embed_buffers=True)["model.gltf"]
-            ),
+            _of_mesh("a.gltf", gltf["model.gltf"]),
             _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
             _of_mesh("a.3mf", _threemf()),
-            _of_mesh(
-                "a.3dxml", threedxml('<Faces><Face strips="0 1 2 3" triangles="0 1 4"/></Faces>')
-            ),
-            replace(_of_mesh("a.ply", bytes(box.export(file_type="ply"))), name="mesh-ply-binary"),
-            replace(
-                _of_mesh("a.stl", box.export(file_type="stl_ascii").encode()), name="mesh-stl-ascii"
-            ),
+            _of_mesh("a.3dxml", threedxml(STRIPS)),
+            _of_mesh("a.ply", bytes(box.export(file_type="ply")), "mesh-ply-binary"),
+            _of_mesh("a.stl", box.export(file_type="stl_ascii").encode(), "mesh-stl-ascii"),
             replace(wood, name="mesh-mtl", mutated="a.mtl"),
             replace(wood, name="mesh-texture", mutated="skin.png"),
         ]
@@ -223,22 +220,30 @@ def instances() -> list[Seed]:
         return _of_scene([_of_mesh(path.name, path.read_bytes()) for path in paths])
 
 
+PATCHES = """\
+2
+3 3
+{corners}
+1 2
+{low}
+"""
+
+
 def patches() -> list[Seed]:
     """Return a file of two Bezier patches."""
-    corners = "\n".join(
-        f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4)
-    )
-    low = "\n".join(f"{x:.1f} {y:.1f} 1.0" for x in range(2) for y in range(3))
-    text = f"2\n3 3\n{corners}\n1 2\n{low}\n".encode()
-    return _of_scene([replace(_of_mesh("a.bpt", text), name="patches-two")])
+    fine = [f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x, y in np.ndindex(4, 4)]
+    low = [f"{x:.1f} {y:.1f} 1.0" for x, y in np.ndindex(2, 3)]
+    text = PATCHES.format(corners="\n".join(fine), low="\n".join(low))
+    return _of_scene([_of_mesh("a.bpt", text.encode(), "patches-two")])
 
 
 def images() -> list[Seed]:
     """Return hogel images as OpenEXR, as our own truth and as a raster."""
     packed = {"truth.exr": _hogel("trace"), "raster.exr": _hogel("raster --near 0.1")}
     plain = {name: _unpacked(data) for name, data in packed.items()}
+    line = "compare truth.exr raster.exr --json"
     return [
-        _seed(f"exr-{how}-{name.split('.')[0]}", files, name, "compare truth.exr raster.exr --json")
+        Seed(f"exr-{how}-{name.split('.')[0]}", files, name, line)
         for how, files in (("packed", packed), ("plain", plain))
         for name in files
     ]
@@ -247,43 +252,35 @@ def images() -> list[Seed]:
 def environments() -> list[Seed]:
     """Return latitude-longitude maps, OpenEXR and Radiance HDR."""
     seeds = []
-    for name in ("map.exr", "map.hdr"):
+    for suffix in ("exr", "hdr"):
+        name = f"map.{suffix}"
         files = {"scene.toml": (SCENE + LIT).replace("map.exr", name).encode(), name: _map(name)}
-        seeds.append(_seed(f"environment-{name.split('.')[1]}", files, name, _TRACE, "out.exr"))
+        seeds.append(Seed(f"environment-{suffix}", files, name, _TRACE, "out.exr"))
     return _of_scene(seeds)
 
 
 def pictures() -> list[Seed]:
     """Return the pictures of a foreign renderer, one of which is mutated."""
+    line = "verify scene.toml {{i}}x{{j}}.{suffix} --apertures 1,1 --encoding triangle-id"
+    line += " --junit out.xml --json --quiet"
     seeds = []
     for suffix in ("png", "bmp", "tif", "exr"):
         data = _hogel("trace") if suffix == "exr" else _picture((16, 12), suffix)
         name = f"1x1.{suffix}"
-        line = f"verify scene.toml {{i}}x{{j}}.{suffix} --apertures 1,1 --encoding triangle-id"
         files = {"scene.toml": _SHAPE_SCENE, name: data}
-        seed = _seed(
-            f"picture-{suffix}", files, name, f"{line} --junit out.xml --json --quiet", "out.xml"
-        )
+        seed = Seed(f"picture-{suffix}", files, name, line.format(suffix=suffix), "out.xml")
         seeds += [seed, *_also([seed], "read", f"read-picture scene.toml {name}", share=99)]
     return seeds
 
 
 def attributes() -> list[Seed]:
     """Return hogel images whose attributes are damaged one by one."""
-    files = {
-        "scene.toml": _SHAPE_SCENE,
-        "truth.exr": _hogel("trace"),
-        "1x1.exr": _hogel("raster --near 0.1"),
-    }
-    lines = {
-        "read": "read-picture scene.toml 1x1.exr",
-        "compare": "compare truth.exr 1x1.exr --json",
-    }
-    seeds = [
-        _seed(f"exr-attributes-{word}", files, "1x1.exr", line, how="mutated_header")
-        for word, line in lines.items()
-    ]
-    return [replace(seeds[0], share=9), seeds[1]]
+    files = {"scene.toml": _SHAPE_SCENE}
+    files |= {"truth.exr": _hogel("trace"), "1x1.exr": _hogel("raster --near 0.1")}
+    read = "read-picture scene.toml 1x1.exr"
+    seed = Seed("exr-attributes-read", files, "1x1.exr", read, share=9, how="mutated_header")
+    compare = "compare truth.exr 1x1.exr --json"
+    return [seed, replace(seed, name="exr-attributes-compare", line=compare, share=1)]
 
 
 _NAMES = {
@@ -298,18 +295,18 @@ _NAMES = {
 
 def names() -> list[Seed]:
     """Return folders of pictures in several layouts, whose names are damaged."""
-    seeds = [
-        _seed(
+    line, listed = f"convert in out {_CONVERT}", ("in/{}", _picture((4, 4)))
+    return [
+        Seed(
             f"names-{layout}",
-            {NAMES_FILE: _listed(*names)},
+            {NAMES_FILE: json.dumps(names).encode()},
             NAMES_FILE,
-            f"convert in out {_CONVERT}",
+            line,
             "out",
+            how="mutated_names",
+            listed=listed,
         )
         for layout, names in _NAMES.items()
-    ]
-    return [
-        replace(seed, how="mutated_names", listed=("in/{}", _picture((4, 4)))) for seed in seeds
     ]
 
 
@@ -317,21 +314,18 @@ def parts() -> list[Seed]:
     """Return the parts of a survey, of which one, or the description, is mutated."""
     line = "survey scene.toml --near 0.1 --all --workers 1 --out s --quiet"
     files = _made(line, {"scene.toml": _SHAPE_SCENE})
-    inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))
-    return [
-        _seed(f"parts-{number}", files, name, "read-parts s")
-        for number, name in enumerate(inside[:3])
-    ]
+    inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))[:3]
+    return [Seed(f"parts-{n}", files, name, "read-parts s") for n, name in enumerate(inside)]
 
 
 def devices() -> list[Seed]:
     """Return files of devices, with every key."""
+    line = "budget scene.toml --near 0.1 --json --device device.json"
     seeds = []
     for name, model in {"card": H100, "software": SOFTPIPE}.items():
         text = json.dumps({"renderer": "any", "model": model.as_json(), "subpixel_bits": 8})
         files = {"scene.toml": _SHAPE_SCENE, "device.json": text.encode()}
-        line = "budget scene.toml --near 0.1 --json --device device.json"
-        seeds.append(_seed(f"device-{name}", files, "device.json", line))
+        seeds.append(Seed(f"device-{name}", files, "device.json", line))
     return [*seeds, *_also(seeds, "read", "read-device device.json", share=9)]
 
 
@@ -340,110 +334,99 @@ def recordings() -> list[Seed]:
     numbers = np.zeros((12, 16), dtype=np.int32)
     numbers[:, :8] = -1
     device = {"vendor": "Mesa", "renderer": "llvmpipe", "version": "4.5", "subpixel_bits": "8"}
-    members = {"scene.toml": _SHAPE_SCENE}
-    for name, array in {
-        "device": np.array(json.dumps(device)),
-        "scene.toml|0.1|d24|standard|1,1": numbers,
-    }.items():
+    arrays = {"device": np.array(json.dumps(device)), "scene.toml|0.1|d24|standard|1,1": numbers}
+    inside = {}
+    for name, array in arrays.items():
         held = io.BytesIO()
         np.save(held, array)
-        members[f"frames.npz/{name}.npy"] = held.getvalue()
+        inside[f"frames.npz/{name}.npy"] = held.getvalue()
+    members = {"scene.toml": _SHAPE_SCENE, **inside}
     line = "device --replay frames.npz --json --quiet"
-    whole = _seed("replay-whole", packed(members), "frames.npz", line)
-    inside = [name for name in members if name.startswith("frames.npz/")]
-    return [whole, *(_seed(f"replay-{n}", members, name, line) for n, name in enumerate(inside))]
+    whole = Seed("replay-whole", packed(members), "frames.npz", line)
+    return [whole, *(Seed(f"replay-{n}", members, name, line) for n, name in enumerate(inside))]
 
 
 def archives() -> list[Seed]:
     """Return an archive of two conformance cases: as a whole, and member by member."""
-    names = "L0-behind", "L0-colors"
-    exported = _made(f"conformance export --case {','.join(names)} --out a --quiet", {})
-    (content,) = exported.values()
+    cases = "L0-behind", "L0-colors"
+    (content,) = _made(f"conformance export --case {','.join(cases)} --out a --quiet", {}).values()
     images = {
         name.replace("truth/", f"images/{case}/"): data
-        for case in names
+        for case in cases
         for name, data in _made(f"conformance show {case} --out .", {}).items()
         if name.startswith("truth/")
     }
-    members: dict[str, bytes] = {}
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members["truth.zip/suite.json"] = archive.read("suite.json")
-        for name in (member for member in archive.namelist() if member.startswith("truths/")):
-            with zipfile.ZipFile(io.BytesIO(archive.read(name))) as arrays:
-                members |= {
-                    f"truth.zip/{name}/{member}": arrays.read(member)
-                    for member in arrays.namelist()
-                }
-    result = []
-    whole = {**packed(members), **images}
-    for case in names:
+    members = _members("truth.zip", content)
+    for name in [name for name in members if name.startswith("truth.zip/truths/")]:
+        members |= _members(name, members.pop(name))
+    members = {
+        name: data for name, data in members.items() if name.endswith((".npy", "suite.json"))
+    }
+    whole, files, result = {**packed(members), **images}, {**members, **images}, list[Seed]()
+    for case in cases:
         line = f"conformance judge images --truth truth.zip --case {case} --json --quiet"
-        files = {**members, **images}
-        inside = [
-            name for name in members if f"/{case}/0.npz" in name or name.endswith("suite.json")
-        ]
-        seeds = [
-            _seed(f"archive-{case}-whole", whole, "truth.zip", line),
-            *(
-                _seed(f"archive-{case}-{PurePosixPath(name).stem}", files, name, line)
-                for name in inside
-            ),
-        ]
+        seeds = [Seed(f"archive-{case}-whole", whole, "truth.zip", line)]
+        for name in members:
+            if f"/{case}/0.npz" in name or name.endswith("suite.json"):
+                title = f"archive-{case}-{PurePosixPath(name).stem}"
+                seeds.append(Seed(title, files, name, line))
         result += [*seeds, *_also(seeds, "read", f"read-archive truth.zip {case}", share=9)]
     return result
+
+
+def _members(name: str, content: bytes) -> dict[str, bytes]:
+    """Return the members of an archive, by names below its own."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        return {f"{name}/{member}": archive.read(member) for member in archive.namelist()}
+
+
+PATTERN_LINES = """\
+verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet
+view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png --encoding triangle-id --quiet
+verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id --apertures 1,1 --quiet
+"""
 
 
 def patterns() -> list[Seed]:
     """Return command lines with patterns of names of files and commands."""
     files = {f"{i}x{j}.png": _picture((16, 12)) for i in range(3) for j in range(2)}
     files["scene.toml"] = _SHAPE_SCENE
-    lines = [
-        "verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet",
-        "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png "
-        "--encoding triangle-id --quiet",
-        "verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id "
-        "--apertures 1,1 --quiet",
-    ]
-    return [_seed(f"pattern-{number}", files, "", line, "out") for number, line in enumerate(lines)]
+    lines = enumerate(PATTERN_LINES.splitlines())
+    return [Seed(f"pattern-{number}", files, "", line, "out") for number, line in lines]
 
 
 def stores() -> list[Seed]:
     """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
-    files = {
-        "scene.toml": _SHAPE_SCENE,
-        **_made(f"{_PLATE} --apertures *,*", {"scene.toml": _SHAPE_SCENE}),
-    }
+    files = {"scene.toml": _SHAPE_SCENE}
+    files |= _made(f"{_PLATE} --apertures *,*", files)
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
     seeds = [
-        _seed(f"zarr-{number}", files, name, f"{_PLATE} --check --apertures 0-1,0", "p.zarr")
+        Seed(f"zarr-{number}", files, name, f"{_PLATE} --check --apertures 0-1,0", "p.zarr")
         for number, name in enumerate((*documents, *chunks))
     ]
     return [*seeds, *_also(seeds, "convert", f"convert p.zarr out {_CONVERT}", "out", share=19)]
 
 
+COMMAND_LINES = """\
+trace scene.toml --aperture 1,1 --out out.exr --quiet
+raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 --out out.exr
+raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star --out out.exr
+compare truth.exr truth.exr --json --out out
+scenes --json
+plate scene.toml --near 0.1 --apertures 0-1,0;*,1 --color uint8 --out out.zarr --quiet
+verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out --quiet
+budget scene.toml --near 0.1 --json
+"""
+
+
 def commands() -> list[Seed]:
     """Return command lines of every cheap command."""
     files = {"scene.toml": _SHAPE_SCENE}
-    files |= {name: _hogel("trace") for name in ("truth.exr", "1x1.exr", "0x0.exr")}
-    lines = [
-        "trace scene.toml --aperture 1,1 --out out.exr --quiet",
-        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 "
-        "--out out.exr",
-        "raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star "
-        "--out out.exr",
-        "compare truth.exr truth.exr --json --out out",
-        "scenes --json",
-        "plate scene.toml --near 0.1 --apertures 0-1,0;*,1 --color uint8 --out out.zarr --quiet",
-        "verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out "
-        "--quiet",
-        "budget scene.toml --near 0.1 --json",
-    ]
-    outputs = "out.exr out out.zarr"
-    return [
-        _seed(f"command-{number}", files, "", line, outputs) for number, line in enumerate(lines)
-    ]
+    files |= dict.fromkeys(("truth.exr", "1x1.exr", "0x0.exr"), _hogel("trace"))
+    left, lines = "out.exr out out.zarr", enumerate(COMMAND_LINES.splitlines())
+    return [Seed(f"command-{number}", files, "", line, left) for number, line in lines]
 
 
 KINDS: dict[str, Callable[[], list[Seed]]] = {
@@ -487,10 +470,6 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
     return held.getvalue()
 
 
-def _listed(*names: str) -> bytes:
-    return json.dumps(names).encode()
-
-
 def _map(name: str) -> bytes:
     pixels = np.linspace(0.01, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
     with tempfile.TemporaryDirectory() as folder:
@@ -502,31 +481,23 @@ def _map(name: str) -> bytes:
 @cache
 def _hogel(line: str) -> bytes:
     """Return the image of the middle hogel by a command."""
-    return _made(f"{line} scene.toml --aperture 1,1 --out out.exr", {"scene.toml": _SHAPE_SCENE})[
-        "out.exr"
-    ]
+    line = f"{line} scene.toml --aperture 1,1 --out out.exr"
+    return _made(line, {"scene.toml": _SHAPE_SCENE})["out.exr"]
 
 
 def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that a command makes, run in its own process: OpenGL forbids forks."""
-    import subprocess
-    import sys
-
-    with tempfile.TemporaryDirectory() as folder:
-        for name, data in files.items():
-            (Path(folder) / name).write_bytes(data)
-        subprocess.run(
-            [sys.executable, "-m", "xfrustum", *line.split()],
-            cwd=folder,
-            check=True,
-            capture_output=True,
-        )
-        made = sorted(path for path in Path(folder).rglob("*") if path.is_file())
-        return {
+    with tempfile.TemporaryDirectory() as name:
+        folder, program = Path(name), [sys.executable, "-m", "xfrustum", *line.split()]
+        for file, data in files.items():
+            (folder / file).write_bytes(data)
+        subprocess.run(program, cwd=folder, check=True, capture_output=True)
+        made = {
             path.relative_to(folder).as_posix(): path.read_bytes()
-            for path in made
-            if path.name not in files
+            for path in sorted(folder.rglob("*"))
+            if path.is_file()
         }
+        return {name: data for name, data in made.items() if PurePosixPath(name).name not in files}
 
 
 def _unpacked(data: bytes) -> bytes:
