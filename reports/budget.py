@@ -87,33 +87,35 @@ class BudgetReport(NotebookRepr):
     def table(self) -> str:
         """Return the numbers as aligned lines."""
         columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
-        rows: list[tuple[str, ...]] = [
-            ("radiance changes by", *(name.replace("_", " ") for name in columns))
-        ]
+        rows = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
         for row in _radiance_rows(self):
             values = (getattr(row, name) for name in columns)
             rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
-        return f"{table(self.geometry)}\n{aligned(rows)}"
+        numbers = self.geometry.numbers
+        reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
+        lines = [
+            headline(numbers),
+            aligned(_link_cells(numbers)),
+            *prediction_notes(numbers),
+            f"explained by the model of {numbers.device_model}: {reasons}; "
+            f"unexplained {numbers.unexplained:,}",
+            f"right in the end although some link differed: {numbers.cancelled:,}",
+            aligned(rows),
+        ]
+        return "\n".join(lines)
 
     def _said(self) -> str:
-        settings = (
-            f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
-        )
-        return (
-            f"{self.scene.name!r}, {self.place} with {settings}: {headline(self.geometry.numbers)}"
-        )
+        near = f"near {digits(self.settings.near)} {self.scene.units}"
+        settings, numbers = f"{near}, {self.settings.depth_label}", self.geometry.numbers
+        return f"{self.scene.name!r}, {self.place} with {settings}: {headline(numbers)}"
 
     def _figures(self) -> Sequence[Figure]:
         # Pixels without a charge are right, or are no judged pixels.
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = as_shown(drawn.color, drawn.covered, drawn.height)
         marks = marked(shown, wrong, self.geometry.errors.moved)
-        return (
-            Figure(
-                caption="wrong surfaces red, displacement blue (full at 1 px)",
-                content=png_of(marks),
-            ),
-        )
+        caption = "wrong surfaces red, displacement blue (full at 1 px)"
+        return (Figure(caption=caption, content=png_of(marks)),)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -202,7 +204,6 @@ def budget_of(
 ) -> tuple[Budget, Chain]:
     """Trace and draw the chain of one aperture, and charge wrong pixels to links."""
     require_seen(scene, [aperture])
-    # The links of geometry are about what pixels' centers show.
     # Averages over samples mix triangles: only single samples can be charged.
     once = replace(scene, sampling=Sampling())
     reference = Reference(once)
@@ -235,17 +236,15 @@ def _counts(link: LinkNumbers) -> bool:
 
 def headline(numbers: BudgetNumbers) -> str:
     """Return the numbers of wrong surfaces and triangles, with the main cause."""
+    wrong = sum(link.surface for link in numbers.links)
     # Ties between causes go to the earlier link of the chain.
-    wrong, most = (
-        sum(link.surface for link in numbers.links),
-        max(numbers.links, key=lambda link: link.surface),
-    )
-    share = percent(wrong / max(numbers.judged, 1))
+    most = max(numbers.links, key=lambda link: link.surface)
     cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
-    sentence = (
-        f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
+    return (
+        f"{wrong:,} of {numbers.judged:,} judged pixels "
+        f"({percent(wrong / max(numbers.judged, 1))}) show the wrong surface{cause}; "
+        f"{numbers.wrong:,} show another triangle"
     )
-    return f"{sentence}; {numbers.wrong:,} show another triangle"
 
 
 def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
@@ -265,19 +264,6 @@ def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
     return rows
-
-
-def table(geometry: Budget) -> str:
-    """Return the budget as aligned lines."""
-    numbers = geometry.numbers
-    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
-    notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
-    return (
-        f"{headline(numbers)}\n{aligned(_link_cells(numbers))}\n{notes}"
-        f"explained by the model of {numbers.device_model}: {reasons}; "
-        f"unexplained {numbers.unexplained:,}\n"
-        f"right in the end although some link differed: {numbers.cancelled:,}"
-    )
 
 
 def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
@@ -315,12 +301,6 @@ def _three_digits(value: float | None) -> str:
     return f"{value:,.0f}" if value >= 1000 else digits(value)
 
 
-def command(report: BudgetReport) -> str:
-    """Return the command that makes this budget again."""
-    words = [*aperture_option(report.scene, report.aperture), *settings_words(report.settings)]
-    return scene_command("budget", report.scene, *words)
-
-
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write page, budget.json, images of the chain, and causes in color, all or nothing.
 
@@ -331,13 +311,13 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         # Each folder is written as a whole; a failure keeps the finished ones.
         every = (write_budget(part, out / folder_of(part.aperture)) for part in report.budgets)
         return tuple(path for paths in every for path in paths)
-    geometry, links = report.geometry, report.geometry.numbers.links
-    truth, unexplained, colors = (
-        report.chain.images[0],
-        geometry.explanation.unexplained,
-        CAUSE_COLORS,
+    geometry, numbers, links = (
+        report.geometry,
+        report.geometry.numbers,
+        report.geometry.numbers.links,
     )
-    wrong, own = geometry.surface_charge >= 0, [colors[link.name] for link in links]
+    unexplained, wrong = geometry.explanation.unexplained, geometry.surface_charge >= 0
+    truth, own = report.chain.images[0], [CAUSE_COLORS[link.name] for link in links]
     chain = zip(report.images, report.chain.images, strict=True)
     pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
     pictures[BY_TRIANGLE] = causes(truth, geometry.charge, unexplained, own)
@@ -347,16 +327,17 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         pictures[_radiance_file(name)] = images.radiance_map(change)
     # A map of a link without effect would be a black picture.
     changing = [part for part in _radiance_rows(report) if part.max]
+    words = [*aperture_option(report.scene, report.aperture), *settings_words(report.settings)]
     values = {
         **{name: getattr(report, name) for name in ("scene", "aperture", "why", "settings")},
-        "numbers": geometry.numbers,
-        "headline": headline(geometry.numbers),
+        "numbers": numbers,
+        "headline": headline(numbers),
         "links": [link for link in links if _counts(link)],
         "idle": [link for link in links if not _counts(link)],
         "changing": changing,
         "unchanging": [part for part in _radiance_rows(report) if not part.max],
-        "colors": colors,
-        "notes": prediction_notes(geometry.numbers),
+        "colors": CAUSE_COLORS,
+        "notes": prediction_notes(numbers),
         "unexplained_color": UNEXPLAINED_COLOR,
         "chain": report.images,
         "by_triangle": BY_TRIANGLE,
@@ -365,7 +346,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "radiance_range": images.RADIANCE_RANGE,
         "radiance_colors": images.RADIANCE_SCALE,
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},
-        "command": command(report),
+        "command": scene_command("budget", report.scene, *words),
     }
     page = html_page("budget.html.j2", values, {"number": _three_digits})
     return write_files(out, {PAGE: page, DATA: report.summary(), **pictures})
