@@ -147,7 +147,9 @@ EXPECTED = {
     r"survey-.*\.sentence: .*; worst by displacement: ": "the measure of the worst hogel is named",
     r"report-.*\.shear": "removed: the cause `pivot` has its displacement",
     r"budget-.*\.(height_rms|not_in_every_link)": "removed: no page and no document used them",
-    r".*\.radiance\.(channels|noise)\.": "removed: no page and no document used them",
+    r".*\.radiance\.(away_from_edges\.)?channels\.": "removed: no page and no document used them",
+    r".*\.radiance\.noise\.(farthest|without_noise)": "removed: no page and no document used them",
+    r"report-.*\.scout\.looks": "removed: no page and no document used them",
     r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, shading from colors alone",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
