@@ -375,16 +375,18 @@ def settings_options(*, required: bool = False) -> Any:
 
 def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | None:
     """Return the engine that options select; None without any of them."""
+    chosen = present(**values)
+    if part is None and not chosen:
+        return None
     from xfrustum.reports.blocks import Engine, Part
 
-    chosen = present(**values)
     if part is not None:
         chosen["part"] = Part(number=part[0], count=part[1])
         # A part without a scheduler runs alone in its job, with one process unless stated.
         if "scheduler" not in chosen:
             # Also for part 1/1: a job array may have one job.
             chosen.setdefault("workers", 1)
-    return Engine(**chosen) if chosen else None
+    return Engine(**chosen)
 
 
 def engine_options(default: str, *, draws: bool = True) -> Any:
