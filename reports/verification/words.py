@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.compare.diagnosis import defects as names
-from xfrustum.compare.diagnosis import encodings as stored
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import Basis, Diagnosis
 from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION
@@ -55,71 +54,6 @@ UNITS = {
 }
 """Units that are mistaken for each other, by the factor between them."""
 
-AXES = {
-    "x, y, -z": "z is negated: what belongs before the plate is behind it",
-    "x, z, y": "y and z are exchanged",
-    "x, z, "
-    "-y": "y and z are exchanged, and y is negated: the scene is turned by 90 degrees about x",
-    "x, -z, "
-    "y": "y and z are exchanged, and z is negated: the scene is turned by 90 degrees about x",
-    "y, x, z": "x and y are exchanged",
-    "-x, y, z": "x is negated: the scene is mirrored left to right",
-    "x, -y, z": "y is negated: the scene is upside down, as in a mirror",
-    "-x, y, -z": "x and z are negated: the scene is seen from behind",
-}
-
-TEMPLATES = {
-    names.ORIENTATION: "images are {value}",
-    names.ORDER: "apertures are in another order: {value}",
-    names.PIVOT: "the shear is centered in the {value}, not in the {stated}",
-    names.FIT: "the film is fitted to the {value}, not to the {stated}",
-    names.NOT_RECENTERED: "frusta are not recentered: every aperture looks straight ahead, not "
-    "at the "
-    "projection screen",
-    names.EQUAL_ANGLES: "pixels are spaced by equal angles along {value}: a flat film has equal "
-    "tangents",
-    names.Z_NEGATED: "axes are wrong: {axes} ({value} in place of x, y, z)",
-    names.AXES_EXCHANGED: "axes are wrong: {axes} ({value} in place of x, y, z)",
-    "front-missing": "the half on the viewer's side is missing: only C is drawn",
-    "back-missing": "the half behind the plate is missing: only C* is drawn",
-    "front-nearest": "on the viewer's side the surface nearest to the plate wins; C* must keep the "
-    "farthest",
-    "back-farthest": "behind the plate the surface farthest from it wins; C must keep the nearest",
-    "not-overlaid": "C is drawn over C*; the viewer's half must cover the other",
-    "culling": "faces whose corners run {value} as the viewer sees them are left out",
-    "front-mirrored": "the half before the plate is {value}",
-    "back-mirrored": "the half behind the plate is {value}",
-    "front-unturned": "the half before the plate is {value}: C* looks back, so that its picture "
-    "is to be turned by 180 degrees, and is not",
-    "back-unturned": "the half behind the plate is {value}",
-    "lights": "lights are not conjugated: on the viewer's side bright and dark are exchanged; "
-    "C* needs L* = -L",
-    "flat-normals": "triangles are shaded with their own normals: the scene's are interpolated "
-    "between vertices",
-    "inverted-normals": "surfaces are lit from the wrong side: normals point away from the viewer, "
-    "or all lights are reversed",
-    stored.WRONG_ENCODING: "pixels hold {value_words}, not {stated_words}: --encoding {value}",
-    stored.BACKGROUND_ID: "nothing is stored as {value:.0f}, not as {stated:.0f}",
-    stored.OVERFLOW: "only the low {value:.0f} bits of each number are stored, of {triangles:,} "
-    "triangles: others are lost",
-    stored.RESTARTING: "numbers of triangles begin anew with each of {value:.0f} objects, as "
-    "gl_PrimitiveID does: add the number of each object's first triangle",
-    # Mixed ids are invented numbers: their share is the only measurable size.
-    stored.RESAMPLED: "numbers are mixed with their neighbors' in {value:.0%} of the pixels, by "
-    "filtering, resizing or anti-aliasing: numbers have no averages",
-    stored.LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
-    stored.CHANNEL_ORDER: "channels are in another order: numbers are stored as {value}, not as "
-    "RGB{same}",
-    stored.ID_OFFSET: "{kept} is stored, not number + {stated:.0f}: all are off by one",
-    names.VIEW_SHEAR: "views have {value:.3g} of the shear that the plate needs: they are "
-    "registered at height {height}",
-    **dict.fromkeys(
-        stored.TRANSFER_FAULTS,
-        "colors are not stored as {stated} values, as stated, but as {details[0]} values{option}",
-    ),
-}
-"""Sentences of defects by name; `_defect_words` makes the others."""
-
 PLACES = {
     "side": "side of the plate",
     "object": "object",
@@ -132,8 +66,6 @@ PLACES = {
 
 text = partial(template_sentence, "verify-words.txt.j2")
 
-PIXEL_WORDS = {"triangle-id": "numbers of triangles", "object-id": "numbers of objects"}
-
 
 def percent(fraction: float) -> str:
     """Return a share in percent, with three digits."""
@@ -142,63 +74,26 @@ def percent(fraction: float) -> str:
 
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
     """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
-    words = _defect_words(defect, scene)
+    words = text("defect_words", defect=defect, facts=_facts(defect, scene))
     others = f"; or {', or '.join(defect.alternatives)}: {by} cannot tell"
     return words + others if defect.alternatives else words
 
 
-def _defect_words(defect: Defect, scene: Scene) -> str:
-    """Return the sentence of a defect without its alternatives."""
-    fault, value, stated, screen = defect.fault, defect.value, defect.stated, scene.frustum.screen
-    if fault == names.SHEAR_SIGN:
-        return _shear_sign(defect)
-    # Defects without a template are deviations of one number of the camera model.
-    if fault not in TEMPLATES:
-        return _number_words(defect, scene)
-    # The value of an offset is relative to the stated one; the message names the stored number.
-    offset = int(value) + int(stated or 0) if fault == stored.ID_OFFSET else 0
-    height = 0.0
-    if fault == names.VIEW_SHEAR and screen is not None:
-        # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
-        height = screen.height * (1 - 1 / float(value))
-    others = " or ".join(defect.details)
-    # Ids below 256 leave two channels zero, whose order has no effect.
-    same = f" (or as {others}: with so few numbers images cannot tell)" if others else ""
-    return TEMPLATES[fault].format(
-        value=value,
-        stated=stated,
-        details=defect.details,
-        axes=AXES.get(str(value), ""),
-        triangles=len(scene.faces),
-        value_words=PIXEL_WORDS.get(str(value), "colors"),
-        stated_words=PIXEL_WORDS.get(str(stated), "colors"),
-        same=same,
-        height=f"{height:.4g} {scene.units}",
-        kept=f"number + {offset}" if offset else "the number itself",
-        option="" if (value,) == defect.details else f": --encoding {value}",
-    )
-
-
-def _shear_sign(defect: Defect) -> str:
-    words = "C and C* are sheared the wrong way, as for a screen on the plate's other side"
-    if defect.value != "C and C*":
-        other = "C" if defect.value == "C*" else "C*"
-        words = f"{defect.value} is sheared the way of {other}; with respect to the plate the two "
-        words += "are sheared in opposite directions"
-    shears = ", or ".join(f"of {shear}" for shear in defect.details)
-    return words + (f" (or the shear {shears} is reversed: images cannot tell)" if shears else "")
-
-
-def _number_words(defect: Defect, scene: Scene) -> str:
-    """Return the sentence of a number that is off."""
-    value = defect.value
-    facts: dict[str, Any] = {"corner": False, "angles": None, "mistaken": None}
-    assert isinstance(value, float)
+def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
+    """Return the facts about the scene that the sentence of a defect needs."""
     # Names are `front-near-offset` or `near-x`: half of the display, group and axis.
     half, _, rest = defect.fault.partition("-")
     alone = {"front": "C*", "back": "C"}.get(half, "")
     axis = names.axis_of(defect.fault) or "x"
     group = (rest if alone else defect.fault).removesuffix(f"-{axis}")
+    facts: dict[str, Any] = {"group": group, "axis": axis, "alone": alone, "units": scene.units}
+    facts |= {"triangles": len(scene.faces), "corner": False, "angles": None, "mistaken": None}
+    value, screen, facts["height"] = defect.value, scene.frustum.screen, ""
+    if not isinstance(value, float):
+        return facts
+    if defect.fault == names.VIEW_SHEAR and screen is not None:
+        # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
+        facts["height"] = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
     # The plate has no third side.
     if axis != "z":
         place = "xy".index(axis)
@@ -218,8 +113,7 @@ def _number_words(defect: Defect, scene: Scene) -> str:
             facts["mistaken"] = small, large
         if low <= 1 / factor <= high:
             facts["mistaken"] = large, small
-    number = {"group": group, "axis": axis, "value": value, "nominal": defect.stated}
-    return text("number_words", **number, alone=alone, units=scene.units, facts=facts)
+    return facts
 
 
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:

@@ -92,6 +92,7 @@ def test_claims_of_nothing_that_exists_fail_whatever_the_limits(
         assert hogel.as_found.invalid > 0.9 * hogel.as_found.surface.wrong
 
 
+@pytest.mark.slow
 def test_an_accepted_order_of_channels_is_undone_and_lost_numbers_are_not(
     tiny: World, stored: Callable[..., str]
 ) -> None:
@@ -130,6 +131,7 @@ def test_reading_undoes_storing(numbers: list[int], channels: list[int], offset:
     np.testing.assert_array_equal(reading.numbers(reading.packed(rgb)), some)
 
 
+@pytest.mark.slow
 def test_text_page_junit_and_json_give_the_figures_that_were_limited(
     tiny: World,
     stored: Callable[..., str],
