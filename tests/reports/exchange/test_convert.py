@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -217,10 +216,8 @@ def test_a_pipe_in_a_group_is_refused_and_not_waited_for(place: str, tmp_path: P
     [
         ("hogel_0000_9999_0000_9999.png", None, "--max-hogels"),
         ("hogel_0x0.png", [30_000, 30_000], "--max-hogels"),
-        ("hogel_0x999999999999.png", None, "--max-hogels"),
         # 16 million hogels are allowed; their files are counted, not listed.
         ("hogel_0000_4000_0000_4000.png", None, " files of the layout "),
-        ("9999_9999.png", None, " files of the layout "),
     ],
 )
 def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory(
@@ -228,8 +225,7 @@ def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory
 ) -> None:
     folder = tmp_path / "files"
     folder.mkdir()
-    for file in (name, re.sub(r"\d+", "0", name) if name.count("_") < 4 else name):
-        Image.new("RGB", (4, 4)).save(folder / file)
+    Image.new("RGB", (4, 4)).save(folder / name)
     if facts:
         (folder / "plate.json").write_text(json.dumps({"hogels": facts, "resolution": [4, 4]}))
     assert message in refused(folder, tmp_path / "out")
@@ -240,32 +236,32 @@ def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory
 # `plate --layout` writes a drawn plate in a layout: next to its Zarr group, or instead of it.
 
 
-def plate(world: World, out: Path, words: str) -> int:
-    options = ["--near", "1", "--out", str(out), "--quiet", "--json", *words.split()]
-    return main(["plate", str(world.scene_file), *options])
+def plate(world: World, out: Path, options: str, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Draw the plate of a world by the command, and return its answer."""
+    command = ["plate", str(world.scene_file), "--out", str(out), *options.split()]
+    assert main([*command, "--near", "1", "--quiet", "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
 
 
 def test_next_to_the_group_lies_the_same_plate_as_views(
     tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, (width, height) = tmp_path / "plate.zarr", tiny.scene.frustum.resolution
-    assert plate(tiny, out, "--layout views --channels color,triangle") == 0
-    printed: dict[str, Any] = json.loads(capsys.readouterr().out)
+    scene, out, files = tiny.scene, tmp_path / "plate.zarr", tmp_path / "plate-views"
+    printed = plate(tiny, out, "--layout views --channels color,triangle", capsys)
     assert (printed["out"], printed["drawn"]) == (str(out), 20)
-    files = {"layout": "views", "out": str(tmp_path / "plate-views"), "files": width * height}
-    assert printed["layout"] == files | {"losses": [], "notes": []}
+    width, height = scene.frustum.resolution
+    assert (printed["layout"]["out"], printed["layout"]["files"]) == (str(files), width * height)
     drawn = open_plate(out).rows.whole()
-    laid_out = find_files(tmp_path / "plate-views").plate
-    assert laid_out.dtype == np.float16
-    assert np.array_equal(laid_out.pixels, drawn) and drawn.any()
+    views = find_files(files).plate
+    assert views.dtype == np.float16 and np.array_equal(views.pixels, drawn) and drawn.any()
     numbers = convert(out, tmp_path / "m.png", write_as="mosaic", options=TRIANGLES).out
     mosaic = find_files(numbers, layouts=layouts_named("mosaic")).plate.pixels
     assert np.array_equal(mosaic, open_plate(out, PlateArray.TRIANGLE).rows.whole())
     # Hogels as numerous as here give 1.25; the plate's own aspect is stated.
     quilt = LaidOutPlate(out=tmp_path / "quilt.png", layout="quilt")
-    shutil.copytree(out, quilt.group)
-    plate_width, plate_height = tiny.scene.plate.size
-    assert quilt.write(tiny.scene).out.stem.endswith(f"a{plate_width / plate_height:.4g}")
+    shutil.move(out, quilt.group)
+    plate_width, plate_height = scene.plate.size
+    assert quilt.write(scene).out.stem.endswith(f"a{plate_width / plate_height:.4g}")
 
 
 def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continues(
@@ -274,8 +270,7 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continu
     out, near = tmp_path / "pictures", DoubleFrustum(near=1.0)
     begun = LaidOutPlate(out=out, layout="burnett")
     write_plate(tiny.scene, near, begun.group, [tiny.scene.plate.aperture(3, 1)])
-    assert plate(tiny, out, "--layout burnett") == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = plate(tiny, out, "--layout burnett", capsys)
     assert (printed["out"], printed["found"], printed["drawn"]) == (None, 1, 19)
     assert [path.name for path in tmp_path.iterdir()] == ["pictures"]
     hogel = find_files(out, layouts=layouts_named("burnett")).hogel(3, 1)
