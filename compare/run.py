@@ -368,7 +368,7 @@ class FrameImages:
 
     truth: _Truth
     frames: Frames
-    start: tuple[HogelImage, ...]  #: T0 to R0, for causes; empty without
+    start: tuple[HogelImage, ...]  #: T0 to R0, for causes; empty without causes
     predictor: Predictor | None  #: closed forms of the hogel; None without causes
 
 

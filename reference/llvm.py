@@ -226,7 +226,7 @@ def named_version(library: Path) -> int | None:
 
 
 def asked_version(library: Path) -> Version | None:
-    """Load a library and return its version; None where it is no LLVM, or one before version 16."""
+    """Load a library and return its version; None if it is not LLVM 16 or newer."""
     try:
         get_version = ctypes.CDLL(str(library)).LLVMGetVersion
     except (OSError, AttributeError):
@@ -258,7 +258,7 @@ def installed_llvms() -> list[Path]:
 
 
 def loaded_llvm() -> Version | None:
-    """Return the version of the LLVM that Dr.Jit has loaded; None without one."""
+    """Return the version of the LLVM that Dr.Jit has loaded; None if it has loaded none."""
     drjit = importlib.import_module("drjit")
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         return None

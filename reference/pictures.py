@@ -156,7 +156,7 @@ class Pictures:
         normals: bool = True,
         colored: bool = True,
     ) -> HogelImage:
-        """Return what decided layers of some rows show, in drawing order, the last on top."""
+        """Compose an image from decided layers of some rows, in drawing order, the last on top."""
         certainty, tied_triangles = overlaid_certainty(
             [decided for _, decided in layers], rows.start
         )

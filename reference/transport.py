@@ -475,7 +475,7 @@ class _PathStarts:
         )
 
     def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
-        """Return what `LightPaths.first` finds on a random line of a pixel, and the line."""
+        """Return the result of `LightPaths.first` on a random line of a pixel, and the line."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         row, column = pixel // (self._width // self._side), pixel % (self._width // self._side)
         part = sampler.next_2d()

@@ -231,9 +231,9 @@ class Reference:
 
         A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind
         the plate, to the second nearest; for C*, which keeps the farthest before the plate, to the
-        second farthest; infinite without. With `before`, the true image, the next surface is the
-        next of those that are drawn before the first one: triangles are drawn in the order of their
-        numbers.
+        second farthest. It is infinite where there is no second surface. With `before`, the true
+        image, the next surface is the next among those drawn before the first one: triangles are
+        drawn in the order of their numbers.
 
         Gaps come from the filter of the truth: no triangle is left out that a line surely meets,
         and each gap is off by no more than the bounds of rounding of its two surfaces, some 1e-15

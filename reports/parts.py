@@ -26,8 +26,8 @@ from xfrustum.scenes.model.scene import Scene, look_hash
 #: Name of the description beside the parts; readers of Parquet skip names that begin like this.
 DESCRIPTION = "_description.json"
 
-#: Largest number of changed values in a message, and length of the texts of both: hashes and long
-#: texts help no reader.
+#: Largest number of changed values in a message, and length of their text: hashes and long text
+#: help no reader.
 MAX_NAMED_VALUES, MAX_VALUES_CHARACTERS = 3, 80
 
 

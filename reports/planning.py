@@ -66,7 +66,7 @@ FILES = PAGE, DATA = "index.html", "plan.json"
 #: largest number of characters in a line of text
 LINE_CHARACTERS = 100
 
-#: Pixels of both eyes' films that confirm a plan, each of another hogel: a minute of two cores or
+#: Pixels of both eyes' films that confirm a plan, each in its own hogel: a minute of two cores or
 #: less.
 CONFIRMED_HOGELS = 20_000
 
@@ -104,24 +104,24 @@ class PlanReport(NotebookRepr):
 
     @property
     def settings(self) -> DoubleFrustum | None:
-        """Settings of the plan; None without one."""
+        """Settings of the plan; None if there is no plan."""
         return self.plan.settings
 
     @property
     def eye_limit(self) -> NearLimit | None:
-        """Effect of a growing near that a viewer notices first; None for none."""
+        """Effect that a viewer notices first as near grows; None without a limit."""
         return None if self.plan.limits is None else binding(self.plan.limits.eyes)
 
     @property
     def buffer(self) -> BufferLimit | None:
-        """Limit of the plan's depth buffer; None without a plan."""
+        """Limit of the plan's depth buffer; None if there is no plan."""
         buffers = () if self.plan.limits is None else self.plan.limits.buffers
         own = self.plan.depth, self.plan.mapping
         return next((limit for limit in buffers if (limit.depth, limit.mapping) == own), None)
 
     @property
     def binds(self) -> str:
-        """Name of the judge that keeps near from being larger, or that one pair of frusta fails."""
+        """Name of the binding limit on near, or of the limit that rules out a single pair."""
         made = self.plan
         pixels = None if made.limits is None else made.limits.pixels
         # Cuts exist because one pair fails at any near: depth sets the lower limit, pixels the
@@ -215,8 +215,8 @@ class PlanReport(NotebookRepr):
         if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
             return []
         width, height = self.scene.plate.size
-        # Each pixel of an eye's film lies in another hogel; two eyes share the budget, and pixels
-        # are square.
+        # Every pixel of an eye's film lies in a hogel of its own, two eyes share the number of
+        # hogels, and pixels are square.
         columns = math.sqrt(CONFIRMED_HOGELS / 2 * width / height)
         return ["--resolution", f"{round(columns)},{max(1, round(columns * height / width))}"]
 

@@ -65,7 +65,7 @@ MAX_TILES = 1 << 10
 class Source:
     """Hogels of a scene by any renderer."""
 
-    #: renderer, or place of its files, for people
+    #: name of the renderer, or path of its files, for messages
     name: str
     #: cameras of the hogels; None where unknown
     settings: DoubleFrustum | None
@@ -183,7 +183,7 @@ class ViewRecord:
     eyes: tuple[EyeRecord, ...]
     #: unit of length of the scene
     units: str
-    #: renderer, or place of its files; None without a renderer
+    #: name of the renderer, or path of its files; None without a renderer
     source: str | None
     #: number of hogels with a pixel in the pictures
     hogels: int
@@ -204,7 +204,7 @@ class JudgedViews(loss.Views):
         return {name: image for name, image in every.items() if image is not None}
 
     def marked(self, name: str) -> Bytes:
-        """Return the picture of a loss, `display` or `renderer`, with wrong and moved pixels."""
+        """Return the picture behind `display` or `renderer` loss, wrong and moved pixels marked."""
         lost, image = getattr(self, name), self.replayed if name == "display" else self.drawn
         assert lost is not None and image is not None
         # Share of the displacement in full color.

@@ -16,7 +16,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-#: columns of the films of both eyes: a part is drawn of no more hogels than pixels
+#: columns of the films of both eyes: a part draws at most as many hogels as pixels
 FILM_COLUMNS = 64
 
 #: distance of two surface points that count as one, in widths of a pixel of the eye and of a hogel
@@ -31,7 +31,7 @@ class Replayed:
     #: number of surface points in both views
     matched: int
     #: largest difference of the changes of disparity of two points, or of one and the plate's
-    #: border, from the 1st to the 99th percentile; None without points in both views
+    #: border, from the 1st to the 99th percentile; None if no point is in both views
     disparity_change_arcsec: float | None
     #: share of both eyes' judged pixels with a wrong surface, and share right with exact depth
     wrong: float
@@ -114,7 +114,7 @@ def disparity_errors(reference: EyeReference, left: loss.Views, right: loss.View
     The eyes differ in x alone; NaN at pixels whose surface point the right eye does not see. The
     error of an eye is the slope along x of the line on which a hogel's pixel shows a point, minus
     the slope of the point itself, so that neither pitch nor pixels are in it. The error of
-    disparity is the difference of both.
+    disparity is the left eye's error minus the right eye's.
     """
     height, bundle = left.eye.position[2], reference.bundle(right.eye)
     images, errors = [], []

@@ -21,7 +21,7 @@ NO_COUNT = -1  # takes the place of a value that is no whole number; it is below
 
 
 def real(value: object) -> float:
-    """Return a number as float; NaN where it is none. Truth values and texts are no numbers."""
+    """Return a number as float; NaN if it is not a number, as booleans and strings are not."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
@@ -37,7 +37,7 @@ def reals(values: object, length: int | None = None) -> tuple[float, ...]:
 
 
 def whole(value: object) -> int:
-    """Return a whole number as int; `NO_COUNT` where it is none."""
+    """Return a whole number as int; `NO_COUNT` if it is not a whole number."""
     return NO_COUNT if isinstance(value, bool) or not isinstance(value, Integral) else int(value)
 
 

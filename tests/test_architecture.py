@@ -9,7 +9,7 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 STAGES = ("scenes", "reference", "raster", "compare")
-#: modules of compare, reference and raster that still make texts; the list only gets shorter
+#: modules of compare, reference and raster that still compose prose; only remove entries
 WORDED = {
     "compare/diagnosis/defects.py",
     "compare/judging/verdict.py",

@@ -111,7 +111,7 @@ class ChainStart(ShortRepr):
     images: tuple[HogelImage, ...]
     #: that drew R0
     device: DeviceModel
-    #: (H, W) pixels whose truth is no tie
+    #: (H, W) pixels whose truth is not a tie
     judged: Mask
     #: errors of R0, the frame with exact depth
     exact: error_maps.PixelErrors
@@ -149,7 +149,8 @@ class ChainStart(ShortRepr):
         for link in changing:
             charge[images[link].triangle != images[link + 1].triangle] = link
 
-        # Images hash by identity: links without effect share one array, and their step is None.
+        # Images hash by identity. A link without effect repeats its image, which has one array of
+        # shifts; the step of the link is None.
         shift_of: dict[HogelImage, Floats] = {drawn: exact.shift}
         for image in images[:-1]:
             if image not in shift_of:
@@ -235,7 +236,7 @@ class Budget(ShortRepr):
 
     @property
     def judged(self) -> int:
-        """Number of pixels whose truth is no tie."""
+        """Number of pixels whose truth is not a tie."""
         return int(self.start.judged.sum())
 
     @property

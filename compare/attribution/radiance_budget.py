@@ -85,7 +85,7 @@ class RadianceBudget(ShortRepr):
     steps: Floats
     #: (H, W, 3) last color minus first
     total: Floats
-    #: (H, W) pixels whose truth is no tie
+    #: (H, W) pixels whose truth is not a tie
     judged: Mask
     #: (H, W) judged pixels that show the same triangle in all images of the chain
     same: Mask

@@ -84,7 +84,7 @@ class _Device(BaseModel):
 
 
 def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
-    """Read the names of the device and the frames of a recording; InputError where it is none."""
+    """Read the device names and frames of a recording; InputError if it is not a recording."""
     arrays = read_arrays(path, "recording of frames", "give a .npz of recorded frames")
     try:
         device = _Device.model_validate_json(str(arrays.pop("device", None)))

@@ -242,5 +242,5 @@ def _is_ratio(name: str) -> bool:
 
 
 def axis_of(name: str) -> str:
-    """Return the axis at the end of a name; empty without one."""
+    """Return the axis at the end of a name, else an empty string."""
     return name[-1] if name[-2:] in ("-x", "-y", "-z") else ""

@@ -75,7 +75,7 @@ MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
 # Smallest ratio of the stated reading's misfit to a better one's. Most wrong numbers
 # belong to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a
-# fine mesh; but the right reading has rounding alone.
+# fine mesh; but the errors of the right reading are only rounding.
 MIN_IMPROVEMENT = 4.0
 
 # Smallest share of the stored integers that name something in the scene under a right reading; one
@@ -228,7 +228,7 @@ class _TruthPair:
             own = self.triangle - np.array([*damage.first, 0])[self.object]
             return np.asarray(packed == reading.stored(own))
         if damage.kind == OVERFLOW:
-            # Eight bits may be in blue alone, with red and green black, or in all three channels.
+            # Eight bits may be only in blue, with red and green black, or in all three channels.
             low = stored & (2**damage.bits - 1)
             return np.asarray((packed == low) | ((damage.bits == 8) & (packed == low * 0x010101)))
         margin = MAX_LOSSY_STEPS if damage.kind == LOSSY else 0

@@ -106,7 +106,7 @@ class _Pair:
 
 
 def _gray_like(truth: HogelImage, image: HogelImage) -> Floats:
-    """Return the truth's brightness as an image's file would store it, or its objects."""
+    """Return the truth in gray: brightness as the image's file stores it, or object numbers."""
     return as_gray(
         as_stored(truth, image) if image.color is not None else replace(truth, color=None)
     )
@@ -166,8 +166,8 @@ def with_near(test: TestSet, model: RendererModel) -> RendererModel:
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     """Return a fit to pictures of a recentered frustum, in which a moved screen looks like a shift.
 
-    A shift that is within the pixel, or may be by its interval, is kept with the moved screen as an
-    alternative; beyond it, the reverse.
+    If the shift may lie within one pixel, the fit keeps the shift, with the moved screen as an
+    alternative. Otherwise it takes the moved screen, with the shift as an alternative.
     """
     shift = np.asarray(fit.model.shift)
     if not shift.any():

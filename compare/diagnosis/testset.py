@@ -75,7 +75,7 @@ class TestSet:
         return replace(self, images=images, judging=judging or self.judging, masks={})
 
     def few(self) -> TestSet:
-        """Return the first and the last tested image alone, which select among candidates."""
+        """Return only the first and the last tested image, which select among candidates."""
         return self.of(self.tested[:: max(1, len(self.tested) - 1)])
 
     @property

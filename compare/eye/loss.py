@@ -63,7 +63,7 @@ def drawn_points(
     across = _camera_lines(scene, settings, pixels.hogel_column, pixels.film_column, 0)
     down = _camera_lines(scene, settings, pixels.hogel_row, pixels.film_row, 1)
     slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
-    # Heights of cameras and of their ends are equal at all apertures.
+    # Cameras have the same center height and depth range at all apertures.
     cameras = model_cameras(scene.frustum, scene.plate.middle, settings)
     for (x, dx), (y, dy), camera in zip(
         across[..., columns], down[..., rows], cameras, strict=True
@@ -220,7 +220,7 @@ class Quantiles:
 
 
 def _quantiles(values: Floats) -> Quantiles | None:
-    """Return quantiles of the finite values; None without any."""
+    """Return quantiles of the finite values; None if there are none."""
     known = values[np.isfinite(values)]
     return Quantiles(*np.percentile(known, (50, 99, 100)).tolist()) if known.size else None
 
@@ -239,7 +239,7 @@ class Loss:
     displacement_arcmin: Quantiles | None
     #: distance in z of points of one object on a ray, scene units
     depth_error: Quantiles | None
-    #: mean FLIP, 0 to 1, at the eye's pixels per degree; None without colors
+    #: mean FLIP, 0 to 1, at the eye's pixels per degree; None if images have no colors
     flip: float | None
 
 

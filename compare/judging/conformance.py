@@ -104,7 +104,7 @@ def digest(truths: Sequence[HogelImage]) -> str:
 
 
 def mean_radiance(truths: Sequence[HogelImage]) -> float | None:
-    """Return the mean of all true colors; None without any."""
+    """Return the mean of all true colors; None if there are none."""
     colors = [truth.color for truth in truths if truth.color is not None]
     return float(np.mean([color.mean(dtype=np.float64) for color in colors])) if colors else None
 
@@ -217,7 +217,7 @@ def _compared_objects(
 def _near_edges(
     scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, pixels: Mask
 ) -> Mask:
-    """Return the pixels (H, W), out of some, at which rounding can show a neighbor's surface."""
+    """Return the given pixels (H, W) at which rounding can show a neighbor's surface."""
     excused = np.zeros_like(pixels)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")
     for down, right in NEIGHBORS:

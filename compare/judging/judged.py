@@ -102,7 +102,7 @@ class MeasuredBy(StrEnum):
 
 
 def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> int:
-    """Return the most pixels that a composition makes wrong and outlines do not show."""
+    """Return the largest number of wrong pixels of a composition that outlines do not reveal."""
     scene, answer, worst = reference.scene, seen.answer, 0
     outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
     aperture, known = answer.camera.aperture, pictures.Layers()

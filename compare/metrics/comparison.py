@@ -42,7 +42,7 @@ class ComparisonNumbers:
     """Errors of a raster image in numbers: the record that `compare --json` prints."""
 
     pixels: int
-    #: pixels whose truth is no tie
+    #: pixels whose truth is not a tie
     judged: int
     #: pixels where the truth shows a surface
     covered: int

@@ -209,7 +209,7 @@ def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
             moved[..., axis] = (
                 pixels_per_slope * (doubt[..., axis] + doubt[..., 2] * slope) / height
             )
-    # A displacement within the rounding of storage is none.
+    # A displacement within the rounding of storage counts as 0.
     return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - moved, 0.0))
 
 
@@ -408,7 +408,7 @@ def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
 class ErrorMaps(ShortRepr):
     """Each error as an image; errors are raster minus truth."""
 
-    #: (H, W) pixels whose truth is no tie
+    #: (H, W) pixels whose truth is not a tie
     judged: Mask
     #: pixels that show the wrong surface; None without the scene
     surface: Mask | None
@@ -567,7 +567,7 @@ def differing_pixels(first: HogelImage, second: HogelImage) -> Indices:
 
 
 def judged_pixels(truth: HogelImage) -> Mask:
-    """Return the pixels whose truth is no tie, (H, W)."""
+    """Return the pixels whose truth is not a tie, (H, W)."""
     if truth.certainty is None:
         return np.ones(truth.triangle.shape, dtype=np.bool_)
     return np.not_equal(truth.certainty, Certainty.TIE)

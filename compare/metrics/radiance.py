@@ -286,7 +286,7 @@ class RadianceSpread:
 
     @staticmethod
     def from_errors(error: Floats) -> RadianceSpread | None:
-        """Return the spread of signed errors, (3, N) for each channel; None without any."""
+        """Return the spread of signed errors, (3, N) by channel; None if there are none."""
         if error.size == 0:
             return None
         worst = np.abs(error).max(axis=0)

@@ -104,11 +104,11 @@ class PlateResult:
     beyond: int = 0
     #: hogels of the last sample that show nothing and are not beyond
     empty: int = 0
-    #: hogel with the largest excess; None without a plan
+    #: hogel with the largest excess; None if there is no plan
     worst: HogelResult | None = None
     #: name of the error of `worst` with the largest excess
     worst_by: str | None = None
-    #: hogels at which no near keeps the tolerance
+    #: hogels that exceed the tolerance at every near
     infeasible: int
     share_beyond_at_most: float = 1.0
     #: probability that the bound holds; 1 where every hogel was measured
@@ -151,7 +151,7 @@ class Plan:
 
     @property
     def settings(self) -> DoubleFrustum | None:
-        """Settings of the plan; None without one."""
+        """Settings of the plan; None if there is no plan."""
         if self.near is None or self.depth is None or self.mapping is None:
             return None
         return DoubleFrustum(
@@ -245,7 +245,7 @@ class PlateViews:
 
     @property
     def infeasible(self) -> frozenset[Index]:
-        """Apertures at which no near keeps the tolerance."""
+        """Apertures that exceed the tolerance at every near."""
         return self.excluded | self.sampled
 
     @property
@@ -374,7 +374,7 @@ class PlatePlanner:
         limit, hogels = self.requirement.tolerance_px, math.prod(self.reference.scene.plate.hogels)
         beyond = sum(result.beyond(limit) for result in sample)
         unfit = len(chosen.excluded) + sum(result.beyond(limit) for result in views)
-        # The sample speaks for the hogels of which nothing was known.
+        # The sample represents the hogels that were not examined before.
         others = hogels - len(chosen.known)
         everything = len(sample) == others
         share = share_at_most(beyond, len(sample), EACH)

@@ -297,23 +297,23 @@ def _settings(buffer: DepthBuffer, near: float, heights: tuple[float, ...] = ())
 
 @dataclass(frozen=True, kw_only=True)
 class BufferLimit:
-    """Smallest near with which a depth buffer orders all that is seen, in one pair of frusta."""
+    """Smallest near at which a depth buffer orders all visible surfaces, for one pair of frusta."""
 
     depth: DepthFormat
     mapping: DepthMapping
-    #: scene units, three digits; None where no near is enough
+    #: scene units, three digits; None if the buffer fails at every near
     smallest_near: float | None = None
-    #: displacement by that near at the worst view, pixels
+    #: displacement at that near in the worst view, pixels
     displacement_p99_px: float | None = None
-    #: whether it is the smallest near of all
+    #: whether `smallest_near` is the lower end of the searched range
     any_near: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
-    """Ranges of near of all judges, closed forms for one pair of frusta."""
+    """Ranges of near that each judge allows, by closed forms for one pair of frusta."""
 
-    #: largest near within the tolerance at all views; None where none is
+    #: largest near within the tolerance at all views; None if every near exceeds it
     pixels: float | None
     buffers: tuple[BufferLimit, ...]
     eyes: tuple[NearLimit, ...]

@@ -145,7 +145,7 @@ def pair_variance(
     * Corners are rounded by themselves, and a pixel's depth is a mean of three, `CORNERS_SQUARED`:
       the product in clip depth, a sum where it has a constant, the reciprocal of w, and the product
       with that.
-    * The plane's steps are rounded on some devices alone.
+    * Only some devices round the plane's steps.
     * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than
       that.
     """
@@ -203,8 +203,8 @@ class Surfaces:
     """N surfaces that one camera shows, and the next ones on their lines, scene units."""
 
     distance: Floats  #: (N,) |z|
-    gap: Floats  #: (N,) distance to the next one on the same line, see `Reference.gaps`
-    #: (N,) distance to the next one that is drawn before; None where the order is not known
+    gap: Floats  #: (N,) distance to the next surface on the same line, see `Reference.gaps`
+    #: (N,) distance to the next surface that is drawn earlier; None if the order is unknown
     earlier: Floats | None = None
 
     def at(self, places: Indices | Mask) -> Surfaces:
@@ -217,7 +217,7 @@ class Surfaces:
 class DepthLayers:
     """Surfaces that a true image shows in judged pixels, by their camera."""
 
-    judged: int  #: pixels whose truth is no tie
+    judged: int  #: pixels whose truth is not a tie
     surfaces: Mapping[Camera, Surfaces]
 
     @classmethod
@@ -453,10 +453,10 @@ MAX_SHARP_ERROR = 0.25
 def _misordered_steps(
     places: tuple[Floats, Floats], error: Floats, ends: tuple[int, int]
 ) -> Floats:
-    """Return what `_misordered` does where depths and their distance are known in steps.
+    """Return the probability of `_misordered` for depths whose steps and distance are known.
 
-    The surface that is shown is stored at the step that it is nearest to, or beside that. The other
-    one is in front of it if it is stored before that step, or at it and drawn earlier.
+    The visible surface is stored at its nearest step or an adjacent one. The other surface hides it
+    if the depth test prefers its step, or at the same step if it is drawn earlier.
     """
     place, apart = places
     step = np.round(place)

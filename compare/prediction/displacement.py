@@ -123,7 +123,7 @@ def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> Mask:
 
 
 def spread_of(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
-    """Return the spread of displacement over the visible surfaces; None without any."""
+    """Return the spread of displacement over the visible surfaces; None if there are none."""
     moved = displacement_lengths(points, frustum, settings)
     return Spread.from_values(moved[np.isfinite(moved)])
 
@@ -131,7 +131,7 @@ def spread_of(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> 
 def link_lengths(
     points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
 ) -> list[float | None]:
-    """Return the rms displacement (px) that each link of a chain adds; None without surfaces."""
+    """Return the rms displacement (px) that each link of a chain adds; None if none is visible."""
     fields = {link: displacements(points, frustum, link) for link in dict.fromkeys(chain)}
 
     def rms(moved: Floats) -> float | None:

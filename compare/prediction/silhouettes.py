@@ -127,8 +127,8 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
         normal = gradients[axis]
         length = np.hypot(normal[:, 0], normal[:, 1])
         normal /= np.where(length > 0, length, 1.0)[:, None]
-        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the
-        # rest points against the step itself, the step's normal is the axis.
+        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where their
+        # sum points against a step, the normal of the step is along its axis instead.
         against = normal[:, axis] * step.oriented <= 0
         normal[against] = 0.0
         normal[against, axis] = step.oriented[against]

@@ -217,7 +217,7 @@ class Film(StrEnum):
     RADIUS = "radius"  # equal angles from the middle outward
 
     def bent(self, u: Floats, v: Floats, half: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Return where on an even film of some half-extents, slopes, a lens has places -1 to 1."""
+        """Map places -1 to 1 on a lens's film to an even film; `half` has half-extents, slopes."""
         (tx, ty), corner = half, math.hypot(*half)
         x, y = u * tx, v * ty
         if self in (Film.X, Film.XY):
@@ -384,7 +384,7 @@ class RendererModel:
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
         """Return column and row (.., 2) of drawn surface points; NaN in the plate's plane.
 
-        NaN everywhere on an uneven film, of which only the reverse is known.
+        NaN everywhere on an uneven film, for which only the inverse is known.
         """
         result = np.full((*points.shape[:-1], 2), np.nan)
         if self.film != EVEN:

@@ -307,7 +307,7 @@ def as_stored(answer: HogelImage, image: HogelImage) -> HogelImage:
 
 
 def as_gray(image: HogelImage) -> Floats:
-    """Return what registration looks at: brightness, or one gray for each object, 0 for nothing."""
+    """Return the input of registration: brightness, or one gray for each object, 0 for nothing."""
     if image.color is not None:
         return np.asarray(np.nan_to_num(image.color).mean(axis=-1), dtype=np.float64)
     count = int(image.object.max(initial=0)) + 1

@@ -165,8 +165,8 @@ def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float])
     """Return homogeneous places (.., 4) of corners (.., 3): from the left, from above, w, and 1."""
     width, height = bundle.resolution
     q = corners - np.asarray(bundle.center)
-    # s is positive in front of a C and negative in front of a C*; the distance along the axis, w,
-    # never.
+    # In front of the camera s is positive for C and negative for C*; w, the distance along the
+    # axis, is positive for both.
     side = 1.0 if sum(bundle.s_range) > 0 else -1.0
     w = -side * q[..., 2]
     film = (side * q[..., :2] - w[..., None] * bundle.shear) / bundle.half_extent

@@ -126,7 +126,7 @@ class _Plane:
 
     @classmethod
     def through(cls, corners: list[Integers]) -> _Plane | None:
-        """Return plane and edges of a triangle; None without area, for no line meets it."""
+        """Return plane and edges of a triangle; None if it has no area: no line meets it."""
         # Step 1: the normal, by the cross product of two edges.
         p0, p1, p2 = corners
         a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]

@@ -111,7 +111,7 @@ class SphereCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class SelfCheck:
-    """All checked images, and the sphere; None without a check of it."""
+    """All checked images, and the sphere; None if it was not checked."""
 
     views: tuple[ViewCheck, ...]
     sphere: SphereCheck | None

@@ -109,12 +109,12 @@ VENDORS_ASKED = "__EGL_VENDOR_LIBRARY_FILENAMES"
 VENDOR_FOLDERS = tuple(
     Path(folder) / "glvnd/egl_vendor.d" for folder in ("/etc", "/usr/share", "/usr/local/share")
 )
-#: Environment variables that make Mesa draw in software, or in another way than it would by itself
+#: Environment variables that select the driver or the software renderer of Mesa
 SOFTWARE_ASKED = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER_OVERRIDE")
 
 
 def overlooked_card() -> str | None:
-    """Return advice about a card of the machine that EGL does not draw on; None without one."""
+    """Return advice about a card of the machine that EGL does not use; None if there is none."""
     models = [_card_name(card) for card in sorted(NVIDIA_CARDS.glob("*/information"))]
     if gpu_indices():
         set_by_user = [name for name in SOFTWARE_ASKED if os.environ.get(name)]

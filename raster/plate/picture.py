@@ -94,7 +94,7 @@ class Batching:
 
     @classmethod
     def from_size(cls, size: tuple[int, int], form: TargetFormat, *, layered: bool) -> Batching:
-        """Return the batching of images of W, H pixels, with layered draws or without."""
+        """Return the batching of images of W, H pixels, with or without layered draws."""
         hogel_bytes = form.bytes_per_pixel * size[0] * size[1]
 
         def within(number: int) -> int:

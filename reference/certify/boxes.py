@@ -52,7 +52,7 @@ class Boxes:
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
-        """Return box and row of each row of pixels of all boxes in a range; None without any.
+        """Return box and row of each row of pixels of all boxes in a range; None if empty.
 
         Lanes of one box follow one another, from the top.
         """

@@ -162,7 +162,7 @@ class _Groups:
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
-        # Triangles through the center: s = 0 without error, like the first of the group.
+        # Triangles through the center have s = 0 exactly, and so has the first of their group.
         leader = np.repeat(self.starts, self.sizes)
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
         # Triangles in the plane of the first of the group: decided in integers, once for each two.

@@ -4,12 +4,12 @@ A hogel shows an eye's pixel its own line. The argument of `certify` holds for e
 and a triangle by itself, with the same arithmetic on the same numbers: the decision of a pixel is
 that in the image of its whole hogel, bit for bit.
 
-The candidates of a line follow from the places of triangles on the eye's film. The line runs beside
-the ray of its pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0
-half a hogel and D1 half a pixel of its film. A triangle is therefore made wider by this much;
-wherever a line crosses the triangle, the pixel's ray meets the wider one. D0 + |s| D1 is convex
-over s, so that the wider triangle lies within the hull of its wider corners, whose image on the
-film lies between the images of these corners.
+Projections of widened triangles onto the eye's film give the candidates of each line. The line
+deviates from the ray of its pixel: at depth s below the plate they are at most D0 + |s| D1 apart,
+where D0 is half a hogel and D1 half a pixel of its film. Each triangle is widened by this distance:
+wherever the line meets the triangle, the pixel's ray meets the widened one. D0 + |s| D1 is convex
+in s. The widened triangle therefore lies within the hull of its widened corners, and its image on
+the film within the hull of their images.
 """
 
 from collections.abc import Iterator

@@ -206,7 +206,7 @@ class CaseRenderer:
 
 
 def _reason(path: Path) -> str:
-    """Return the reason in a renderer's file, "" in an empty one; Problem where it is no file."""
+    """Return the reason in a renderer's file, "" in an empty one; Problem if it is not a file."""
     try:
         empty = path.is_file() and path.stat().st_size == 0
         content = b"" if empty else read_small(path, "file with a reason", MAX_REASON_BYTES)

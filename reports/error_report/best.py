@@ -180,7 +180,7 @@ class Recommendation:
     radiance_fraction: float | None
     #: near planes of the same depth buffer that are as good
     window: Window
-    #: aperture with the largest share of wrong surfaces, and of those the most displaced one
+    #: aperture with the largest share of wrong surfaces; the largest displacement breaks ties
     aperture: Aperture
     #: aperture with the largest displacement; `aperture` unless another is displaced more
     displaced_aperture: Aperture

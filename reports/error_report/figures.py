@@ -36,7 +36,7 @@ def _predicted(statistic: str) -> Number:
 
 
 def _radiance(name: str) -> Number:
-    """Return the function that reads a radiance error of a row."""
+    """Return the function that reads a radiance error from a row."""
     return lambda row: getattr(row.comparison.radiance, name, None)
 
 
@@ -46,13 +46,13 @@ class Quantity:
 
     title: str
     measured: Number
-    #: closed form; None without
+    #: closed form; None if there is none
     predicted: Number | None = None
     #: share of the judged pixels; otherwise a number on a logarithmic axis that has no zero
     is_share: bool = False
 
     def figure(self, groups: Mapping[str, Rows], reach: float) -> Figure | None:
-        """Draw a line for each named group, and closed forms dashed; None without a point.
+        """Draw a line for each named group, and closed forms dashed; None without any points.
 
         Zeros of a share are hollow marks at half a pixel, below the smallest measurable share.
         """
@@ -155,7 +155,7 @@ def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Fig
 
 
 def _log_figure(lines: list[Figure], title: str, *, percents: bool = False) -> Figure | None:
-    """Return a figure of lines over near on logarithmic axes; None without a point."""
+    """Return a figure of lines over near on logarithmic axes; None without any points."""
     nears, heights = ([at for line in lines for at in line[axis] if at] for axis in "xy")
     if not heights:
         return None

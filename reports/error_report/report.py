@@ -534,7 +534,7 @@ def _page_data(measured: Sweep, numbers: Sequence[dict[str, Any]]) -> dict[str, 
 def _curves(
     measured: Sweep, aperture: Aperture, geometry: DoubleFrustum
 ) -> dict[str, Figure | None]:
-    """Return the figures of an aperture and a geometry by name; None without a point."""
+    """Return the figures of an aperture and a geometry by name; None if a figure has no points."""
     reach, rows = measured.scene.frustum.longest_reach, measured.numbered(aperture, geometry)
     quantities = FIGURES | (SHADED_FIGURES if measured.light else {})
     curves = {name: each.figure(by_depth(rows), reach) for name, each in quantities.items()}

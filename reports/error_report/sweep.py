@@ -98,7 +98,7 @@ class ReportOptions:
     tracer: str = "embree"
     #: simulated effects, as `--effects` takes them: `auto`, `all`, or names between commas
     effects: str = "auto"
-    #: source of the truths: `certified`, or a tracer alone, of which nothing is examined
+    #: source of the truths: `certified`, or the name of a tracer whose hits are not certified
     decided_by: str = alone.CERTIFIED
     #: predict errors, and charge wrong pixels to causes
     causes: bool = True

@@ -44,12 +44,12 @@ class Survey(NotebookRepr):
 
     @cached_property
     def best(self) -> int:
-        """Number of the setting with the fewest hogels beyond, then with the best worst hogel."""
+        """Index of the setting with the fewest hogels beyond; the worst hogel breaks ties."""
         bad = [(each.beyond, *(hogel.badness for hogel in each.worst[:1])) for each in self.stats]
         return bad.index(min(bad))
 
     def at_most(self, stats: rows.SettingStats) -> float | None:
-        """Return the bound on the share beyond; None where parts of a job array are missing."""
+        """Return the bound on the share of hogels beyond; None while parts of a job are missing."""
         return self.extent.at_most(stats.beyond)
 
     def bound_words(self, stats: rows.SettingStats) -> str:

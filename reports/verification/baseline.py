@@ -302,12 +302,12 @@ def accepted_runs(folder: Path) -> dict[tuple[str, str, str, str], Run]:
 
 
 def measures(hogel: Mapping[str, Any]) -> Measures:
-    """Return the measures of a hogel of verification.json; a missing one has no other measure."""
+    """Return the measures of a hogel in verification.json; a missing hogel has only `missing`."""
     numbers, corrected = hogel["as_found"], hogel["corrected"]
     values: Measures = {**dict.fromkeys(MEASURES), "missing": float(numbers is None)}
     if numbers is None:
         return values
-    # An image that shows nothing displaces nothing: its check has a displacement of 0.
+    # An image that shows nothing has no displacement; its check states 0.
     still = any(
         check["figure"] == DISPLACEMENT and check["value"] == 0 for check in hogel["checks"]
     )
@@ -375,7 +375,7 @@ def _changes(
 
 
 def commit_of(folder: Path) -> str | None:
-    """Return the commit at which a folder is checked out; None without a repository of this user.
+    """Return the commit that a folder has checked out; None outside a repository of this user.
 
     The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree,
     so that no filter runs; programs that the repository's settings name are switched off.

@@ -1,7 +1,7 @@
 """Verification by several processes: hogels are judged in blocks, each a Parquet part.
 
 With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are there,
-the verification is put together from them, and equals the verification of one process; the worst
+the verification is merged from them, and equals the verification of one process; the worst
 hogels are judged once more for their pictures. The first process that judges diagnoses the
 renderer, and leaves the question beside the parts: a renderer with noise answers otherwise each
 time. Files are the same as long as their sizes and times are. Dependencies of a command are
@@ -174,7 +174,7 @@ def verify_on(
         parts.open(json_ready(_description(job, size)))
         looks = _blocks(request, size)
         if options.command is not None and _rows(job, looks) is not None:
-            # Files have a digest of their state; the answers of a program have none.
+            # A digest shows that files are unchanged; the output of a program has no digest.
             note(f"what is in {parts.folder} was finished; the command is judged anew")
             for named in (QUESTION, *(block.number for look in looks for block in look)):
                 parts.remove(named)

@@ -105,7 +105,7 @@ class WorstHogels:
 
 
 def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
-    """Return what people can see of an image: its colors, else a color for each surface.
+    """Return a picture of an image for people: its colors, else a color for each surface.
 
     Surfaces are triangles or objects, whichever `like` names, by default the image itself: truth
     names both.
@@ -149,7 +149,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def share_at_most(self) -> float | None:
-        """Upper bound on the share of the plate's hogels that fail; None without a sample."""
+        """Upper bound on the share of the plate's hogels that fail; None if no sample was drawn."""
         return None if self.extent is None else self.extent.at_most(self.failed)
 
     @property

@@ -123,7 +123,7 @@ def check_mesh_file(path: Path) -> None:
 
 
 def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
-    """Open a file for reading; InputError where it is no regular file or not readable."""
+    """Open a file for reading; InputError if it is not a regular file or not readable."""
     regular_size(path, what, advice)
     try:
         # Nonblocking: a pipe that has taken the file's place since then is not waited for.

@@ -167,8 +167,8 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
     """Return the channels of some names that a file has, from any part; see `located`.
 
     Pixels of the display window outside the data window are 0, NaN in positions, heights and
-    normals. Raises InputError as `read_header`, or where a channel lies in several parts or lacks
-    pixels.
+    normals. Raises InputError as `read_header` does, and if a channel lies in several parts or
+    lacks pixels.
     """
     header = read_header(path)
     # One of several candidates would be a guess.
@@ -212,7 +212,7 @@ def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], ReadPlanes
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return W, H of an image file with any camera; InputError as `read_header`."""
+    """Return W, H of an image file with any camera; raises InputError as `read_header` does."""
     return read_header(Path(path)).size
 
 
@@ -347,7 +347,7 @@ def _storage(read: ReadPlanes) -> str | None:
 def _described(
     path: Path, header: Mapping[str, Any], name: str, kind: TypeAdapter[Described]
 ) -> Described | None:
-    """Return the object that an attribute of the header describes; None without the attribute."""
+    """Return the object that an attribute of the header describes; None if it is missing."""
     if name not in header:
         return None
     try:

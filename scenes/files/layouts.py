@@ -232,7 +232,7 @@ LAYOUTS = (
            "ij", turned=True),
     Layout("hogels", "one picture per hogel, column before row, row 0 at the top",
            r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)", "hogel_{i}x{j}", "ij"),
-    # Last: every name fits.
+    # This layout comes last, because its pattern matches every name.
     Layout("mosaic", "one picture, hogel (i, j) is the tile at column i, row j", r".+", "{stem}",
            "", lambda pixels, _, __: pixels.transpose(0, 2, 1, 3, 4)),
 )  # fmt: skip

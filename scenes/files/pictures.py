@@ -62,7 +62,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a picture file in pixels; InputError where it is none."""
+    """Return width and height of a picture file in pixels; InputError if it is not a picture."""
     if input_files.head_of(path, "file", len(MAGIC)) == MAGIC:
         return image_size(path)
     with _opened(path) as picture:
@@ -118,8 +118,8 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, str]:
     """Return the pixels (H, W, 3) of a picture, and the format that changed them, else "".
 
-    Raises InputError where the file is damaged, no picture of `RGB_MODES`, or of another resolution
-    than the scene's.
+    Raises InputError if the file is damaged, its mode is not in `RGB_MODES`, or its resolution
+    differs from the scene's.
     """
     with _opened(path) as picture:
         if resolution is not None and picture.size != resolution:

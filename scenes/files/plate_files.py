@@ -145,7 +145,7 @@ class FileSet:
         return self.layout.file_count(self.shape) - len(self.files) + self.beyond
 
     def file_of_hogel(self, column: int, row: int) -> Path | None:
-        """Return a hogel's own file; None without one."""
+        """Return a hogel's own file; None if it has none."""
         index = self.layout.hogel_index(self.shape, column, row)
         return self.files.get(index) if self.layout.in_hogels else None
 

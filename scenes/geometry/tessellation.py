@@ -252,7 +252,7 @@ def load_patches(
 
 
 def read_patches(path: Path) -> list[Floats]:
-    """Return the control nets (n + 1, m + 1, 3) of a patch file; InputError where it is none."""
+    """Return the control nets (n + 1, m + 1, 3) of a patch file; InputError for other files."""
     check_mesh_file(path)
     with bounded_memory(path):
         try:

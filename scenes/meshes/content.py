@@ -120,9 +120,9 @@ def _pixels(path: Path, picture: Any) -> Bytes | None:
 
 
 def file_beside(path: Path, name: str) -> Path | None:
-    """Return the file of a name in a mesh file's folder or below it; None without one."""
+    """Return a file by its name in the folder of a mesh file or below; None if not found."""
     name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
-    # Exporters write absolute paths of their own machine: the last part of such a path is tried.
+    # Exporters write absolute paths of their own machine: try the last part of such a path.
     for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
         with suppress(ValueError, OSError):  # no name of a file
             file = (folder / candidate).resolve()

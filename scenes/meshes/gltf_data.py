@@ -412,7 +412,7 @@ class Gltf:
 
 
 def open_gltf(path: Path) -> Gltf:
-    """Read the document of a .gltf or .glb file; InputError where it is no glTF 2."""
+    """Read the document of a .gltf or .glb file; InputError if it is not glTF 2."""
     data = memoryview(input_files.read_input(path, "mesh file"))
     text, binary = data, None
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:

@@ -299,7 +299,7 @@ def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) 
 #: nothing.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
 _MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
-_MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # values of an option of a map
+_MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # most arguments of a map option
 
 
 @dataclass(kw_only=True)

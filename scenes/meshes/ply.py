@@ -291,7 +291,7 @@ def _content(
 
 
 def _complete(element: _Element, choices: Iterable[tuple[str, ...]]) -> NDArray[Any] | None:
-    """Return the columns of the first group of properties that an element has; None without one."""
+    """Return the columns of the first group of properties that an element has, else None."""
     for names in choices:
         if element.values.keys() >= {*names}:
             return _columns(element, names)

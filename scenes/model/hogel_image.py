@@ -130,7 +130,7 @@ class HogelImage(SurfaceImage):
     #: unit, by the mesh's winding, NaN where there is no surface
     normal: NDArray[np.floating] | None = None
     color: Singles | None = None  #: linear RGB
-    #: of the color where it is a mean over light paths; None without noise
+    #: of a color that is a mean over light paths; None if it has no noise
     variance: Singles | None = None
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
     #: (N, 3) row, column, triangle of surfaces that share a tie; likewise

@@ -168,7 +168,7 @@ class SurfaceAttributes(ShortRepr):
             if own is None or part.uv is None:
                 numbers.append(np.full(len(part.faces), UNTEXTURED, dtype=np.int32))
                 continue
-            # A triangle with a corner that has no coordinates shows no texture.
+            # A triangle shows no texture if a corner lacks texture coordinates.
             placed = np.isfinite(part.uv[part.faces]).all(axis=(1, 2))
             numbers.append(
                 np.where((own >= 0) & placed, own + len(textures), UNTEXTURED).astype(np.int32)
@@ -333,7 +333,7 @@ class Scene(ShortRepr):
         order = np.lexsort((ends[:, 1], ends[:, 0], owner))
         keys = np.column_stack((owner, ends))[order]
         same = np.append((keys[1:] == keys[:-1]).all(axis=1), False)
-        # Pairs alone: the side before them differs, and so does the side after.
+        # Keep exact pairs: in sorted order the sides before and after them differ.
         first = np.flatnonzero(same & ~np.roll(same, 1) & ~np.roll(same, -1))
         twins = np.full(len(ends), -1)
         twins[order[first]], twins[order[first + 1]] = order[first + 1], order[first]

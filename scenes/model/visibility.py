@@ -47,8 +47,8 @@ INDEX_MARGIN = 1e-6
 
 CHUNK_TRIANGLES = 1 << 12  #: triangles tested together: most objects show one among the first
 
-#: Largest number of triangles that a coarse mesh is split into before its apertures are counted by
-#: the rectangle of each triangle.
+#: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
+#: apertures, and smaller triangles give tighter rectangles.
 MAX_SPLIT_TRIANGLES = 50_000
 
 #: Halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of
@@ -281,7 +281,7 @@ def apertures_in_view(
 
 
 def _split(triangles: Floats, total: int) -> Floats:
-    """Return triangles cut into four, again and again, up to `MAX_SPLIT_TRIANGLES` of an object."""
+    """Return triangles split into four repeatedly, up to `MAX_SPLIT_TRIANGLES` of an object."""
     while 4 * total <= MAX_SPLIT_TRIANGLES:
         a, b, c = triangles.transpose(1, 0, 2)
         ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2

@@ -1,4 +1,4 @@
-"""The program's messages on standard error, and text from outside made fit for a terminal."""
+"""Messages of the program on standard error, and escaping of untrusted text for a terminal."""
 
 import re
 import sys

@@ -53,7 +53,7 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
 
 @pytest.mark.slow
 def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
-    """It has OpenGL 3.3 alone. Bounds of unknown devices do not hold for its D16."""
+    """It has only OpenGL 3.3. The bounds for unknown devices do not hold for its D16."""
     command = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
     environment = os.environ | {"GALLIUM_DRIVER": "softpipe", "LIBGL_ALWAYS_SOFTWARE": "1"}
     answer = json.loads(

@@ -1,4 +1,4 @@
-"""Wrong renderers through the suite: `python -m tests.conformance` prints the table of them all."""
+"""Conformance run of wrong renderers: `python -m tests.conformance` prints a table of them all."""
 
 import argparse
 import sys

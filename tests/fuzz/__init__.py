@@ -1,7 +1,7 @@
 """A fuzzer: damaged inputs of every kind that is read, each in a process of its own.
 
 inputs     Valid files and command lines, from which mutation starts
-mutations  Seeded damage to bytes, to numbers and names in texts, and to structure
+mutations  Seeded damage to bytes, to numbers and names in text, and to structure
 child      One input in a forked process with limits on time and size, and forbidden outcomes
 entries    Commands that read the inputs of `verify`, `check` and `survey` in less time
 __main__   `make fuzz`: counts by exit status; findings go to `corpus`, which `--replay` tries again

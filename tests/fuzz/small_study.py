@@ -1,4 +1,4 @@
-"""`xfrustum study`, with one more command: `small FOLDER`, of few cells, to be killed often."""
+"""`xfrustum study` with an added command `small FOLDER`: a study of few cells to interrupt."""
 
 import sys
 from dataclasses import replace

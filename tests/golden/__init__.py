@@ -1,4 +1,4 @@
-"""Golden corpus: answers of version 0.2, and the command that holds a checkout against them.
+"""Golden corpus: outputs of version 0.2, and the command that compares a checkout with them.
 
     python -m tests.golden compare          everything (some minutes)
     python -m tests.golden compare truths   one part: truths, rasters, answers, wrong-renderers

@@ -1,4 +1,4 @@
-"""`python -m tests.golden compare|make`: hold this checkout against the corpus, or make one."""
+"""`python -m tests.golden compare|make`: compare this checkout with the corpus, or make one."""
 
 import argparse
 import gzip

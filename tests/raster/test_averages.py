@@ -39,7 +39,7 @@ def traced(scene: Scene) -> Iterator[Ask]:
 
 @contextmanager
 def drawn(scene: Scene) -> Iterator[Ask]:
-    """Give the raster image of an aperture with hardly a near offset."""
+    """Return the raster image of an aperture with a negligible near offset."""
     with Rasterizer(scene) as raster:
         yield lambda aperture, sampling=None: raster.render(aperture, SETTINGS, sampling=sampling)
 

@@ -16,7 +16,7 @@ DRAWN = ("triangle", "position", "color")
 
 
 def left_behind() -> dict[str, Callable[[], object]]:
-    """Return what leaves states as code past moderngl could."""
+    """Return functions that change OpenGL states behind moderngl's back, by name."""
     from OpenGL import GL  # noqa: PLC0415 - the package chooses its platform first
 
     return {

@@ -1,6 +1,6 @@
 """Colors of the reference: means in any bands and their convergence, and fitted cameras.
 
-tests/raster/test_light_raster.py holds the light of both answers against its definition.
+tests/raster/test_light_raster.py tests the light of reference and rasterizer by its definition.
 """
 
 import itertools

@@ -31,7 +31,7 @@ from xfrustum.scenes.model.effects import Effect, needed
             benchmarks.JUDGE_MEANINGS,
         ),
         pytest.param(
-            # Plates are averaged over the sub-apertures of the grating, plain loops are not.
+            # The plate is averaged over the sub-apertures of the grating; the plain loop is not.
             ["plate", "grating", "--resolution=8"],
             "hogels_per_second",
             benchmarks.PLATE_MEANINGS,

@@ -33,12 +33,12 @@ def dask(*words: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def scheduler(port: int) -> tuple[str, ...]:
-    """Return the words that start a scheduler."""
+    """Return the arguments that start a scheduler."""
     return ("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
 
 
 def worker(port: int) -> tuple[str, ...]:
-    """Return the words that start a worker process, which ends some time after its scheduler."""
+    """Return the arguments that start a worker process, which ends a minute after its scheduler."""
     address = f"tcp://127.0.0.1:{port}"
     return (
         "worker",

@@ -83,7 +83,7 @@ def drawn_by(*slips: Slip) -> Draw:
 
 
 def axes(*rows: tuple[int, int, int]) -> Callable[[World], World]:
-    """Return what exchanges or reverses the scene's axes; lights and plate stay."""
+    """Return a function that exchanges or reverses the scene's axes; lights and plate stay."""
     matrix = np.array(rows, dtype=float)
 
     def world(of: World) -> World:
@@ -94,7 +94,7 @@ def axes(*rows: tuple[int, int, int]) -> Callable[[World], World]:
 
 
 def one_object(names: str, change: Callable[[Part], Part]) -> Callable[[World], World]:
-    """Return what changes the one object that has one of these names."""
+    """Return a function that changes the one object with one of these names."""
 
     def world(of: World) -> World:
         assert sum(part.name in names.split() for part in of.parts) == 1
@@ -107,7 +107,7 @@ def one_object(names: str, change: Callable[[Part], Part]) -> Callable[[World], 
 def about_middle(
     matrix: Floats, move: tuple[float, float, float] = (0, 0, 0)
 ) -> Callable[[Part], Part]:
-    """Return what turns or scales an object about the middle of its bounding box, and moves it."""
+    """Return a function that turns or scales an object about its box's middle, and moves it."""
 
     def part(of: Part) -> Part:
         middle = (of.corners.min(axis=0) + of.corners.max(axis=0)) / 2

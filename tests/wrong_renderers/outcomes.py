@@ -95,7 +95,7 @@ class Finding:
     """One printed reason."""
 
     name: str
-    explains: float | None  # Share of the wrong pixels by `verify`; None without one
+    explains: float | None  # Share of explained wrong pixels; None if not stated
     alternatives: tuple[str, ...]
     value: float | str
     interval: tuple[float | None, float | None]

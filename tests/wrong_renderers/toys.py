@@ -55,10 +55,9 @@ TWINS = {
     ("harbor", "tenth"): ("scene-scale", "pitch"),
     ("harbor", "tenfold"): ("scene-scale", "pitch"),
 }
-"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s
-alone: to
-move all apertures is to move the scene the other way; g times as large a scene is a g times smaller
-plate."""
+"""Two causes of identical pictures. With a centered frustum an image depends only on (P - a) / s.
+Moving all apertures equals moving the scene in the opposite direction, and enlarging the scene g
+times equals shrinking the plate g times."""
 
 
 TOYS: dict[str, Toy] = {}
@@ -186,7 +185,7 @@ def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def gamma(right: Picture) -> Picture:
-    """The film is fitted to a screen that is not stated."""
+    """Encode linear colors as sRGB."""
     return ray_caster.eight_bits(ray_caster.srgb(right / 255))
 
 
@@ -201,7 +200,7 @@ def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def alike(names: str, encodings: tuple[str, ...] = ENCODINGS) -> dict[str, str]:
-    """The same names for several encodings."""
+    """Return the same names for several encodings."""
     return dict.fromkeys(encodings, names)
 
 

@@ -1,4 +1,4 @@
-"""Ray casters through the suite, one function for each; run in this folder.
+"""Conformance run of ray casters, one function each; run from this folder.
 
     xfrustum conformance run --python casting:embree
     xfrustum conformance run --python casting:by_trimesh     # pip install rtree

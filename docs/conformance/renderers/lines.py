@@ -27,7 +27,7 @@ def lines(asked: dict[str, Any], hogel: tuple[int, int]) -> tuple[Any, Any]:
 
 
 def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: Any) -> Any:
-    """Return what a case asks for from first triangles (H * W,), -1 for none or beyond the reach."""
+    """Return the numbers that a case requests, from first triangles (H * W,), -1 for none."""
     scene = np.load(folder / "scene.npz")
     origins, directions = lines(asked, hogel)
     corners = scene["vertices"][scene["faces"][np.maximum(first, 0)]]
@@ -44,7 +44,7 @@ def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: 
 
 
 def asked_for(scene: Any, asked: dict[str, Any], shown: Any) -> Any:
-    """Return what a case asks for (H, W), from numbers of triangles plus one."""
+    """Return the numbers (H, W) that a case requests, from triangle numbers plus one."""
     return (
         np.append(-1, scene["object_of_triangle"])[shown] + 1
         if asked["asked"] == "object-id"

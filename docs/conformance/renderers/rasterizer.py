@@ -1,4 +1,4 @@
-"""xfrustum's rasterizer through the suite; run in this folder.
+"""Conformance run of xfrustum's rasterizer; run from this folder.
 
     xfrustum conformance run --python rasterizer:draw
     xfrustum conformance run --python rasterizer:d24_standard
@@ -22,7 +22,7 @@ from xfrustum.scenes.conformance.suite import chosen
 
 @lru_cache(maxsize=1)
 def opened(name: str) -> tuple[Any, Any, Rasterizer]:
-    """Return case, scene and rasterizer of a name; the last one is kept."""
+    """Return case, scene and rasterizer by the name of the case; keeps the last ones."""
     (case,) = chosen(names=(name,))
     scene = case.open()
     return case, scene, Rasterizer(scene).__enter__()

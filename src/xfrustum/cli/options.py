@@ -216,7 +216,7 @@ def or_auto(kind: Read[Any]) -> Read[Any]:
 
 
 def one_of(names: Iterable[S]) -> Read[S]:
-    """Return the kind of a name out of some, or of a member of an enumeration, in small letters."""
+    """Return the reader of a value out of some names or enumeration members; case is ignored."""
     known: tuple[Any, ...] = tuple(names)
     words = f"one of {', '.join(known)}"
     return Read(f"[{'|'.join(known)}]", lambda text: known[known.index(text.lower())], words)
@@ -374,7 +374,7 @@ def settings_options(*, required: bool = False) -> Any:
 
 
 def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | None:
-    """Return the engine that options select; None without any of them."""
+    """Return the engine that options select; None if all are left out."""
     chosen = present(**values)
     if part is None and not chosen:
         return None
@@ -390,9 +390,9 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
 
 
 def engine_options(default: str, *, draws: bool = True) -> Any:
-    """Return the options of an engine, or None without any: then `default`, in words.
+    """Return the options of an engine: None if all are left out; `default` describes that case.
 
-    Only where blocks are drawn, devices are chosen.
+    The option `--devices` exists only for commands that draw.
     """
     members = {
         "scheduler": option(TEXT, "Address of a Dask scheduler, such as tcp://host:8786."),

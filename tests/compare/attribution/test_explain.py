@@ -167,7 +167,7 @@ def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
 
 
 def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple[int, int]]:
-    """Return disjoint pairs of the triangles that fill most pixels, far apart or with one edge."""
+    """Return disjoint pairs of the largest triangles, far apart or sharing an edge."""
     numbers, counts = np.unique(drawn.triangle[drawn.covered], return_counts=True)
     large = numbers[np.argsort(-counts, kind="stable")][:400].tolist()
     half = len(large) // 2

@@ -14,9 +14,9 @@ from xfrustum.scenes.model.eye import Eye
 @pytest.mark.parametrize(
     ("name", "resolution", "halvings", "moved_order", "wrong_order"),
     [
-        # The sides of cells and pixels halve, and displacements lie within them: order one, but for
-        # chance in which of 7,000 rays meet which part of a cell. Wrong surfaces lie along
-        # silhouettes, within that.
+        # The sides of cells and pixels halve and bound displacements: order one, except for the
+        # random places at which the 7,000 rays meet cells. Wrong surfaces
+        # fill strips along silhouettes, no wider than the displacement.
         ("asymmetric", (97, 71), 2, (0.8, 1.2), (0.6, 1.4)),
         *(
             pytest.param(name, (331, 247), 4, (0.9, 1.1), (0.7, 1.3), marks=pytest.mark.slow)

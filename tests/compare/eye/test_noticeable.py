@@ -45,7 +45,7 @@ def slope_seen(
     side = 1 if point[2] <= 0 else -1
     x = 0.0
     for _ in range(200):
-        # The aperture through which the eye looks at the point that this aperture replays.
+        # Fixed point: the eye sees the replayed point through the aperture that replays it.
         aperture = Aperture(column=0, row=0, x=x, y=0.0)
         (moved,) = replayed_points(point[None], scene.frustum, aperture, settings, side)
         x = eye[0] + (moved[0] - eye[0]) * eye[1] / (eye[1] - moved[2])

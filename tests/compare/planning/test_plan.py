@@ -175,7 +175,7 @@ def test_with_one_slab_less_it_does_not_hold(
 ) -> None:
     """Neither the planner's best with one cut less holds, nor the plan without one of its cuts.
 
-    Where one cut is planned, no near at all would do without.
+    A cut is planned only if no near suffices without it.
     """
     views, requirement = views_of(name), Requirement(separation=separation)
     settings = planned(views, requirement, buffer)

@@ -102,7 +102,7 @@ def test_pleats_are_drawn_with_as_many_wrong_pixels_as_predicted() -> None:
 
 
 def test_sides_have_their_twins() -> None:
-    """A box is closed; without one triangle three sides are alone; a third wing has no one twin."""
+    """Check twins in a closed box, in a box without one triangle, and on an edge of three wings."""
     box = build_shape("box")
     scene = pleated([0.0, -3.0, 0.0])
 

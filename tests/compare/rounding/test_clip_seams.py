@@ -1,4 +1,4 @@
-"""Seams at which clipping may split a triangle equal seams of polygons cut by hand."""
+"""`seams`, where clipping may split a triangle, agrees with polygons that are cut by hand."""
 
 from typing import Any
 

@@ -172,7 +172,7 @@ def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
     assert content["pitch"] == pytest.approx(pitch)
     assert content["cells_within"] == pytest.approx(pitch / (math.pi / 180 / 60))
     assert bool(content["warning"]) == bool(warning) and warning in printed.err
-    # A mesh of no stated size fits the plate.
+    # Without --size, the mesh is scaled to fit the plate.
     low, high = box(scene.objects[0])
     assert (np.subtract(high, low)[:2] < plate).all() or "--size" in options
 

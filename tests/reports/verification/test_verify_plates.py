@@ -143,7 +143,7 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     verified(right, capsys, pattern, out=tmp_path / "alone")
     first = part_of("2/2")
     assert first["status"] == 0 and "this part is judged" in first["errors"] and not files_of(out)
-    # Blocks of another diagnosis are not put together.
+    # Blocks that were judged by different diagnoses are not merged.
     content = question.read_bytes()
     question.write_bytes(content + b" ")
     assert "was judged by another diagnosis than the rest" in part_of("1/2")["errors"]

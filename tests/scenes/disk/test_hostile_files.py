@@ -55,7 +55,7 @@ def image(damage: Callable[[bytes], bytes]) -> Callable[[], bytes]:
 
 
 def renamed(name: bytes) -> Callable[[], bytes]:
-    """Return what makes an image in which the name of an attribute or a channel is no UTF-8."""
+    """Return a function that makes an image with an attribute or channel name that is not UTF-8."""
     return image(lambda data: data.replace(name, b"\xff" + name[1:], 1))
 
 
