@@ -364,7 +364,7 @@ def resolved_crack(
 
 
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
-    """Return the name of the limit on depth resolution at a height, and the resolved difference.
+    """Return the name of the limit on depth resolution at a height, and the smallest difference.
 
     Two eyes resolve surfaces whose disparities differ by more than stereo acuity, and by more
     than the display's own blur at that height. The difference is in scene units.

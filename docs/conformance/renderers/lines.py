@@ -27,7 +27,7 @@ def lines(asked: dict[str, Any], hogel: tuple[int, int]) -> tuple[Any, Any]:
 
 
 def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: Any) -> Any:
-    """Return the numbers that a case requests, from first triangles (H * W,), -1 for none."""
+    """Return the numbers that a case requests (H, W); `first` has triangles (H * W,), or -1."""
     scene = np.load(folder / "scene.npz")
     origins, directions = lines(asked, hogel)
     corners = scene["vertices"][scene["faces"][np.maximum(first, 0)]]
