@@ -106,7 +106,9 @@ REFUSED_3MF = {
     "numbers that .* damaged": edited('x="4.0"', ""),
     "corners of triangles that are no whole numbers": edited('v3="3"', 'v3="1.7"'),
     "12 numbers": threemf(model(ONE, f'{ITEM} transform="1 2 3"')),
-    "faces point past the vertices": edited('v1="0"', 'v1="9"'),
+    "faces point past the vertices .index 5, 4 vertices": threemf(
+        model(ONE.replace('v1="0"', 'v1="5"') + ONE.replace('"1"', '"2"', 1), ITEM, 'objectid="2"')
+    ),
     "is no package with a part 3D/3dmodel.model that can be read": threemf("<resources>"),
     "is no package with a part .* that can be read": damaged(threemf(WHOLE)),
     "is no package with a part _rels/.rels that can be read .*foo-8": zipped(

@@ -87,13 +87,25 @@ def test_corners_on_straight_edges_stay(ring: Floats, halves: int) -> None:
     assert {(k, (k + 1) % len(points)) for k in range(len(points))} <= edges
 
 
+@pytest.mark.parametrize(
+    "ring",
+    [
+        [(4, 0), (4, 2), (2, 2), (2, 4), (0, 4), (0, 0), (2, 0)],  # straight at the last corner
+        [(2, -2), (4, 0), (8, 0), (4, 4), (2, 0), (0, 4), (0, 0)],  # diagonal through a corner
+    ],
+)
+def test_ears_leave_no_corner_on_their_edges(ring: list[tuple[float, float]]) -> None:
+    points = flat(ring)
+    assert (crosses_of(points[cut(points)])[:, 2] > 0).all()
+
+
 def test_a_fan_that_is_right_stays_as_trimesh_numbers_it() -> None:
     assert cut(circle(7), [0, 1, 2, 3], [0, 1, 2, 3, 4], [2, 3, 4]).tolist() == [
         *([0, 1, 2], [2, 3, 0]),
         *([0, 1, 2], [0, 2, 3], [0, 3, 4]),
         [2, 3, 4],
     ]
-    assert sizes_together(np.array([4, 5, 3, 4])).tolist() == [5, 0, 6, 1, 7, 2, 3, 4]
+    assert sizes_together(np.array([4, 5, 3, 4, 5])).tolist() == [5, 0, 6, 1, 7, 2, 3, 4, 8, 9, 10]
     corners_that_coincide = flat([(0, 0), (1, 0), (1, 1), (-1, 1), (-1, 0)])
     for ring in ([0, 0, 1, 2, 3], [0, 1, 2, 2, 3], [0, 1, 2, 3, 0], [0, 1, 2, 0, 3, 4]):
         fan = [[ring[0], a, b] for a, b in pairwise(ring[1:])]

@@ -32,6 +32,7 @@ OBJ_ALIKE: dict[str, Content] = {
     "capitals": OBJ.upper(),
     "comment that ends in a backslash": "# C:\\meshes\\\n" + OBJ.replace("f 1 3 2", "f 1 3 2 # \\"),
     "faces first": OBJ[len(OBJ_POINTS) :] + OBJ_POINTS,
+    "counted back": OBJ.replace("v 1 1 5\nf 1 3 2", "f -3 -1 -2\nv 1 1 5"),
     "weights of one": OBJ.replace("0\nv", "0 1.0\nv"),
     "names like statements": "g f 1 2 3\no v 1 2 3\nusemtl f\ns off\nmtllib v 1 2 3.mtl\n" + OBJ,
     "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n"
@@ -227,7 +228,7 @@ PLY_REFUSED: dict[str, Content] = {
     "the header declares 132 bytes of elements, file has 134": BINARY + b"\0\0",
     "has another number of values": PLY.replace(b"3 2 0 3 9", b"3 2 0 3 9 9"),
     "face 0 has 2 corners, and needs three": ply(faces=((0, 1),)),
-    "(index 4, 4 vertices)": ply(faces=((0, 1, 4),)),
+    "(index 4, 4 vertices)": ply(faces=((0, 1, 2, 4),)),
     "no whole": ply("", "float uchar float").replace(b"3 2.0 0", b"3 2.5 0"),
     "does not fit its type": PLY.replace(b"uchar int", b"uchar char").replace(b" 3 9", b" 300 9"),
     "'property list uchar long": PLY.replace(b"uchar int", b"uchar long"),
@@ -327,14 +328,15 @@ def test_features_that_are_not_drawn_are_listed(
 def test_values_at_corners_are_those_of_the_file(tmp_path: Path) -> None:
     """Texture coordinates, normals of any length and colors of one corner, by its place."""
     statements = "vt 0.25 0.5\nvt 1\nvn 0 3 4\nvn 0 0 0\nf 1/1/1 2/2/2 3/1/1\n"
-    colored = SQUARE.replace("0 0 0", "0 0 0 1 0 0")  # one vertex; others are listed, and white
+    colored = SQUARE.replace("0 0 0", "0 0 0 1 0 0.5")  # one vertex; others are listed, and white
     mesh = load_mesh(written(tmp_path, "a.obj", colored + statements))
     first, second = (mesh.vertices.tolist().index(corner) for corner in ([0, 0, 0], [1, 0, 0]))
     assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
     assert mesh.uv is not None and mesh.uv[[first, second]].tolist() == [[0.25, 0.5], [1.0, 0.0]]
     assert mesh.vertex_normals[first].tolist() == [0, 0.6, 0.8]
     assert np.isnan(mesh.vertex_normals[second]).all()
-    assert mesh.vertex_colors[[first, second]].tolist() == [[1, 0, 0], [1, 1, 1]]
+    half = ((0.5 + 0.055) / 1.055) ** 2.4  # of sRGB, linear
+    np.testing.assert_allclose(mesh.vertex_colors[[first, second]], [[1, 0, half], [1, 1, 1]])
     mesh = load_mesh(written(tmp_path, "a.off", off("CNOFF", "0 3 4 255 0 0 255")))
     assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
     assert mesh.vertex_normals.tolist() == [[0, 0.6, 0.8]] * 4

@@ -138,6 +138,15 @@ def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> N
     assert extent.sight.middle and not any(extent.sight.corners)
 
 
+def test_a_surface_that_touches_the_edge_of_a_frustum_is_in_view() -> None:
+    screen = Screen(height=2.0, center=(0.0, 0.0), size=(4.0, 4.0))
+    frustum = Frustum(resolution=(64, 64), reach=(20.0, 20.0), screen=screen)
+    region = Region(frustum=frustum, apertures=((0.0, 0.0), (0.0, 0.0)), reach=frustum.reach)
+    touching = np.array([[(1.0, 0.0, 1.0), (2.0, 0.0, 1.0), (2.0, 1.0, 1.0)]])
+    assert region.holds(touching).all()
+    assert not region.holds(touching + np.array([1e-9, 0.0, 0.0])).any()
+
+
 @examples(60)
 @given(
     st.lists(st.floats(-4, 4), min_size=9, max_size=9),
