@@ -267,7 +267,10 @@ def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() ->
     """With both shears reversed, the corner hogel shows surfaces behind the plate alone."""
     (case,) = chosen(names=["L3-attic-0"])
     model = RendererModel(recentering=Recentering.BOTH_REVERSED)
-    assert set(diagnosed(case.open(), model, [(0, 0)])) == {"shear-sign"}
+    defects = diagnosed(case.open(), model, [(0, 0)])
+    # In one hogel a screen at another place shows the same.
+    assert set(defects) <= {"shear-sign", "screen-center-x", "screen-center-y"}
+    assert all("shear-sign" in (name, *of.alternatives) for name, of in defects.items())
 
 
 @pytest.mark.slow
