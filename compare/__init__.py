@@ -5,7 +5,6 @@ beyond           Definition of a hogel beyond a tolerance
 device/          Rounding of an OpenGL device, from fingerprints and recorded frames
 diagnosis/       Defects of a foreign renderer that explain its errors
 eye/             Views of eyes: loss of the display and of the renderer
-extent           Extents of objects, and the apertures that see them
 judging/         Hogels of a foreign renderer judged
 metrics/         Truth against image, pixel by pixel and in numbers
 planning/        Settings to draw with: the fewest slabs, then the largest margin

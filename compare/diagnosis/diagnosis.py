@@ -396,8 +396,7 @@ def _with_view_shear(test: TestSet) -> Diagnosis | None:
     An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by
     a factor f of the plate's need registers them at height d (1 - 1/f): there, and not in the
     plate, the lines of one hogel meet. Seen from that plane it shows a plate 1/f times as wide,
-    under a screen 1/f times as high. So one number does for which the fit
-    would need three groups for.
+    under a screen 1/f times as high. One number replaces three groups of the fit.
     """
     scene, nominal = test.reference.scene, test.nominal
     screen, (claims, claiming) = scene.frustum.screen, _claims(test)

@@ -176,7 +176,7 @@ class Hogel:
 
     @property
     def verdict(self) -> Outcome:
-        """The verdict."""
+        """Outcome of the checks; missing where there is no image."""
         if self.problem is not None:
             return Outcome.MISSING
         held = [check.held for check in self.checks]

@@ -73,7 +73,7 @@ class Spread:
 
 @dataclass(frozen=True, kw_only=True)
 class HeightError:
-    """Raster minus truth in scene units, where both show the same triangle."""
+    """Magnitude of raster minus true height, scene units, where both show the same triangle."""
 
     rms: float
     max: float

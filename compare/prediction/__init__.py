@@ -1,10 +1,11 @@
 """Closed forms of every error, from the truth's geometry alone.
 
-band_limiting  How far a hogel's area blurs, and how many points stand for the area chain
-The chain from the truth to the raster, one thing changed per link (docs/method.md) depth
-Depth buffers: the smallest separation that they order, and the share that they show wrongly
-displacement   Where each point is drawn eye_vector     The line on which a surface point is seen,
-and what its bend does to highlights predict        All errors of some settings together, and what
-shows what belongs outside the film silhouettes    The surface error that displacement causes along
-silhouettes, and the contours of an image
+band_limiting  Blur over a hogel's area, and the number of points it needs
+chain          Chain from the truth to the raster, one change per link
+depth          Depth buffers: smallest resolved separation, share of wrong pixels
+displacement   Place where each point is drawn
+eye_vector     Line on which a surface point is seen, and its effect on highlights
+predict        All errors of some settings together
+reasons        Reasons for errors of prediction above a factor of 3
+silhouettes    Surface errors that displacement causes along contours and creases
 """

@@ -95,8 +95,9 @@ def find_causes(
     shown: HogelImage,
     pixels: Indices,
 ) -> Causes:
-    """Find the cause of every wrong pixel: those, by flat numbers (N,), at which the images differ.
+    """Find the cause of every wrong pixel.
 
+    `pixels` (N,) are the flat numbers of the pixels at which the images differ.
     `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is their
     picture without rounding, or with another depth buffer; its ties need no exception: they lie
     on an edge, or at one depth. `shown` may name triangles that the scene does not have.

@@ -89,7 +89,7 @@ class Certifier:
             decided.certainty.ravel(),
         )
         width = self.bundle.resolution[0]
-        # Step 1: pixels that one sure contender is left for are proven.
+        # Step 1: a pixel with one sure contender left is proven.
         contenders = _not_behind(ambiguous, base, len(triangle))
         rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[
             contenders.pixel - base

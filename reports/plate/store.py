@@ -141,8 +141,8 @@ def open_store(
 ) -> PlateStore:
     """Open the plate of a scene, or make it, safely among processes.
 
-    Where blocks are `free`, a store keeps its own. InputError where it was drawn from another scene
-    or with other settings, is something else, or is damaged.
+    If `free`, an existing store keeps its size of blocks. InputError where it was drawn from
+    another scene or with other settings, is something else, or is damaged.
     """
     expected = json.loads(json.dumps({**description, LAYOUT: {"block": arrays.side}}))
     if not out.exists():

@@ -1,5 +1,7 @@
 """`xfrustum check` and `xfrustum new`: the place of a scene, and a scene that fits a mesh.
 
-checking   What lies where in a scene, which apertures see it, what looks like a mistake, and two
-views new_scene  A scene file whose plate, reach and field of view fit a mesh
+checking   Place and visibility of objects, likely mistakes, and two views
+effects    Effects that a scene calls for, and closed-form errors by depth
+new_scene  A scene file whose plate, reach and field of view fit a mesh
+sight      Sentences about objects unseen, cut by the reach, tiny, or in the plate
 """

@@ -1,5 +1,4 @@
 """Blender: the script that renders the crossed frustum as a camera shader of Cycles.
 
-render  A program of its own, run by Blender: renders hogels of a plate with Cycles, and writes
-their files
+render  Program of its own, run by Blender: renders hogels with Cycles and writes their files
 """
