@@ -32,6 +32,8 @@ from xfrustum.scenes.arrays import Floats, Mask
 WORST_HOGELS = 6
 #: columns that rank the worst hogels
 P99, SURFACE = "displacement_px_p99", "surface_fraction"
+#: columns of all counts but maps
+COUNTED = ("column", "row", "setting", "beyond", "covered", P99, SURFACE)
 
 #: Smallest displacement in the distribution, far below the resolution of 32-bit positions; and
 #: largest number of its points.
@@ -173,7 +175,8 @@ class SettingStats:
         places = np.stack([_numbers(rows, name) for name in ("column", "row")], -1).astype(np.int64)
         beyond, moved = _numbers(rows, "beyond") > 0, _numbers(rows, P99)
         columns = places.tolist(), moved.tolist(), _numbers(rows, SURFACE).tolist(), beyond.tolist()
-        worst = [
+        # One after the other: a plate has millions of hogels, of which few are kept.
+        worst = (
             WorstHogel(
                 aperture=(column, row),
                 displacement_p99_px=px if math.isfinite(px) else None,
@@ -181,7 +184,7 @@ class SettingStats:
                 beyond=bad,
             )
             for (column, row), px, share, bad in zip(*columns, strict=True)
-        ]
+        )
         return cls(
             judged=len(places),
             beyond=int(beyond.sum()),
@@ -204,15 +207,16 @@ class SettingStats:
 
 def counted_rows(rows: pa.Table) -> pa.Table:
     """Return the columns that statistics need: plates have millions of rows."""
-    counted = ("column", "row", "setting", "beyond", "covered", P99, SURFACE)
-    return rows.select([name for name in rows.column_names if name in counted or is_mapped(name)])
+    return rows.select([name for name in rows.column_names if name in COUNTED or is_mapped(name)])
 
 
 def stats_of(
     hogels: tuple[int, int], settings: int, rows: Sequence[pa.Table]
 ) -> tuple[SettingStats, ...]:
     """Return the statistics of each setting; see `counted_rows`."""
-    table = pa.concat_tables(rows)
+    # A part of a job array may have no block, and be the first to end.
+    none = pa.table({name: pa.array([], pa.float64()) for name in COUNTED})
+    table = pa.concat_tables(rows) if rows else none
     number = _numbers(table, "setting")
     some = (table.filter(pa.array(number == setting)) for setting in range(settings))
     return tuple(SettingStats.from_rows(hogels, rows) for rows in some)

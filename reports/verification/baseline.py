@@ -157,6 +157,11 @@ class Run:
         return self.scene_hash, self.renderer, self.device, self.judged
 
     @property
+    def origin(self) -> str:
+        """Renderer, device and way of judging."""
+        return f"{self.renderer} on {self.device} ({self.judged})"
+
+    @property
     def hogels(self) -> dict[Place, Mapping[str, Any]]:
         """The hogels of verification.json by place."""
         return {tuple(hogel["aperture"]): hogel for hogel in self.verification["hogels"]}
@@ -197,6 +202,8 @@ class Baseline:
     #: hogels that were not accepted before and exceed the limits
     new_beyond_limits: int
     not_judged_hogels: int
+    #: accepted runs of this scene where none is of this renderer, device and way of judging
+    others: tuple[str, ...] = ()
 
     @property
     def change(self) -> Change:
@@ -246,7 +253,9 @@ def baseline(
     check_folder(folder)
     # All runs are read: a damaged file must not pass as a missing baseline.
     run = _present(verification, options)
-    accepted = accepted_runs(folder).get(run.key)
+    everything = accepted_runs(folder)
+    accepted = everything.get(run.key)
+    others = [] if accepted is not None else everything.values()
     # Without an accepted run of this key every hogel is new, and limits decide.
     before = {} if accepted is None else accepted.hogels
     new = [hogel for hogel in verification.hogels if hogel.aperture.index not in before]
@@ -258,6 +267,7 @@ def baseline(
         new_hogels=len(new),
         new_beyond_limits=sum(not hogel.passed for hogel in new),
         not_judged_hogels=len(before.keys() - run.hogels.keys()),
+        others=tuple(other.origin for other in others if other.scene_hash == run.scene_hash),
     )
     if options.approve:
         # Hogels that are not judged now stay accepted.
@@ -409,6 +419,11 @@ def lines(held: Baseline) -> str:
         listed.append(f"  note: {counted(held.new_hogels, 'hogel')} not accepted before, {beyond}")
     if held.not_judged_hogels:
         listed.append(f"  note: {counted(held.not_judged_hogels, 'accepted hogel')} not judged now")
+    if held.others:
+        known = "; ".join(sorted(held.others))
+        listed.append(
+            f"  note: of this scene, accepted is {known}; judged now is {held.run.origin}"
+        )
     return "\n".join(listed)
 
 

@@ -228,9 +228,10 @@ def _blocks(request: Request, size: int) -> list[list[HogelBlock]]:
 def _description(job: VerifyJob, size: int) -> dict[str, object]:
     """Return everything that decides the rows of a verification."""
     request, options = job.request, job.request.options
-    renderer = {"source": request.source, "near": options.near, "accept": request.accept}
-    names = ("command", "encoding", "timeout_s")
-    renderer |= {name: getattr(options, name) for name in names} | {"folder": str(request.folder)}
+    renderer: dict[str, object] = {"near": options.near, "accept": request.accept}
+    renderer |= {name: getattr(options, name) for name in ("command", "encoding", "timeout_s")}
+    # Files are the same from any folder: their names decide.
+    renderer["place"] = str(Path(request.folder or "", str(request.source or "")))
     # The sequence of a whole plate or a sample follows from scene and seed; a list of millions of
     # indices would bloat the record.
     chosen = request.apertures if isinstance(request.apertures, list) else ()

@@ -406,7 +406,9 @@ def require_state(request: Request, state: str) -> None:
     """Raise InputError where this process has other files than the command had."""
     command, folder = request.options.command, request.folder
     name = request.source if command is None else f"--command {command!r}"
-    if folder is not None and not folder.is_dir():
+    # Absolute names need no folder.
+    needed = command is not None or not Path(str(request.source)).is_absolute()
+    if needed and folder is not None and not folder.is_dir():
         raise InputError(
             f"{name}: there is no folder {folder} here; start it from one that the command and "
             "all workers share"

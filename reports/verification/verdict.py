@@ -68,8 +68,10 @@ class Pictured:
     ) -> Self:
         """Draw truth, image, and wrong pixels as found and corrected; all channels of a scene."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
+        # The corrected image answers another question, with another truth.
+        rest = _shown(corrected.answer, corrected.image)
         drawn = {"truth": truth, "image": _shown(as_found.image)}
-        drawn |= {"error": _errors(truth, as_found), "rest": _errors(truth, corrected)}
+        drawn |= {"error": _errors(truth, as_found), "rest": _errors(rest, corrected)}
         for name, pixels in drawn.items():
             step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
             pictures[name] = address(png(pixels[::step, ::step], optimize=False))

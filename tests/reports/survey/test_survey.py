@@ -162,6 +162,15 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
     assert pipe["status"] == 2 and "was begun with another description" in pipe["errors"]
 
 
+def test_a_part_without_blocks_that_ends_first_counts_nothing(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A job array may have more tasks than the plate has blocks."""
+    out, words = tmp_path / "survey", (*COARSE, "--sample", "2", "--part", "4/4")
+    part = surveyed(scene_path, out, capsys, *words)
+    assert (part["status"], part["judged"], part["complete"]) == (0, 0, False)
+
+
 @pytest.mark.slow
 def test_parts_of_a_job_array_make_the_survey_between_them(
     scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

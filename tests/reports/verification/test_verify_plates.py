@@ -132,7 +132,7 @@ def test_a_sample_is_of_the_whole_plate(
 
 
 def test_parts_of_a_right_plate_make_the_verification_between_them(
-    right: Path, tmp_path: Path, capsys: Capture
+    right: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     images, out = shutil.copytree(right.parent, tmp_path / "images"), tmp_path / "verified"
     pattern, question = str(images / "{i}x{j}.exr"), out / "verification.parquet" / QUESTION
@@ -156,6 +156,11 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     assert again["status"] == 0 and "3 of 6 blocks were judged before" in again["errors"]
     assert len(times) == 3 and times.items() <= times_of(out).items()
     assert files_of(out) == files_of(tmp_path / "alone") != {}
+    # Absolute names are the same from every folder, also from one that a worker lacks.
+    monkeypatch.chdir(tmp_path)
+    assert "blocks were judged before" in part_of("1/1")["errors"]
+    request = Request.from_options(open_scene(right), pattern, VerifyOptions())
+    require_state(replace(request, folder=tmp_path / "lacking"), state_of(request))
     # Images that were drawn again are another verification.
     shutil.copy(images / "0x0.exr", images / "2x1.exr")
     other = part_of("1/6")
