@@ -146,6 +146,7 @@ def test_of_depth_buffers_the_one_with_the_widest_window_is_best_and_else_the_fi
     windows = [(best.settings.depth, best.window.nears) for best in best_per_depth(rows)]
     assert windows == [(DepthFormat.D24, 1), (DepthFormat.D32F, 2)]
     assert best_setting([rows[1], rows[3]]).settings.depth == DepthFormat.D24
+    assert best_setting(rows).settings.near == 1e-2  # the larger of two in the middle
 
 
 def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displacement() -> None:
@@ -184,6 +185,8 @@ def test_a_recommendation_states_the_tolerances_the_cause_and_the_gap() -> None:
         "At hogel 1,1: the one setting measured, though beyond 0.5 px or 1 %"
     )
     assert "wrong surface, most of them charged to near offset, and 99 %" in sentence
+    halves = (cause("near offset", 250), cause("depth", 250))
+    assert "charged" not in recommendation([judged(1.0, 500, causes=halves)], "mm", 150.0)
     assert sentence.endswith("a gap of 1 mm on each side of the plate.")
     within = recommendation([judged(1.0, 650, 0.5), judged(2.0, 9000)], "mm", 150.0)
     assert within.startswith("At hogel 1,1: best of 2 settings: near 1 mm (0.00667 of the reach)")

@@ -22,7 +22,12 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common import pictures
 from xfrustum.reports.error_report import report
 from xfrustum.reports.error_report.report import FILES, ReportFiles, make_report
-from xfrustum.reports.error_report.sweep import ReportOptions, geometry_grid
+from xfrustum.reports.error_report.sweep import (
+    ReportOptions,
+    default_nears,
+    geometry_grid,
+    settings_of,
+)
 from xfrustum.scenes import DepthFormat, DepthMapping, Fit, InputError, Offset, Pivot, open_scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -170,6 +175,14 @@ def test_both_pivots_are_measured_where_they_differ_or_are_requested(
 ) -> None:
     grid = geometry_grid(open_scene(name).frustum, options)
     assert ", ".join(f"{how.pivot} {how.offset}" for how in grid) == expected
+
+
+def test_usual_nears_of_cameras_without_an_offset_end_before_the_first_cut() -> None:
+    frustum, cuts = open_scene("car").frustum, [(5.0,), (20.0,)]
+    options = ReportOptions(offsets=[Offset.NONE], slabs=cuts, depths=DEPTHS[:1])
+    for cut in cuts:
+        nears = {each.near for each in settings_of(frustum, options) if each.slabs == cut}
+        assert nears == {near for near in default_nears(frustum) if near < cut[0]}
 
 
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:

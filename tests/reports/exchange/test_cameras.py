@@ -13,7 +13,7 @@ from tests.support.views import view
 from tests.support.worlds import World
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.exchange.cameras import write_cameras
+from xfrustum.reports.exchange.cameras import write_cameras, write_triangles
 from xfrustum.scenes import (
     Camera,
     DepthFormat,
@@ -25,6 +25,7 @@ from xfrustum.scenes import (
     Pivot,
     Scene,
 )
+from xfrustum.scenes.appearance.appearance import Appearance, Environment
 from xfrustum.scenes.plate.plate import Aperture
 
 JITTER_PX = 0.02
@@ -93,6 +94,10 @@ def test_the_numbered_triangles_lie_next_to_the_cameras(tiny: World, tmp_path: P
         first, names = stored["first_triangle"], stored["names"].tolist()
     assert names == [part.name for part in scene.objects]
     assert [scene.object_of_triangle[number] for number in first[:-1]] == [0, 1, 2]
+    sky = Environment(radiance=np.ones((2, 4, 3), np.float32))
+    write_triangles(replace(scene, appearance=Appearance(environment=sky)), tmp_path / "lit.npz")
+    with np.load(tmp_path / "lit.npz", allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["environment"], sky.radiance)
 
 
 REVERSED = DoubleFrustum(

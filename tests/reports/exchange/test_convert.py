@@ -82,7 +82,8 @@ def test_quilts_of_drawn_plates_are_linear_and_of_files_as_encoded(
     done = convert(drawn, tmp_path / "quilt.png", write_as="quilt")
     assert any("pixels are linear radiance" in note for note in done.notes)
     assert Image.open(done.out).info["gamma"] == 1.0
-    again = convert(done.out, tmp_path / "again.png", write_as="quilt")
+    again = convert(done.out, tmp_path / "again_qs9x9a9.png", write_as="quilt")
+    assert again.out.name == done.out.name.replace("quilt", "again")
     assert any("encoded as in the files" in note for note in again.notes)
     assert "gamma" not in Image.open(again.out).info
     assert np.array_equal(np.asarray(Image.open(again.out)), np.asarray(Image.open(done.out)))
@@ -141,6 +142,7 @@ def test_no_hogel_is_left_out_unnoticed(tmp_path: Path) -> None:
         ("plate.zarr plate.zarr", "exists"),
         ("plate.zarr out --to quilt --tiles 4,2", "4 x 2 tiles hold no 6 views"),
         ("plate.zarr out --array triangle --to views", "no array triangle"),
+        ("floating out.zarr --array triangle", "holds floating-point colors, and no numbers"),
         ("mosaic.png out --to views", "--hogels"),
         ("damaged out --to mosaic", "000_000.ppm: the image is damaged"),
     ],
@@ -155,6 +157,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     group(Path(), "uint8")
     Image.new("RGB", (4, 4)).save("mosaic.png")
+    convert("plate.zarr", "floating", write_as="views", options=ConversionOptions(suffix=".exr"))
     Path("damaged").mkdir()
     Path("damaged", "000_000.ppm").write_bytes(b"P6\n4 3\n255\n12")
     before = sorted(Path().iterdir())

@@ -219,6 +219,14 @@ def test_a_damaged_block_is_drawn_again(plate: Path, clean: Path) -> None:
         assert tree(plate) == tree(clean)
 
 
+def test_a_damaged_hogel_beside_a_new_one_is_drawn_by_the_next_command(tmp_path: Path) -> None:
+    out = tmp_path / "x.zarr"
+    first, second = (small().plate.aperture(column, 2) for column in (0, 1))
+    drawn(out, [first], block=BLOCK)
+    (out / SHARD["triangle"]).write_bytes(b"")
+    assert drawn(out, [second]).drawn == drawn(out, [first]).drawn == 1
+
+
 @pytest.mark.slow
 def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -> None:
     flipped(plate / SHARD["color"])

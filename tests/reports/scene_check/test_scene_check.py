@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
+from xfrustum.reports.scene_check.checking import View
 from xfrustum.scenes import InputError, Scene, open_scene
 from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smoothed
 from xfrustum.scenes.model.visibility import box
@@ -70,6 +71,29 @@ def test_check_lists_places_and_sight_and_draws_two_views(
     printed = capsys.readouterr()
     assert "none of 63 apertures" in printed.out
     assert "no aperture of the plate sees anything" in printed.err
+
+
+def test_check_rings_small_objects_counts_others_and_describes_colors_and_winding() -> None:
+    """Triangles of a tiny object are smaller than the cells of its outline."""
+    small = (part("sphere", 0.5, (10.0 * x, 0.0, -20.0)) for x in range(5))
+    Path("scene.toml").write_text(FRAME + "".join(small))
+    checked = xfrustum.check(open_scene("scene.toml"))
+    assert len(checked.warnings) == 3 and checked.warnings[-1].endswith("; and so for 2 more")
+    assert [checked.view(view).count('r="9"') for view in View] == [5, 5]
+    Path("scene.toml").write_text(FILE)
+    scene = open_scene("scene.toml")
+    ball = scene.objects[0]
+    gray, few = np.full(ball.vertices.shape, 0.5), np.arange(len(ball.faces))[:, None] % 4 == 0
+    parts = [
+        replace(ball, vertex_colors=colors, faces=np.where(turned, ball.faces[:, ::-1], ball.faces))
+        for colors, turned in ((gray, few), (gray * np.eye(len(gray), 3), ~few))
+    ]
+    checks = [xfrustum.check(replace(scene, objects=(each,))) for each in parts]
+    assert [check.objects[0].looks["colors"] for check in checks] == [
+        "of the mesh, the same at all vertices",
+        "of the mesh, one per vertex",
+    ]
+    assert [sum("back faces" in line for line in check.warnings) for check in checks] == [0, 1]
 
 
 def mesh(name: str, extents: Triple = (2.0, 1.0, 0.5), at: Triple = (0.0, 0.0, 0.0)) -> str:

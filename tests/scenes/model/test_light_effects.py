@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.long_tail import examples
+from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.scene_check.effects import effect_reason, scene_effects
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
@@ -171,6 +172,11 @@ def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
     assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
     assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
     np.testing.assert_allclose(row["blur_px"], blur)
+    # In the second slab nothing moves, and its camera in the aperture orders up to the reach.
+    cut = DoubleFrustum(near=0.1, slabs=(4.0,))
+    [row] = scene_effects(scene(), settings=cut).depths["rows"]
+    separation = smallest_separation(np.array([5.0]), 4.0, 20.0, cut.depth, cut.mapping)
+    assert (row["near_px"], row["separation"]) == (0.0, separation[0])
     moved = 8 * 2**0.5 * depths["largest_near"] / (5 + depths["largest_near"])
     assert moved == pytest.approx(depths["tolerance_px"])
     assert depths["contrast"] == pytest.approx(0.7) and depths["sub_apertures"] == 8192

@@ -192,6 +192,7 @@ REFUSED = {
         ASIDE,
         "lies 4,950 to 5,050 mm to the right of the plate's middle; at its height",
     ),
+    "left": ("plan", (100.0, [-5000.0, 0.0, -80.0]), "lies 4,950 to 5,050 mm to the left of"),
 }
 
 
