@@ -203,6 +203,17 @@ class CostReport(NotebookRepr):
         """Answers within the tolerance and a fifth of it, and the option to take."""
         return sentences(self.options, self.tolerance_px)
 
+    @property
+    def answers(self) -> tuple[FastestWithin, ...]:
+        """Fastest options within the tolerance and within a fifth of it."""
+        shares = (1.0, STRICTER_FRACTION)
+        return tuple(rank(self.options, share * self.tolerance_px) for share in shares)
+
+    @property
+    def answer(self) -> str:
+        """Recommended option, in one sentence."""
+        return self.sentences[-1]
+
     def ascending(self) -> list[tuple[Option, bool]]:
         """Return options by time, and whether they are on the front."""
         pairs = zip(self.options, pareto(self.options), strict=True)
@@ -211,7 +222,7 @@ class CostReport(NotebookRepr):
     def _said(self) -> str:
         column, row = self.aperture.index
         ways = f"{len(self.options)} ways to draw aperture {column},{row}"
-        return f"{ways} of {self.scene.name!r}. {self.sentences[-1]}"
+        return f"{ways} of {self.scene.name!r}. {self.answer}"
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
@@ -241,8 +252,7 @@ class CostReport(NotebookRepr):
             for option, best in zip(self.options, pareto(self.options), strict=True)
         ]
         answers = []
-        for share, sentence in zip((1.0, STRICTER_FRACTION), self.sentences, strict=False):
-            ranking = rank(self.options, share * self.tolerance_px)
+        for ranking, sentence in zip(self.answers, self.sentences, strict=False):
             # The option with the least error of the fastest ones, if any keeps the tolerance.
             option = ranking.option
             answer = {
@@ -262,7 +272,7 @@ class CostReport(NotebookRepr):
                 "apertures": self.auto and choices(self.auto),
                 "rows": rows,
                 "answers": answers,
-                "answer": self.sentences[-1],
+                "answer": self.answer,
                 **{name: getattr(self, name) for name in names},
             }
         )

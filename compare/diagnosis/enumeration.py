@@ -28,6 +28,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Front,
     Recentering,
     RendererModel,
+    screen_lengths,
 )
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -39,6 +40,7 @@ from xfrustum.compare.renderer_model.pictures import (
     drawn_scene,
 )
 from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 Picture = NDArray[Any]
@@ -69,6 +71,9 @@ EXCHANGED_AXES = (
 
 # Smallest number of claims that distinguishes axes.
 MIN_AXES_CLAIMS = 30
+
+# Shares of the scene's vertices below the heights at which twins of shifts are tried.
+TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 # Largest relative difference between the pitches of columns and rows at which they count as equal:
 # each may be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
@@ -191,7 +196,8 @@ def equivalents(
 ) -> list[RendererModel]:
     """Return candidates with other defects that show the same images, or nearly so (`by_depth`).
 
-    At one depth of the scene a near offset n looks like a field of view 1 + n / |z| times as large.
+    At one depth of the scene a near offset n looks like a field of view 1 + n / |z| times as large,
+    and a moved scene or plate like a shift of the sampling points.
     """
     same = list(_moved_instead(test, model))
     if tried := list(_sheared_instead(test, model)):
@@ -199,6 +205,8 @@ def equivalents(
         same += [other for other in tried if test.wrong(other, explained=True) <= most]
     if by_depth and model.fov != test.nominal.fov:
         same += filter(test.explains, [with_near(test, model)])
+    if by_depth:
+        same += filter(test.explains, _moved_at_one_depth(test, model))
     return same
 
 
@@ -219,6 +227,22 @@ def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMode
         yield replace(model, scene_scale=1.0, pitch=(pitch / factor, pitch / factor))
     elif pitch != nominal.pitch[0] and abs(pitch / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
         yield replace(model, scene_scale=factor / pitch, pitch=nominal.pitch)
+
+
+def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
+    """Yield scenes and plates that are moved as a shift looks at some depths of the scene."""
+    scene, shift = test.reference.scene, np.asarray(model.shift)
+    if scene.frustum.screen is not None:
+        shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
+    if not shift.any():
+        return
+    _, half_extent = film_window(scene.frustum, scene.plate.middle)
+    tilt = 2 * shift / scene.frustum.resolution * half_extent * (1, -1)
+    plain = replace(model.with_parameters(test.nominal.parameters), fov=model.fov)
+    for z in np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS):
+        x, y = (tilt * z).tolist()
+        yield replace(plain, scene_offset=(x, y, 0.0))
+        yield replace(plain, aperture_offset=(-x, -y))
 
 
 def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:

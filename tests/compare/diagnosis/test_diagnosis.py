@@ -340,23 +340,35 @@ def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
     assert "No known fault explains what is wrong" in render_page(result)
 
 
-def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures() -> None:
-    """Three triangles beside one another, 30 mm behind the plate, and an offset of a sixth."""
+def flat() -> Scene:
+    """Three triangles beside one another, 30 mm behind the plate."""
     corners = (
         *((-24, -9), (-4, -13), (-12, 12), (3, -12), (22, -8)),
         *((5, -1), (-3, 4), (25, 6), (8, 16)),
     )
     vertices = np.array([(x, y, -30.0) for x, y in corners])
     part = SceneObject(name="flat", vertices=vertices, faces=np.arange(9).reshape(-1, 3))
-    flat = replace(small("asymmetric", 32), objects=(part,))
-    with Faulty(scene=flat, near=5.0, shown="color") as renderer:
-        result = xfrustum.verify(flat, renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
+    return replace(small("asymmetric", 32), objects=(part,))
+
+
+def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures() -> None:
+    """The offset is a sixth of the depth."""
+    with Faulty(scene=flat(), near=5.0, shown="color") as renderer:
+        result = xfrustum.verify(flat(), renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
     assert set(by_name(result)) == {"fov-x", "fov-y"}
     for defect in result.diagnosis.faults:
         assert defect.value == pytest.approx(7 / 6, abs=0.01)
         assert defect.alternatives == ("near",)
     words = "; ".join(defect["words"] for defect in result.defects())
     assert "or near: colors cannot tell" in words
+
+
+def test_a_shift_at_one_depth_may_be_a_moved_scene_or_plate_to_pictures() -> None:
+    moved = RendererModel(scene_offset=(1.0, 0.0, 0.0))
+    result = of_model(flat(), moved, ("color",), [(2, 2), (1, 2), (3, 1), (2, 3)])
+    (defect,) = result.diagnosis.faults
+    assert defect.fault == "shift-x"
+    assert defect.alternatives == ("scene-offset-x", "aperture-offset-x")
 
 
 @pytest.mark.slow
