@@ -9,6 +9,7 @@ made in `xfrustum.reports.verification.words`.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Culled,
     Film,
     Front,
+    Index,
     Kind,
     Normals,
     OneCamera,
@@ -35,6 +37,7 @@ from xfrustum.scenes.model.scene import Scene
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
 EQUAL_ANGLES, Z_NEGATED, AXES_EXCHANGED = "equal-angles", "z-negated", "axes-exchanged"
+OBJECT_MISSING, STALE, EXCHANGED = "object-missing", "stale-hogel", "hogels-exchanged"
 
 MISTAKEN_UNITS = tuple(
     factor for ratio in (10.0, 25.4, 2.54, 100.0, 1000.0) for factor in (ratio, 1 / ratio)
@@ -56,6 +59,8 @@ class Defect:
     stated: float | str | None = None  #: nominal value, where it belongs in the sentence
     #: other values that show the same images, or codes that the sentence states
     details: tuple[str, ...] = ()
+    #: hogels that show others' images, and the apertures of these: several where they are the same
+    hogels: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     refuted: bool = False  #: whether hogels fail after correction for it
 
 
@@ -164,7 +169,20 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
     if model.axes != nominal.axes:
         name = Z_NEGATED if model.axes == "x, y, -z" else AXES_EXCHANGED
         defects.append(Defect(fault=name, value=model.axes))
-    return tuple(defects)
+    for number in model.missing:
+        name = PurePath(scene.objects[number].name).stem
+        defects.append(Defect(fault=OBJECT_MISSING, value=f"object {number} ({name})"))
+    return *defects, *_of_hogels(model)
+
+
+def _of_hogels(model: RendererModel) -> Iterator[Defect]:
+    """Yield the defects of hogels with another's image: exchanged in pairs, else stale."""
+    first = {index: others[0] for index, others in model.shows}
+    pairs = {index for index, other in first.items() if first.get(other) == index}
+    for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
+        hogels = tuple(entry for entry in model.shows if entry[0] in chosen)
+        if hogels:
+            yield Defect(fault=name, value=float(len(hogels)), unit="hogels", hogels=hogels)
 
 
 def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import chain
 
 import numpy as np
 
@@ -23,14 +24,20 @@ from xfrustum.compare.diagnosis.defects import (
     hypotheses_in,
 )
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
-from xfrustum.compare.diagnosis.enumeration import compositions, equivalents, with_axes
+from xfrustum.compare.diagnosis.enumeration import (
+    compositions,
+    equivalents,
+    with_axes,
+    with_other_hogels,
+    without_objects,
+)
 from xfrustum.compare.diagnosis.geometry_fit import LENSES, GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register, with_near
 from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
-from xfrustum.compare.renderer_model.drawn_model import Recentering, RendererModel
+from xfrustum.compare.renderer_model.drawn_model import OTHER_FIELDS, Recentering, RendererModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 # Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted
@@ -224,10 +231,16 @@ def _of_wrong(test: TestSet) -> Diagnosis:
         diagnosis = replace(diagnosis, model=best.model, faults=faults)
     # else the wrong pixels have causes that are no defect, and need no other model
     # Step 3: other axes, where something is left to explain, or where they alone may make the
-    # pictures that several mistakes of cameras make together.
-    if len(diagnosis.faults) > MAX_CAMERA_DEFECTS or whole.leaves_outliers(diagnosis.model):
-        start = best if diagnosis.faults else GeometryFit.exact(nominal)
-        return _with_axes(whole, start, diagnosis)
+    # pictures that several mistakes of cameras make together; single hogels and objects, where
+    # something is left.
+    starts = [best] if diagnosis.faults else [GeometryFit.exact(nominal), best]
+    if whole.leaves_outliers(diagnosis.model):
+        hogels, objects = with_other_hogels(whole, starts), without_objects(whole, starts)
+        # One mistake that turns everything comes before objects that are left out.
+        candidates = chain(hogels, with_axes(whole, starts[0]), objects)
+        return _with_other_defects(whole, candidates, diagnosis)
+    if len(diagnosis.faults) > MAX_CAMERA_DEFECTS:
+        return _with_other_defects(whole, with_axes(whole, starts[0]), diagnosis)
     return diagnosis
 
 
@@ -251,18 +264,24 @@ def _fitted(test: TestSet) -> tuple[GeometryFit, Evidence]:
     return fit, Evidence(basis=basis, hogels=len(pictures))
 
 
-def _with_axes(test: TestSet, start: GeometryFit, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with other axes that explain more, or need fewer defects."""
-    for fit in with_axes(test, start):
-        model = replace(test.reduced(fit.model), axes=fit.model.axes)
-        if not (test.explains(model) and test.spares(model)):
+def _with_other_defects(
+    test: TestSet, candidates: Iterable[GeometryFit], diagnosis: Diagnosis
+) -> Diagnosis:
+    """Return a diagnosis with defects of scene or hogels that explain more, or need fewer."""
+    for fit in candidates:
+        others = {name: getattr(fit.model, name) for name in OTHER_FIELDS}
+        model, named = replace(test.reduced(fit.model), **others), dict(fit.model.shows)
+        # Hogels that are named by themselves must be explained by themselves too.
+        odd = [image for image in test.images if image.camera.aperture.index in named]
+        of_named = test.of(odd) if odd else test
+        if not (test.explains(model) and test.spares(model) and of_named.explains(model)):
             continue
         # Intervals of a fit that something misled are too wide, and would leave out numbers that
         # pay.
         known = fit if fit.holds else fit.unbounded(test.nominal)
-        faults = _named(test, replace(known, model=model, alternatives=()))
-        fewer = len(faults) < len(diagnosis.faults) and not test.pays(diagnosis.model, model)
-        if fewer or test.pays(model, diagnosis.model):
+        faults = _named(of_named, replace(known, model=model, alternatives=()))
+        fewer = len(faults) < len(diagnosis.faults) and not of_named.pays(diagnosis.model, model)
+        if fewer or of_named.pays(model, diagnosis.model):
             diagnosis = replace(diagnosis, model=model, faults=faults, does_not_explain=())
             if not test.leaves_outliers(model):
                 break

@@ -1,4 +1,4 @@
-"""Enumerated candidates: composition of the halves, axes, and models that show the same images."""
+"""Enumerated candidates: composition, axes, objects, single hogels, and equivalent models."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from numpy.typing import NDArray
 from xfrustum.compare.diagnosis.claims import claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import FLAT, HYPOTHESES, NEAREST, NOT_OVERLAID, Hypothesis
 from xfrustum.compare.diagnosis.geometry_fit import (
+    MAX_FITTED_CLAIMS,
     MAX_NOISE_PX,
     MAX_SEARCHED_CLAIMS,
     GeometryFit,
     fit_geometry,
 )
 from xfrustum.compare.diagnosis.registration import with_near
-from xfrustum.compare.diagnosis.testset import TestSet, shows
+from xfrustum.compare.diagnosis.testset import MIN_OUTLYING_FRACTION, TestSet, shows
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
     Back,
     Front,
+    Index,
     Recentering,
     RendererModel,
     screen_lengths,
@@ -38,10 +40,12 @@ from xfrustum.compare.renderer_model.pictures import (
     colored,
     drawn,
     drawn_scene,
+    trace_drawn,
 )
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 
 Picture = NDArray[Any]
 """Numbers (H, W) or colors (H, W, 3) of an upright image."""
@@ -69,8 +73,17 @@ EXCHANGED_AXES = (
     *("y, x, z", "-x, y, z", "x, -y, z", "-x, y, -z"),
 )
 
-# Smallest number of claims that distinguishes axes.
-MIN_AXES_CLAIMS = 30
+# Smallest number of claims that distinguishes axes, or the apertures of one hogel.
+MIN_PART_CLAIMS = 30
+
+# Largest number of objects that are tried to be missing.
+MAX_MISSING_OBJECTS = 4
+
+# Largest share of the hogels that are tried to show others' images: in most of them a rule of the
+# whole plate is broken. Distance of the other apertures in columns and rows; numbers of them that
+# are drawn, if claims rank them and else; and the largest share of wrong pixels that may stay.
+MAX_ODD_HOGEL_FRACTION, MAX_APART, MAX_RANKED, MAX_NEIGHBORS = 0.5, 9, 2, 12
+MAX_LEFT_FRACTION = 0.1
 
 # Shares of the scene's vertices below the heights at which twins of shifts are tried.
 TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -175,7 +188,7 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
             continue
         claims = claims_of(drawn_scene(test.reference, replace(nominal, axes=axes)).scene, claiming)
         few, cap = claims.thinned(MAX_SEARCHED_CLAIMS), scene.frustum.resolution[0] / 2
-        if len(few) < MIN_AXES_CLAIMS:
+        if len(few) < MIN_PART_CLAIMS:
             return
         least = min(float(outside_px(few, way, cap).mean()) for way in ways)
         if least <= MAX_NOISE_PX:
@@ -189,6 +202,93 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
         return others, misfit
 
     yield from (fit for _, fit in sorted(candidates, key=rank))
+
+
+def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[GeometryFit]:
+    """Yield candidates without the objects that hold most wrong pixels and that no image names."""
+    scene, named = test.reference.scene, set[int]()
+    for image in test.images:
+        exists = (image.triangle >= 0) & (image.triangle < len(scene.faces))
+        named |= set(np.unique(scene.object_of_triangle[image.triangle[exists]]).tolist())
+        named |= set(np.unique(image.object[image.object != NOTHING]).tolist())
+    # Black images name no object: that all are missing would explain any of them.
+    lit = any(image.color is not None and image.color.any() for image in test.images)
+    if len(scene.objects) < 2 or not (named or lit):
+        return
+    for fit in fits:
+        model = fit.model
+        while len(model.missing) < MAX_MISSING_OBJECTS:
+            number = _most_wrong_object(test, model)
+            without = replace(model, missing=(*model.missing, number))
+            if number in named | {NOTHING} or not test.pays(without, model):
+                break
+            model = without
+        if model.missing:
+            yield replace(fit, model=model)
+
+
+def _most_wrong_object(test: TestSet, model: RendererModel) -> int:
+    """Return the object that a candidate draws in most of its wrong pixels, or none."""
+    reference, counts = drawn_scene(test.reference, model), np.zeros(0, dtype=np.int64)
+    for image, wrong in zip(test.tested, test.mask(model, explained=True), strict=True):
+        aperture = model.answers(reference.scene, image.camera.aperture)
+        shown = model.orientation.applied(trace_drawn(reference, model, aperture).object)[wrong]
+        here = np.bincount(shown[shown != NOTHING], minlength=len(reference.scene.objects))
+        counts = counts + here if len(counts) else here
+    return int(counts.argmax()) if counts.any() else NOTHING
+
+
+def with_other_hogels(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[GeometryFit]:
+    """Yield candidates in which few wrong hogels all show images of other apertures."""
+    most = int(MAX_ODD_HOGEL_FRACTION * len(test.images))
+    for fit in fits:
+        odd = list(itertools.islice(test.outliers(fit.model), most + 1))
+        shows: dict[Index, tuple[Index, ...]] = {}
+        for alone in odd if len(odd) <= most else ():
+            apertures = _shown_apertures(alone, fit.model)
+            if not apertures:
+                break
+            shows[alone.images[0].camera.aperture.index] = apertures
+        if shows and len(shows) == len(odd):
+            yield replace(fit, model=replace(fit.model, shows=tuple(shows.items())))
+
+
+def _shown_apertures(alone: TestSet, model: RendererModel) -> tuple[Index, ...]:
+    """Return the apertures whose image one hogel shows, the best first; none without any."""
+    (image,), scene = alone.images, alone.reference.scene
+    index, likely = image.camera.aperture.index, _likely(scene, model, image)
+    left = [
+        alone.wrong(replace(model, shows=((index, (other,)),)), explained=True) for other in likely
+    ]
+    least, wrong = min(left, default=np.inf), alone.wrong(model, explained=True)
+    if least > MAX_LEFT_FRACTION * wrong:
+        return ()
+    # Images of far scenes may not differ: all that are as good are kept.
+    limit = least + MAX_LEFT_FRACTION * MIN_OUTLYING_FRACTION * image.triangle.size
+    ranked = sorted(zip(left, likely, strict=True))
+    return tuple(other for count, other in ranked if count <= limit)
+
+
+def _likely(scene: Scene, model: RendererModel, image: HogelImage) -> list[Index]:
+    """Return other apertures whose image a hogel may show: by its claims, or neighbors."""
+    hogels = scene.plate.hogels
+    own = model.order.index(image.camera.aperture.index, hogels)
+    columns, rows = (
+        range(max(0, place - MAX_APART), min(count, place + MAX_APART + 1))
+        for place, count in zip(own, hogels, strict=True)
+    )
+    others = [other for other in itertools.product(columns, rows) if other != own]
+    claims = claims_of(scene, [image])
+    if len(claims) < MIN_PART_CLAIMS:
+        others.sort(key=lambda other: max(abs(a - b) for a, b in zip(other, own, strict=True)))
+        return others[:MAX_NEIGHBORS]
+    few, upright = claims.thinned(MAX_FITTED_CLAIMS // 8), replace(model, order=UPRIGHT)
+
+    def misfit(other: Index) -> float:
+        there = replace(few, hogel=np.tile(other, (len(few), 1)))
+        return float(outside_px(there, upright, 5.0).mean())
+
+    return sorted(others, key=misfit)[:MAX_RANKED]
 
 
 def equivalents(

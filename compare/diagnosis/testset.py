@@ -14,6 +14,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
     COMPOSITION_FIELDS,
     GROUPS,
+    OTHER_FIELDS,
     RendererModel,
     field_of,
 )
@@ -113,11 +114,15 @@ class TestSet:
         """Count a candidate's wrong pixels; if `explained`, without a known cause."""
         return int(self.mask(model, explained=explained).sum())
 
-    def leaves_outliers(self, model: RendererModel) -> bool:
-        """Return whether a candidate leaves any hogel with many wrong pixels without a cause."""
+    def outliers(self, model: RendererModel) -> Iterator[TestSet]:
+        """Yield each hogel in which a candidate leaves many wrong pixels without a cause."""
         many = MIN_OUTLYING_FRACTION * np.prod(self.reference.scene.frustum.resolution)
         alone = (self.of([image]) for image in self.images)
-        return any(test.wrong(model, explained=True) > many for test in alone)
+        return (test for test in alone if test.wrong(model, explained=True) > many)
+
+    def leaves_outliers(self, model: RendererModel) -> bool:
+        """Return whether a candidate leaves any hogel with many wrong pixels without a cause."""
+        return any(True for _ in self.outliers(model))
 
     def share(self, model: RendererModel) -> float | None:
         """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
@@ -171,7 +176,7 @@ class TestSet:
         groups += [("film",), COMPOSITION_FIELDS]
         groups += [("near", "pivot", "fit")] if model.near != self.nominal.near else []
         groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
-        groups += [("axes",)]
+        groups += [(name,) for name in OTHER_FIELDS]
         for fields in groups:
             simpler = replace(model, **{name: getattr(self.nominal, name) for name in fields})
             if simpler != model:

@@ -43,9 +43,13 @@ class Kind(Enum):
     NEAR = auto()  # a length of the scene, not negative, of any magnitude
 
 
+Index = tuple[int, int]
 RIGHT_AXES = "x, y, z"
 COMPOSITION_FIELDS = ("front", "back", "overlaid", "culled", "conjugated", "normals")
 """Fields of `RendererModel` of the composition and lighting of the halves."""
+
+OTHER_FIELDS = ("axes", "missing", "shows")
+"""Fields of `RendererModel` of the scene and of single hogels."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -281,6 +285,11 @@ class RendererModel:
     normals: Normals = Normals.RIGHT
     #: axes drawn in place of x, y and z (`pictures.drawn_scene`)
     axes: str = RIGHT_AXES
+    #: numbers of the objects that are not drawn
+    missing: tuple[int, ...] = ()
+    #: hogels, as files are named, with the apertures whose images they show: the first, or others
+    #: with the same image
+    shows: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     film: Film = EVEN
     #: heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
     #: scene's
@@ -326,7 +335,8 @@ class RendererModel:
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
         """Return the aperture of the scene that a file named after one aperture shows."""
-        return scene.plate.aperture(*self.order.index(aperture.index, scene.plate.hogels))
+        ordered = self.order.index(aperture.index, scene.plate.hogels)
+        return scene.plate.aperture(*dict(self.shows).get(aperture.index, (ordered,))[0])
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return a picture (H, W, ..) as it belongs."""

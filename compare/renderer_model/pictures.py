@@ -61,21 +61,27 @@ Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
 
 
 @lru_cache(maxsize=KEPT_REFERENCES)
-def _with_axes(reference: Reference, axes: str) -> Reference:
+def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Reference:
     scene, matrix = reference.scene, np.zeros((3, 3))
     for row, axis in enumerate(axes.split(", ")):
         matrix["xyz".index(axis[-1]), row] = -1.0 if axis.startswith("-") else 1.0
     parts = []
-    for part in scene.objects:
+    for number, part in enumerate(scene.objects):
+        vertices = part.vertices @ matrix
+        if number in missing:
+            # Out of reach it is not drawn, and its triangles keep their numbers.
+            vertices -= (0.0, 0.0, vertices[:, 2].max() + 4 * scene.frustum.longest_reach)
         normals = None if part.vertex_normals is None else part.vertex_normals @ matrix
-        parts.append(replace(part, vertices=part.vertices @ matrix, vertex_normals=normals))
+        parts.append(replace(part, vertices=vertices, vertex_normals=normals))
     # Selecting the effects of each changed scene takes longer than evaluating all.
     return Reference(replace(scene, objects=tuple(parts)), reference.tracer_name, ALL_EFFECTS)
 
 
 def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
-    """Return the reference of a candidate's scene, with its axes."""
-    return reference if model.axes == RIGHT_AXES else _with_axes(reference, model.axes)
+    """Return the reference of a candidate's scene: its axes, without missing objects."""
+    if model.axes == RIGHT_AXES and not model.missing:
+        return reference
+    return _changed(reference, model.axes, model.missing)
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:

@@ -88,6 +88,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     group = (rest if alone else defect.fault).removesuffix(f"-{axis}")
     facts: dict[str, Any] = {"group": group, "axis": axis, "alone": alone, "units": scene.units}
     facts |= {"triangles": len(scene.faces), "corner": False, "angles": None, "mistaken": None}
+    facts["listed"] = MAX_LISTED
     value, screen, facts["height"] = defect.value, scene.frustum.screen, ""
     if not isinstance(value, float):
         return facts

@@ -290,22 +290,22 @@ SLIPS: dict[str, Slip] = {
     # Hogels.
     "stale": Slip(
         words="one hogel shows the previous one's picture",
-        names="",
+        names="stale-hogel",
         place=lambda w, i, j: (0, 1) if (i, j) == (1, 1) else (i, j),
     ),
     "stale-block": Slip(
         words="two hogels show the picture of the one before them",
-        names="",
+        names="stale-hogel",
         place=lambda w, i, j: (0, 0) if j == 0 and i in (1, 2) else (i, j),
     ),
     "late": Slip(
         words="every hogel shows the previous one's picture",
-        names="",
+        names="stale-hogel aperture-order",
         place=lambda w, i, j: w.apertures[max(w.apertures.index((i, j)) - 1, 0)],
     ),
     "exchanged": Slip(
         words="two hogels are exchanged",
-        names="",
+        names="hogels-exchanged",
         place=lambda w, i, j: {(1, 0): (2, 0), (2, 0): (1, 0)}.get((i, j), (i, j)),
     ),
     "odd-columns": Slip(
@@ -344,7 +344,7 @@ SLIPS: dict[str, Slip] = {
     ),
     "object-missing": Slip(
         words="one object is left out",
-        names="",
+        names="object-missing",
         world=one_object(BACK, lambda part: replace(part, hidden=True)),
     ),
     "object-twice": Slip(

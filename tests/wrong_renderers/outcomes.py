@@ -57,6 +57,8 @@ SIZES: dict[str, Sizes] = {
     "equal-angles": {"equal-angles": "x and y"},
     "equal-angles-y": {"equal-angles": "y"},
     "fisheye": {"equal-angles": "radius"},
+    "stale": {"stale-hogel": "hogel 1,1 shows 0,1's image"},
+    "exchanged": {"hogels-exchanged": "hogel 1,0 shows 2,0's image; hogel 2,0 shows 1,0's image"},
 }
 """Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all
 scenes.

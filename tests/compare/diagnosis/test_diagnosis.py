@@ -39,7 +39,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Recentering,
     RendererModel,
 )
-from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
+from xfrustum.compare.renderer_model.pictures import colored, drawn_scene, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
 from xfrustum.scenes import Aperture, HogelImage, Scene, SceneObject, open_scene
@@ -86,6 +86,8 @@ SIZE = 48
 FEW = [(0, 0), (4, 1), (2, 3)]
 SOME = [*FEW, (1, 4), (3, 2)]
 """Hogels in each column and in each row of the plate, once."""
+
+BESIDE = [(0, 0), (4, 3), (8, 6), (1, 5), (6, 1)]
 
 
 def by_name(result: Verification) -> dict[str, Defect]:
@@ -323,6 +325,35 @@ def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
     assert max(shares, key=lambda name: shares[name]["fraction"]).startswith("1 (")
 
 
+@pytest.mark.parametrize(
+    ("model", "name", "words"),
+    [
+        (RendererModel(missing=(6,)), "object-missing", "object 6 (cylinder)"),
+        (RendererModel(shows=(((4, 1), ((3, 1),)),)), "stale-hogel", "hogel 4,1 shows 3,1's image"),
+        (
+            RendererModel(shows=(((0, 0), ((4, 1),)), ((4, 1), ((0, 0),)))),
+            "hogels-exchanged",
+            "hogel 0,0 shows 4,1's image; hogel 4,1 shows 0,0's image",
+        ),
+    ],
+)
+def test_a_missing_object_and_hogels_with_others_images_are_named(
+    model: RendererModel, name: str, words: str
+) -> None:
+    scene = oblong()
+    reference = Reference(scene)
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        there, drawn = model.answers(scene, aperture), drawn_scene(reference, model)
+        image = saying(trace_drawn(drawn, model, there), "triangle")
+        return replace(image, camera=reference.camera(aperture))
+
+    result = xfrustum.verify(scene, draw, apertures=[*FEW, (3, 2)])
+    (defect,) = result.defects()
+    assert (defect["fault"], defect["explains"]) == (name, 1.0)
+    assert defect["words"].startswith(words)
+
+
 @pytest.mark.slow
 def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
     """An offset widens the picture most near the plate, a field of view everywhere."""
@@ -431,6 +462,8 @@ def test_wrong_hogels_outside_the_sample_are_listed_to_be_diagnosed() -> None:
     result = xfrustum.verify(scene, draw)
     assert not result.passed and not result.diagnosis.faults
     assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(result)
+    again = xfrustum.verify(scene, draw, apertures=[(3, 2), (7, 5), *BESIDE])
+    assert set(by_name(again)) == {"hogels-exchanged"}
 
 
 @pytest.mark.slow
