@@ -10,6 +10,6 @@
 | `encodings` | readings of stored pixels: encoding, channels, offset, transfer, damage |
 | `geometry_fit` | claims of pixels, and the joint fit of conventions and numbers to them |
 | `registration` | the fit to pictures without triangle numbers |
-| `enumeration` | halves, films, axes, missing objects, exchanged hogels |
+| `enumeration` | composition of the halves, films, axes, equivalent models |
 | `defects` | records of named defects, in codes and numbers |
 """

@@ -1,12 +1,16 @@
 """JSON schemas of records: valid, closed, and with the keys of the contract."""
 
 import json
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import click
 import jsonschema
 import pytest
 from click.testing import CliRunner
 
+from tests.support.commands import Command
 from tests.support.records import problems
 from tests.support.worlds import World
 from xfrustum import compare_images
@@ -37,6 +41,44 @@ def objects(schema: Any) -> list[dict[str, Any]]:
         return []
     own = [schema] if "properties" in schema and "additionalProperties" in schema else []
     return own + [item for part in schema.values() for item in objects(part)]
+
+
+def json_commands(command: click.Command, name: str = "") -> Iterator[str]:
+    """Return the names of all commands with --json, as schemas have them."""
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for part in command.list_commands(context):
+            inner = command.get_command(context, part)
+            assert inner is not None
+            yield from json_commands(inner, f"{name}-{part}".removeprefix("-"))
+    elif any("--json" in option.opts for option in command.params):
+        yield name
+
+
+def test_every_json_object_that_a_command_prints_has_a_schema() -> None:
+    assert set(json_commands(cli)) <= set(schema_names())
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["bench plate crossing --resolution 8 --repeat 1", "selfcheck hard/closed-edges --quick"],
+)
+def test_records_of_checks_and_benchmarks_keep_their_schemas(line: str, command: Command) -> None:
+    assert command(f"{line} --json --quiet").record
+
+
+def test_written_records_keep_their_schemas(tiny: World, tmp_path: Path, command: Command) -> None:
+    def written(line: str, file: str) -> Any:
+        command(f"{line} --out {tmp_path}")
+        return json.loads((tmp_path / file).read_text())
+
+    scene, near = tiny.scene_file, "--near 1"
+    cameras = written(f"camera {scene} --for json --cull back --slabs 20 {near}", "cameras.json")
+    assert problems("cameras", cameras) == []
+    drawn = f"{near} --depth d24 --no-causes --quiet"
+    assert problems("report", written(f"report {scene} {drawn}", "report.json")) == []
+    case = written("conformance show L3-attic-0", "case/case.json")
+    assert problems("conformance-case", case) == []
 
 
 @pytest.mark.parametrize("name", schema_names())

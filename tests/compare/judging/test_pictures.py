@@ -17,6 +17,7 @@ from PIL import Image
 import xfrustum
 from tests.support.foreign_renderers import small
 from tests.support.long_tail import examples
+from tests.support.records import problems
 from tests.support.scene_file import film, named, part
 from tests.support.worlds import World
 from xfrustum.cli.main import main
@@ -257,6 +258,7 @@ def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path
     assert (numbers.wrong, numbers.displacement_px) == (0, None)
     assert numbers.displacement_by is MeasuredBy.NO_OUTLINES
     assert not result.passed and result.summary()["verdict"] == Outcome.NOT_JUDGED
+    assert problems("verify", result.summary()) == []
     assert [(check.figure, check.held) for check in result.checks][-1] == ("displacement", None)
     assert sentence(result).startswith(
         "Not judged, neither right nor wrong: in the hogel the truth"
