@@ -179,3 +179,22 @@ def test_a_plate_of_another_scene_or_with_holes_is_refused(
     for scene, message in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
         assert main(["view", str(scene), EYE, "--plate", str(stored), "--quiet"]) == 2
         assert message in capfd.readouterr().err
+
+
+def test_pictures_that_name_triangles_beyond_the_scene_are_refused(
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    fewer = tmp_path / "fewer.toml"
+    fewer.write_text(SCENE.removesuffix(part("box", 6.0, (6.0, -3.0, 12.0))))
+    command = ["view", str(fewer), EYE, "--encoding", "triangle-id", "--quiet"]
+    assert main([*command, "--images", str(folder / "{i}x{j}.png")]) == 2
+    assert "names a triangle that the scene does not have" in capfd.readouterr().err
+
+
+def test_cameras_that_step_back_alike_open_a_gap_at_the_plate(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for more, opened in (("--offset=plate", True), ("--offset=none", False)):
+        capfd.readouterr()
+        run("view", folder, EYE, "--resolution=12,9", NEAR, more)
+        assert ("opens a gap of 1 mm there" in capfd.readouterr().out) == opened

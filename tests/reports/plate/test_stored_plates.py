@@ -29,7 +29,9 @@ from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures
 from xfrustum.reports.plate.reader import PlateReader, camera_of
 from xfrustum.reports.view import stored_plate
 from xfrustum.scenes import InputError
+from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.geometry.shapes import smoothed
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
@@ -277,6 +279,18 @@ def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
             read()
         assert "p.zarr" in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_plate_of_other_lights_normals_or_colors_is_of_another_scene(plate: Path) -> None:
+    scene = small()
+    gray = [replace(o, vertex_colors=np.full(o.vertices.shape, 0.5)) for o in scene.objects]
+    others = [replace(scene, appearance=Appearance(lights=()))]
+    looks = (map(smoothed, scene.objects), gray)
+    others += [replace(scene, objects=tuple(objects)) for objects in looks]
+    stored_plate(plate, scene)
+    for other in others:
+        with pytest.raises(InputError, match="was drawn from another scene"):
+            stored_plate(plate, other)
 
 
 def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
