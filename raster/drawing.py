@@ -71,10 +71,10 @@ SURFACES, MATERIALS, LIGHTS = (
     8,
 )  #: bindings of storage blocks, as in surface.glsl and phong.glsl
 
-#: Bindings of uniform blocks, which hold materials and lights where they are large enough
+#: Bindings of uniform blocks, which hold materials and lights if these fit
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
 
-#: Names of the length of a uniform block in the shaders
+#: Names of the length of each uniform block in the shaders
 COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
 
 #: Flags of a triangle beside the number of its material, as in surface.glsl
@@ -123,7 +123,7 @@ class Shading:
 
 
 def description(material: Material, strength: float) -> list[float]:
-    """Return a material as surface.glsl has it: four times four numbers."""
+    """Return a material in the layout of surface.glsl: four vectors of four numbers."""
     reflectance = [part * strength for part in material.reflectivity]
     specular = [*material.specular, material.exponent]
     return [*material.ambient, 0.0, *material.diffuse, 0.0, *specular, *reflectance, 0.0]
@@ -198,7 +198,7 @@ NUMBERS_ALONE = {"NUMBERED": "1"}
 #: Fragment shader of a program, and the names that are defined in it
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
 
-#: A program, and the mesh with the attributes that it reads; None where no triangle is to be drawn
+#: A program, and the mesh with the attributes that it reads; None if there is no triangle to draw
 ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
 
 
@@ -218,7 +218,7 @@ class Drawing:
         self._meshes: dict[tuple[ProgramKey, int | None], moderngl.VertexArray | None] = {}
 
     def _shading(self, effects: frozenset[Effect]) -> Shading:
-        """Return materials and lights, with textures only where effects have them."""
+        """Return materials and lights, with textures only if they are among the effects."""
         textured = Effect.TEXTURES in effects
         if textured not in self._shadings:
             self._shadings[textured] = Shading(self._context, self._scene, effects)
@@ -239,10 +239,9 @@ class Drawing:
     ) -> None:
         """Draw all cameras from the back, then their reflections, into a cleared target.
 
-        Shaders contain the effects that are simulated alone. Without `color` there are triangle
-        numbers alone.
+        Shaders contain only the simulated effects. Without `color` only triangle numbers are drawn.
         """
-        # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
+        # Each aperture is drawn separately here; `plate.renderer` draws many at once.
         target.begin(color=color)
         for number, camera in enumerate(passes):
             target.clear_depth(camera.clear)
@@ -305,7 +304,7 @@ class Drawing:
     def _drawn(
         self, fragment: str, defines: dict[str, str], side: int | None = None
     ) -> ProgramWithMesh:
-        """Return a program and its mesh, with numbers of its own for a `side` of the plate."""
+        """Return a program and its mesh, which has its own vertices for a `side` of the plate."""
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             self._programs[key] = program(self._context, fragment, defines)

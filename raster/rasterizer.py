@@ -104,7 +104,7 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-#: pairs of cameras whose points are kept: a sweep begins with the next before one is done
+#: camera pairs with cached points: a sweep begins the next pair before the previous is done
 SHOWN_CAMERAS = 2
 
 #: the sampling with one point a pixel, seen through the middle of the aperture
@@ -116,18 +116,17 @@ class Drawn:
     """A hogel image and the time that it took."""
 
     image: HogelImage
-    gpu_s: float  #: time of drawing by the device's own clock, s
+    gpu_s: float  #: drawing time by the device's own clock, s
     read_s: float  #: wall time of read-back, positions, and means of color, s
 
 
 class Rasterizer(ContextOwner):
     """Scene on the GPU, uploaded once in float32, drawn for any aperture and settings.
 
-    A context manager: leaving it frees the context. `effects` are those that are simulated, None
-    for those that the scene calls for, more with settings whose near is so tiny that surfaces
-    beyond the reach are shown. `model` is the model of the device, None for the known one. Raises
-    InputError where there is no usable OpenGL, the scene is too large for it, or an effect is not
-    one.
+    A context manager: leaving it frees the context. `effects` are the simulated effects; None
+    selects the effects that the scene needs, which are more if a tiny near shows surfaces beyond
+    the reach. `model` is the model of the device; None selects the recorded model. Raises
+    InputError if there is no usable OpenGL, the scene is too large for it, or an effect is unknown.
     """
 
     def __init__(
@@ -166,9 +165,9 @@ class Rasterizer(ContextOwner):
         self._context.release()
 
     def check_sampling(self, sampling: Sampling) -> None:
-        """Raise InputError where the device cannot sample so finely."""
+        """Raise InputError if the device cannot take as many samples."""
         if sampling == SINGLE_SAMPLE:
-            return  # as every device can
+            return  # every device supports one sample
         device = self.device["renderer"]
         with self._context:
             coverage, largest = most_samples(), largest_image()
@@ -188,8 +187,8 @@ class Rasterizer(ContextOwner):
         if not self._automatic or not loses_far_plane(self.scene, settings):
             return self.effects
         if self._beyond_reach is None:
-            # A picture that loses the far plane has no end in depth: all such settings call for the
-            # same.
+            # A picture without a far plane is unlimited in depth: all such settings need the same
+            # effects.
             self._beyond_reach = needed(self.scene, question=Question(settings=(settings,)))
         return self._beyond_reach
 
@@ -204,10 +203,10 @@ class Rasterizer(ContextOwner):
     ) -> HogelImage:
         """Return the hogel image of an aperture.
 
-        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` applies
-        to color, None for the scene's: triangles and positions are always those at the pixel's
-        center, seen through the middle of the aperture. Raises InputError where near is not smaller
-        than the reach, or the device cannot sample so finely.
+        An image without `normals` or `color` is drawn faster. `sampling` applies to color; None
+        selects the scene's sampling. Triangles and positions always belong to the pixel's center,
+        seen through the middle of the aperture. Raises InputError if near is not smaller than the
+        reach, or the device cannot take as many samples.
         """
         return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
 
@@ -224,16 +223,15 @@ class Rasterizer(ContextOwner):
         self._check(aperture, settings)
         sampling = self.scene.sampling if sampling is None else sampling
         self.check_sampling(sampling)
-        # OpenGL draws in whichever context is current: another Rasterizer may have been opened
-        # since.
+        # OpenGL draws in the current context, and another Rasterizer may have been opened since.
         with self._context:
             target = self._target(self.scene.frustum.resolution, settings.depth)
             effects = self.effects_for(settings)
             passes = drawing_order(self.scene, aperture, settings, effects)
             clock = GpuClock()
             with clock:
-                # A software renderer reads the clock once for each tile, when it works on that
-                # tile. The flush keeps both queries in different batches.
+                # A software renderer reads the clock once per tile and batch, when it works on that
+                # tile. The flush puts the two queries into different batches.
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             start = time.perf_counter()
@@ -257,7 +255,7 @@ class Rasterizer(ContextOwner):
     def render_color(
         self, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling = SINGLE_SAMPLE
     ) -> Singles:
-        """Return the color of `render` alone, (H, W, 3) linear RGB, in less time."""
+        """Return only the color of `render`, (H, W, 3) linear RGB, in less time."""
         self._check(aperture, settings)
         self.check_sampling(sampling)
         with self._context:
@@ -277,17 +275,17 @@ class Rasterizer(ContextOwner):
     ) -> Singles:
         """Return the surface points (H, W, 3) of a picture, NaN for none.
 
-        Depth buffers change few pixels of the same cameras: all other points are copied from the
-        picture before.
+        Between depth buffers few pixels of the same cameras change: all other points are copied
+        from the previous picture.
         """
         position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
         if self._positions is None or not passes:
             return position
-        # The row of depth of a matrix does not matter here.
+        # The depth row of the matrices does not matter here.
         cameras = tuple(
             (camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes
         )
-        # Triangle and camera as one number, which are compared in a 25th of the time.
+        # Triangle and camera as one number: this comparison is 25 times as fast.
         both = identity.view(np.uint64)[..., 0]
         changed = both != 0
         if before := self._shown.pop(cameras, None):
@@ -302,7 +300,7 @@ class Rasterizer(ContextOwner):
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
     ) -> Singles:
-        """Return the color of the target or, of several samples, their mean."""
+        """Return the color of the target; with several samples, their mean."""
         if sampling == SINGLE_SAMPLE:
             return target.read_color()
         film = self.scene.frustum.resolution
@@ -348,7 +346,7 @@ class Rasterizer(ContextOwner):
 
 
 def normals_of(scene: Scene, triangle: Numbers) -> Singles:
-    """Return the unit normals (H, W, 3) of triangles by their numbers, NaN where there is none."""
+    """Return the unit normals (H, W, 3) of triangles by their numbers; NaN without a triangle."""
     normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)
     covered = triangle != NOTHING
     normals[covered] = scene.normals[triangle[covered]]

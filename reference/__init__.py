@@ -7,13 +7,13 @@ Read it in this order, beside docs/truth.md:
 * shading: the color of true hits
 * pictures: the image of an aperture from decisions along its lines: points, normals, objects, light
 * truth: true images of a scene, in bands of rows
-* alone: images and errors of ray tracers in single precision
+* alone: images and errors of uncertified ray tracers in single precision
 * averages: color averaged over pixels and apertures, and to convergence (paper, section 6)
-* eye: views of eyes before the plate, true and replayed
+* eye: views of eyes in front of the plate, true and replayed
 * tracers: ray tracers as second opinions
 * transport: shadows and interreflection by light paths
-* llvm: the LLVM under Dr.Jit, Mitsuba's variant, and the number of threads
-* backend: the device of Dr.Jit's arrays, and their border to NumPy
+* llvm: the LLVM that Dr.Jit uses, Mitsuba's variant, and the number of threads
+* backend: the device of Dr.Jit's arrays, and their conversion from and to NumPy
 * memory: bands of rows, which bound memory, and arrays that kernels may read in place
 """
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from xfrustum.reference.transport import RadianceEstimate as RadianceEstimate
     from xfrustum.reference.truth import Reference as Reference
 
-# Imported on first use: `check` needs the scene alone and must not load ray tracers.
+# Imported on first use: `check` needs only the scene and must not load ray tracers.
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={

@@ -1,4 +1,4 @@
-"""Images of ray tracers in single precision alone, and their errors against the truth."""
+"""Images of uncertified ray tracers in single precision, and their errors against the truth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,7 +29,7 @@ DECISIONS = (CERTIFIED, *TRACERS)
 class PlainReference(Reference):
     """Ray tracer of a scene in place of the certified truth; parameters as of `Reference`.
 
-    Raises InputError for a scene with several samples a pixel, which only certified lines have.
+    Raises InputError for a scene with several samples a pixel: these need certified lines.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class PlainReference(Reference):
     ) -> HogelImage:
         """Return the tracer's image along the lines of the cameras of some settings.
 
-        Raises InputError for settings that cull faces: the tracer has all of them.
+        Raises InputError for settings that cull faces: the tracer always contains all faces.
         """
         settings.check_against(self.scene.frustum)
         if settings.cull is not Cull.NONE:
@@ -71,7 +71,7 @@ class PlainReference(Reference):
             )
         rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
         cameras = model_cameras(self.scene.frustum, aperture, settings)
-        # Each camera is traced by itself and overlaid, as its certified counterpart.
+        # Each camera is traced separately and overlaid, like its certified counterpart.
         layers = [
             (camera.bundle, uncertified(self.tracer, self.scene, camera.bundle, rows))
             for camera in cameras
@@ -82,7 +82,7 @@ class PlainReference(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Way to decide the surface of a pixel, one of `DECISIONS`, and tracer of second opinions."""
+    """Decision method, one of `DECISIONS`, and the tracer that gives second opinions."""
 
     by: str = CERTIFIED
     tracer: str = "embree"
@@ -95,7 +95,7 @@ class Decision:
 def open_reference(
     scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None
 ) -> Reference:
-    """Return the reference of a scene, certified or by a tracer alone; `effects` as in `Reference`.
+    """Return a scene's reference, certified or by only a tracer; `effects` as in `Reference`.
 
     Raises InputError for an unknown tracer, and for a scene that it cannot decide alone.
     """
@@ -106,7 +106,7 @@ def open_reference(
 
 @dataclass(frozen=True, kw_only=True)
 class AloneNumbers:
-    """Numbers of judged pixels of one truth, and of pixels that each tracer alone gets wrong."""
+    """Number of judged pixels of one truth, and numbers of pixels that each tracer gets wrong."""
 
     judged: int
     embree: int
@@ -142,7 +142,7 @@ class TracersAlone:
         }
 
     def find(self, truth: HogelImage) -> AloneFound:
-        """Return the errors of each tracer alone in a whole truth."""
+        """Return the errors of each tracer in a whole truth."""
         wrong = self.wrong(truth)
         counts = {name: int(pixels.sum()) for name, pixels in wrong.items()}
         return AloneFound(

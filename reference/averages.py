@@ -1,10 +1,10 @@
 """Means of color over certified lines: over boxes of pixels, over apertures, to convergence.
 
 The integral over a hogel's aperture (paper, section 6: band limiting) is taken at scrambled Sobol
-points (Owen, 1997). Each scrambling gives an unbiased estimate by itself, so that the scatter of
-several estimates is a measure of the error of their mean, whatever the picture. The error of N
-points falls as N^-1.5 where a pixel changes smoothly with the point, and as N^-0.75 where an edge
-passes over it; independent random points would give N^-0.5.
+points (Owen, 1997). Each scrambling gives an unbiased estimate. The scatter of several estimates
+therefore measures the error of their mean, for any picture. The error of N points falls as N^-1.5
+where a pixel changes smoothly with the point, and as N^-0.75 where an edge passes over it;
+independent random points would give N^-0.5.
 """
 
 from collections.abc import Callable, Sequence
@@ -107,11 +107,10 @@ def converged(
     tolerance: float,
     seed: int = 0,
 ) -> Converged:
-    """Double the number of points until the error is at most the tolerance, in radiance.
+    """Double the number of points until the error is within the tolerance, in radiance.
 
     `mean` returns the picture (H, W, 3), averaged over some apertures; the aperture is as large as
-    the plate's pitch. A picture that is not there with `MAX_SAMPLES` points is returned with the
-    error that it has.
+    the plate's pitch. After `MAX_SAMPLES` points the picture is returned with the error reached.
     """
     engines = [
         scipy.stats.qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)

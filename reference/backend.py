@@ -1,14 +1,15 @@
-"""Device of Dr.Jit's arrays, and the border between them and NumPy.
+"""Device of Dr.Jit's arrays, and their conversion from and to NumPy.
 
-The arrays lie on the processors, through LLVM, or on a CUDA card, by `ARRAYS`. Kernels are the same
-text, and decide the same bits: a driver's compiler may fuse a product and a sum into one rounding,
-and so products of doubles that a decision rests on are a `product` here (docs/truth.md).
+The arrays lie on the processors, through LLVM, or on a CUDA card, by `ARRAYS`. Kernels have the
+same source on both and give the same bits. A CUDA driver's compiler may fuse a product and a sum
+into one rounding; products of doubles that a decision rests on are therefore made by `product`
+(docs/truth.md).
 
 Vectors are sequences of coordinates, each an array with one lane for each point, line or row.
 `drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as
 bounds assume.
 
-Importing this module raises an `InputError` where there is nothing to compile kernels with.
+Importing this module raises an `InputError` if there is no compiler for kernels.
 """
 
 import importlib
@@ -25,7 +26,7 @@ from xfrustum.reference.llvm import array_device
 from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
-# Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from
+# Dr.Jit takes the LLVM that is named when it is first imported: all other modules import it from
 # here.
 ARRAYS = array_device()
 
@@ -90,8 +91,8 @@ def recording() -> Iterator[None]:
 def on_device(values: NDArray[Any]) -> Any:
     """Return a copy of values of any shape as one flat array of Dr.Jit.
 
-    Other floats become doubles, other integers 32 bits, clipped: as triangle numbers, the smallest
-    and the largest stand for nothing.
+    Other floats become doubles; other integers are clipped to 32 bits, whose smallest and largest
+    value are not triangle numbers.
     """
     if values.dtype not in _KINDS:
         is_float = values.dtype.kind == "f"
@@ -107,13 +108,13 @@ def vectors_on_device(rows: Floats) -> list[Any]:
 
 def table(rows: NDArray[Any]) -> Table:
     """Return the function that looks up rows (N,) or (N, C) by index."""
-    # One gather per column: rows of any length have no vector type of their own.
+    # One gather per column: Dr.Jit has no vector type for rows of any length.
     flat, count = on_device(rows), math.prod(rows.shape[1:])
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
 def constants(values: Sequence[float]) -> list[Any]:
-    """Return numbers where a kernel reads them: others do not compile another kernel."""
+    """Return numbers in memory, so that other values do not compile another kernel."""
     return [dr.opaque(Float64, value) for value in values]
 
 
@@ -126,7 +127,7 @@ def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[A
 
 
 def product(a: Any, b: Any) -> Any:
-    """Return a b, rounded by itself, whatever sum it becomes a part of.
+    """Return a b, rounded separately from any sum that uses it.
 
     Dr.Jit leaves it to the CUDA driver's compiler whether a product and a sum are rounded once or
     twice. A fused a b - 0 is rounded once, has all signs of a b, and nothing else can be fused with

@@ -1,4 +1,4 @@
-"""LLVM or CUDA under Dr.Jit, Mitsuba's variant, and the number of threads of a process.
+"""LLVM or CUDA for Dr.Jit, Mitsuba's variant, and the number of threads of a process.
 
 Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
 15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
@@ -21,7 +21,7 @@ from typing import Any
 
 from xfrustum.scenes.errors import InputError
 
-#: Environment variable that Dr.Jit reads first. Where it is set, no other library is considered.
+#: Environment variable that Dr.Jit reads first. If it is set, no other library is considered.
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 
 CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder of compiled kernels
@@ -29,14 +29,14 @@ CACHE_VARIABLE = "DRJIT_CACHE_DIR"  # environment variable that names the folder
 #: Oldest version in use: Dr.Jit refuses 14; its minimum and maximum abort with 15 and 16
 OLDEST_LLVM = 17
 
-#: version that is preferred; of the others, the nearest to it
+#: preferred version; otherwise the nearest version is taken
 TESTED_LLVM = 19
 
-#: Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could
+#: Description of the LLVM if Dr.Jit was imported, and chose it, before this module could choose
 FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 
-#: Environment variable with the largest number of threads of a process, a share of the machine for
-#: each of several workers. Pools of ray tracers ignore the CPUs that a process may run on.
+#: Environment variable with the largest number of threads of a process, so that several workers can
+#: share the machine. Thread pools of ray tracers ignore the CPU affinity of the process.
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
 
 #: Environment variable for the device of Dr.Jit's arrays, and its values; `auto`, the default,
@@ -48,7 +48,7 @@ Version = tuple[int, int, int]
 
 @cache
 def array_device() -> str:
-    """Return the device of Dr.Jit's arrays, `cuda` or `llvm`; InputError without any."""
+    """Return the device of Dr.Jit's arrays, `cuda` or `llvm`; InputError if there is none."""
     if _cuda_card():
         return "cuda"
     require_llvm()
@@ -57,14 +57,14 @@ def array_device() -> str:
 
 @cache
 def _cuda_card() -> bool:
-    """Return whether to use CUDA; InputError where the environment requests a missing device."""
+    """Return whether to use CUDA; InputError if the environment requests a missing device."""
     device = os.environ.get(DEVICE_VARIABLE) or "auto"
     if device not in DEVICES:
         raise InputError(f"{DEVICE_VARIABLE} is {device!r}: set it to one of {', '.join(DEVICES)}")
     if device == "llvm":
         return False
     available = False
-    # Without a driver, a call of Dr.Jit would print lines of its own.
+    # Without a driver, a call of Dr.Jit would print messages.
     with suppress(OSError, AttributeError):
         if ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or "libcuda.so.1").cuInit(0) == 0:
             prepare_llvm()
@@ -89,7 +89,7 @@ def worker_count() -> int:
 
 
 def thread_limit() -> int | None:
-    """Return the largest number of threads by `THREADS_VARIABLE`; None where it is not set."""
+    """Return the largest number of threads by `THREADS_VARIABLE`; None if it is not set."""
     named = os.environ.get(THREADS_VARIABLE, "")
     return max(1, int(named)) if named.isdecimal() else None
 
@@ -98,7 +98,7 @@ def thread_limit() -> int | None:
 def require_llvm() -> None:
     """Prepare Dr.Jit for the processors, on the allowed threads; InputError without an LLVM."""
     library = prepare_llvm()
-    # Without an LLVM, a call of Dr.Jit would print lines of its own.
+    # Without an LLVM, a call of Dr.Jit would print messages.
     version = None if library.startswith("none: ") and library != FOUND_BY_DRJIT else loaded_llvm()
     if version is None or version[0] < OLDEST_LLVM:
         raise InputError(
@@ -126,7 +126,7 @@ class MitsubaBackend:
 
     @property
     def scalar(self) -> bool:
-        """True where Mitsuba traces one ray at a time."""
+        """True if Mitsuba traces one ray at a time."""
         return self.variant.startswith("scalar")
 
     @property
@@ -167,7 +167,7 @@ def mitsuba_backend() -> MitsubaBackend:
 
 
 def vector_backend() -> MitsubaBackend:
-    """Return Mitsuba; InputError where its variant traces one ray, and not many, at a time."""
+    """Return Mitsuba; InputError if its variant is scalar, which traces one ray at a time."""
     backend = mitsuba_backend()
     if backend.scalar:
         raise InputError(
@@ -184,7 +184,7 @@ def prepare_llvm() -> str:
         return FOUND_BY_DRJIT
     if (
         "HOME" not in os.environ
-    ):  # Dr.Jit would print a line about its cache; the user has a home anyway
+    ):  # Without HOME, Dr.Jit would print a message about its cache; the user's entry has a folder
         with suppress(RuntimeError):
             os.environ.setdefault(CACHE_VARIABLE, str(Path.home() / ".drjit"))
     named = os.environ.get(LLVM_VARIABLE)
@@ -199,7 +199,7 @@ def prepare_llvm() -> str:
 def accepted_llvm(
     libraries: Iterable[Path], ask: Callable[[Path], Version | None] | None = None
 ) -> Path | None:
-    """Return the best library that Dr.Jit can compile with, None where there is none.
+    """Return the best library that Dr.Jit can compile with; None if there is none.
 
     Libraries are sorted and rejected by name first, so that few are loaded; `ask` returns a
     library's version.
@@ -220,7 +220,7 @@ def accepted_llvm(
 
 
 def named_version(library: Path) -> int | None:
-    """Return the major version in a library's name, links resolved; None where it has none."""
+    """Return the major version in a library's name, links resolved; None if it has none."""
     match = re.search(r"libLLVM(?:\.so\.|-)(\d+)", library.resolve().name)
     return int(match[1]) if match else None
 

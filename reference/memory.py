@@ -9,7 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 #: Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each
 BAND_PIXELS = 1 << 19
 
-#: approximate memory for each pixel of a band that is being made
+#: approximate memory for each pixel of a band in progress, bytes
 PIXEL_BYTES = 400
 
 #: Pixels of a band of an image that is kept whole: joining smaller bands would cost more time. A
@@ -24,8 +24,8 @@ def bands(width: int, rows: range, pixels: int = BAND_PIXELS) -> Iterator[range]
         yield range(start, min(start + size, rows.stop))
 
 
-#: Values behind the end of an array that kernels may read: they load vectors of up to 16 lanes and
-#: gather single bytes four at a time; NumPy's arrays end where their last value does
+#: Values that kernels may read behind the end of an array: they load vectors of up to 16 lanes and
+#: gather single bytes four at a time, and NumPy's arrays have no padding
 PADDING = 64
 
 #: Alignment of arrays, bytes: Dr.Jit compiles a kernel for each mix of alignments

@@ -107,8 +107,7 @@ def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:
     """Return the coordinates of d of every pixel in some rows; see `RayBundle.directions`."""
     lane = dr.arange(UInt32, len(rows) * bundle.resolution[0])
     width, start = dr.opaque(UInt32, bundle.resolution[0]), dr.opaque(UInt32, rows.start)
-    # A quotient in doubles: it is off by less than the half that is added, and faster than of
-    # integers.
+    # Divide in doubles: this is faster than in integers, and the added half exceeds the error.
     row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
     dx, dy = on_device(bundle.dx), on_device(bundle.dy)
     return [
@@ -119,7 +118,7 @@ def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:
 
 
 class Pictures:
-    """Makes images of a scene out of decisions."""
+    """Composer of a scene's images from decisions."""
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
@@ -180,8 +179,8 @@ class Pictures:
             direction: list[Any] = []
             lines: dict[object, list[Any]] = {}
             for bundle, decided in layers:
-                # Cameras that were not fitted to a height have the same lines, from centers of
-                # their own.
+                # Cameras that were not fitted to a height have the same directions, from different
+                # centers.
                 film = bundle.shear, bundle.half_extent
                 own = lines[film] = lines.get(film) or pixel_directions(bundle, rows)
                 triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
@@ -208,7 +207,7 @@ class Pictures:
             if colored:
                 channels = self._shader.model.radiance(known, position, direction)
                 light = [Float32(dr.select(covered, part, 0.0)) for part in channels]
-            # All in one kernel: they share the places of the points.
+            # Evaluate all in one kernel: they share the positions of the points.
             dr.eval(number, objects, position, normal, light)
             return HogelImage(
                 camera=camera,

@@ -1,19 +1,18 @@
 """Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
 
-Paths start where the reference's samples are: in the centers of `supersample` x `supersample` cells
-of each pixel, each path in one of them at random. So the mean over many paths is the mean that
-`Reference.trace` takes; the only differences are light transport and noise. Points and their light
-are in double precision; only rays are single. The formulas of `shading` are written a second time
-on purpose: each checks the other.
+Paths start at the reference's samples: the centers of `supersample` x `supersample` cells of each
+pixel, one of them at random for each path. The mean over many paths therefore differs from the mean
+of `Reference.trace` only by light transport and noise. Points and their light are in double
+precision; only rays are single. The formulas of `shading` are written a second time on purpose:
+each checks the other.
 
 CONVENTIONS.md, "Light", defines the surfaces. A light of color I has the irradiance pi I on a
 surface that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d
 a of the incident light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
 * diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
-* a mirror shows the surface that lies in the mirrored direction, and the environment only where
-  none does;
-* only lights make highlights; light from another surface is its whole radiance: ambient, diffuse,
+* a mirror shows the surface in the mirrored direction, and the environment only if there is none;
+* only lights make highlights; another surface sends its whole radiance: ambient, diffuse,
   highlights, reflection. The ambient term stays constant, as if the surface glowed.
 
 Surfaces beyond the reach are not imaged, but they cast shadows and send light.
@@ -42,7 +41,7 @@ from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-#: Smallest squared area as a divisor, in place of zero for a triangle without area
+#: Smallest squared area used as a divisor; it replaces the zero of a triangle without area
 MIN_SQUARED_AREA = 2.0**-1000
 
 
@@ -172,7 +171,7 @@ class Surfaces:
             self._textures = pictures, Table(np.pad(surface.uv, ((0, 0), (0, 1))))
 
     def point(self, triangle: Any, origin: Any, direction: Any) -> Point:
-        """Return where lines, of any length, meet the planes of triangles, as seen against them."""
+        """Return where lines, of any length, meet triangles' planes, with the visible side."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         face = [self._faces.number(3 * triangle + corner) for corner in range(3)]
         a, b, c = (self._vertices.vector(corner) for corner in face)
@@ -246,8 +245,8 @@ SINGLE = 2.0**-24
 #: the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
 #: start to float32 moves them against each other by up to 2 sqrt(3). From corners relative to the
 #: start, up to 2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6
-#: roundings. The sum is 25, and 64 leaves a factor of two. A shadow that begins nearer to its
-#: caster than this is lost: some 4e-6 of the scene's size.
+#: roundings. The sum is 25, and 64 leaves a factor of two. Shadows nearer to their caster than this
+#: distance, some 4e-6 of the scene's size, are lost.
 CLEARANCE = 64
 
 #: Bounces of every path, and largest chance to go on after them (Russian roulette)
@@ -331,8 +330,7 @@ class LightPaths:
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
-                # A light that a smooth normal faces, but that lies under the triangle's own plane,
-                # is not hidden by that triangle.
+                # A triangle does not hide a light below its own plane that its smooth normal faces.
                 under = dr.dot(point.side, toward) <= 0.0
                 lit = lit & (under | self._sees(point, toward, lit))
             shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
@@ -340,15 +338,15 @@ class LightPaths:
         if self._surroundings is not None:
             reflected = material.reflectivity.vector(index) * self._surroundings.radiance(mirrored)
             if transport.interreflection:
-                # A mirrored direction that lies under the triangle's own plane, because of a smooth
-                # normal, is not followed.
+                # A mirrored direction below the triangle's own plane, which a smooth normal may
+                # cause, is not followed.
                 under = dr.dot(point.side, mirrored) <= 0.0
                 reflected = dr.select(under | self._sees(point, mirrored, active), reflected, 0.0)
             radiance = radiance + reflected
         return radiance
 
     def _sees(self, point: Point, direction: Any, active: Any) -> Any:
-        """Return whether a direction is free from a point, above the point's own triangle."""
+        """Return whether a direction from a point is unobstructed and above its triangle."""
         dr = mitsuba_backend().drjit
         active = active & (dr.dot(point.side, direction) > 0.0)
         ray = self._ray(point.position + self._offset * point.side, direction)
@@ -359,7 +357,8 @@ class LightPaths:
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
-        # Mirror or diffuse by their shares of light; the weight divides by that chance.
+        # Choose mirror or diffuse in proportion to their light; the weight divides by the
+        # probability.
         both = dr.sum(diffuse) + dr.sum(mirror)
         chance = dr.sum(mirror) / dr.select(both > 0.0, both, 1.0)
         reflects = mi.Float64(sampler.next_1d()) < chance
@@ -452,8 +451,8 @@ class PathTracer:
 class _PathStarts:
     """Lines of one image; a path takes one of the lines of its pixel at random.
 
-    The sensor aims rays in float32, which find the surface; its light is computed along the same
-    line in double precision that the reference decides. Lengths are multiplied by a scale.
+    The sensor aims rays in float32, which hit the surface. Its light is computed in double
+    precision, along the line that the reference decides. Lengths are multiplied by a scale.
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
@@ -468,7 +467,7 @@ class _PathStarts:
         width, height = (side * count for count in scene.frustum.resolution)
         fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width, height))
         self._dx, self._dy = Table(fine.dx), Table(fine.dy)
-        # Opaque, so that another image's values do not compile another kernel.
+        # Opaque values, so that another image does not compile another kernel.
         self._center = [dr.opaque(mi.Float64, scale * part) for part in fine.center]
         self._side, self._width, self._height = (
             dr.opaque(mi.UInt32, n) for n in (side, width, height)
@@ -493,7 +492,7 @@ class _PathStarts:
 
 
 class _Moments:
-    """Mean and variance of samples that come in batches (Chan, Golub and LeVeque, 1983)."""
+    """Mean and variance of samples in batches (Chan, Golub and LeVeque, 1983)."""
 
     def __init__(self, pixels: int) -> None:
         self._count = 0
@@ -521,7 +520,7 @@ def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: 
     count = len(pixels) * paths
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    # Opaque, so that another launch's values do not compile another kernel.
+    # Opaque values, so that another launch does not compile another kernel.
     first, times = (dr.opaque(mi.UInt32, value) for value in (pixels.start, paths))
     color = path(first + dr.arange(mi.UInt32, count) // times, sampler).numpy()
     return np.asarray(color.T.reshape(len(pixels), paths, 3), dtype=np.float64)

@@ -41,9 +41,9 @@ from xfrustum.scenes.plate.plate import Aperture
 class Reference:
     """The ground truth of a scene: the true images of its crossed frusta.
 
-    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always
-    by `certify`. `effects` are the evaluated effects of light; None for all that the scene calls
-    for. Raises InputError for an unknown tracer or effect.
+    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always by
+    `certify`. `effects` are the evaluated effects of light; None selects all that the scene needs.
+    Raises InputError for an unknown tracer or effect.
     """
 
     def __init__(
@@ -78,13 +78,13 @@ class Reference:
 
     @property
     def decided_by(self) -> str:
-        """Name of the way to decide the surface of a pixel; see `alone.DECISIONS`."""
+        """Name of the decision method of this reference; see `alone.DECISIONS`."""
         return "certified"
 
     @property
     def versions(self) -> dict[str, str]:
-        """Names and versions of the libraries that the truth rests on, for reports."""
-        # The tracer itself need not be built to be named.
+        """Names and versions of the libraries that compute the truth, for reports."""
+        # Do not build the tracer only for its name.
         return mitsuba_versions() if self.tracer_name == "mitsuba" else embree_versions()
 
     def trace(
@@ -150,7 +150,7 @@ class Reference:
             yield replace(image, second_opinion=opinion)
 
     def propose(self, aperture: Aperture, *, colored: bool = True) -> HogelImage:
-        """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
+        """Return the image that the float32 tracer proposes; none of its pixels is certified."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
         proposal = uncertified(self.tracer, self.scene, bundle, rows := range(bundle.resolution[1]))
         return self._pictures.image(
@@ -168,8 +168,8 @@ class Reference:
 
         The tolerance is the largest root mean square of the standard error over pixels and
         channels, in radiance; `Converged.error` is the error reached. `sampling` has the boxes of
-        pixels, None for the scene's own; its number of sub-apertures is not used.
-        Another seed gives independent points.
+        pixels, None for the scene's own; its number of sub-apertures is not used. A different seed
+        gives independent points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
@@ -229,17 +229,17 @@ class Reference:
     def gaps(self, aperture: Aperture, before: HogelImage | None = None) -> Floats:
         """Return the gap behind each pixel's first surface to the next on the same side, (H, W).
 
-        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind
-        the plate, to the second nearest; for C*, which keeps the farthest before the plate, to the
-        second farthest. It is infinite where there is no second surface. With `before`, the true
-        image, the next surface is the next among those drawn before the first one: triangles are
-        drawn in the order of their numbers.
+        A gap is a difference of |z|, in scene units. C keeps the nearest surface behind the plate,
+        and its gap is to the second nearest; C* keeps the farthest in front of the plate, and its
+        gap is to the second farthest. It is infinite if there is no second surface. With `before`,
+        the true image, only surfaces drawn before the first one count as next; triangles are drawn
+        in the order of their numbers.
 
         Gaps come from the filter of the truth: no triangle is left out that a line surely meets,
         and each gap is off by no more than the bounds of rounding of its two surfaces, some 1e-15
-        of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared
-        by two triangles is not behind itself. A line that passes an edge within rounding is not
-        taken to meet that triangle.
+        of |z| unless seen edge-on. Closer surfaces count as one, so that a point shared by two
+        triangles is not behind itself. A line that passes an edge within rounding counts as missing
+        that triangle.
         """
         bundle = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self._triangles, bundle)

@@ -47,7 +47,7 @@ class Mapping:
 
     ends: Ends
     clip_control: int = GL.GL_ZERO_TO_ONE  #: The range of clip depth that OpenGL keeps
-    #: Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth
+    #: Expression for the shader's `FRAGMENT_DEPTH`; empty if the hardware interpolates depth
     fragment_depth: str = ""
     #: stored_near, stored_far: Values that the buffer holds at the near and at the far plane
     stored_near: float = 0.0
@@ -56,9 +56,9 @@ class Mapping:
 
 _HYPERBOLIC = 0.0, 1.0
 
-#: Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it
-#: only has to clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces
-#: before the far plane, or keep some behind it.
+#: Clip depth of the reversed mapping. It also serves fragments that write their own depth, for
+#: which clip depth only has to clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32
+#: would clip some surfaces in front of the far plane, or keep some behind it.
 _REVERSED = 1.0, 0.0
 
 
@@ -78,7 +78,7 @@ MAPPINGS = {
 class FilmWindow:
     """The rectangle that an aperture's film spans at unit distance from the plate."""
 
-    #: dx/dz and dy/dz of the frustum's axis: how far the shear moves a plane per unit of height
+    #: dx/dz and dy/dz of the frustum's axis: shift of a plane by the shear, per unit of height
     axis: tuple[float, float]
     #: half_width, half_height: Half the film's extent per unit of distance
     half_width: float
@@ -117,7 +117,7 @@ class SlabCamera:
     near: float
     far: float
     heights: tuple[float, float]  #: |z| of the two planes
-    #: Factor of the film window: below one where a plane other than infinity is drawn exactly
+    #: Factor of the film window: below one if a plane at finite height is drawn exactly
     scale: float
 
 
@@ -152,8 +152,8 @@ def clip_from_scene(
     projection = clip_from_eye(window, camera, ends)
     eye = eye_from_sheared(camera)
     stands_at = camera.step if camera.orthoscopic else -camera.step
-    # The shear moves nothing in the plane of its pivot, which is the plate (paper, figure 6) or the
-    # plane that the camera stands in.
+    # The shear leaves the plane of its pivot in place: the plate (paper, figure 6), or the plane of
+    # the camera's position.
     return (
         projection
         @ eye
@@ -173,7 +173,7 @@ def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: flo
 def eye_from_sheared(camera: SlabCamera) -> Floats:
     """Return the matrix to eye coordinates, with the camera at the origin looking to -z.
 
-    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
+    Relative to C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
     because lines that cross at the aperture leave it on the other side of the axis. These two flips
     and the opposite direction of view are three mirrors, an odd number, which reverses window
     winding: faces turned to C* run clockwise.
@@ -206,8 +206,8 @@ class Pass:
     clear: float  #: The value that the depth buffer is cleared to
     depth_function: str  #: The comparison that a fragment must pass
     front_face: str  #: The window winding of faces that are turned to the camera
-    #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera,
-    #: `front` toward it; None where all are drawn
+    #: Culled faces, as OpenGL names them: `back` faces are turned away from the camera, `front`
+    #: faces toward it; None if all are drawn
     culled_face: str | None
     #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
     orthoscopic: bool
@@ -237,8 +237,7 @@ def drawing_order(
     """Return the passes of an image from the back, each nearer to the viewer than the last.
 
     The slabs of C come first, from the outermost inward, then the slabs of C*, from the innermost
-    outward. Slabs in which the scene has nothing are left out, and so are cameras that are not
-    among the effects.
+    outward. Empty slabs are left out, and so are cameras that are not among the effects.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]

@@ -50,10 +50,9 @@ CONVENTIONS = (
 def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]) -> Record:
     """Return the cameras of some apertures: the JSON object of `camera --for json`.
 
-    It has the question as the scene file and the command line put it, angles in radians, and the
-    passes of each aperture in drawing order, the farthest from the viewer first. Slabs in which the
-    scene has nothing are left out, as `raster` leaves them out. Raises InputError where the
-    settings make no sense.
+    It has the settings of the scene file and the command line, angles in radians, and the passes of
+    each aperture in drawing order, the farthest from the viewer first. Empty slabs are left out, as
+    in `raster`. Raises InputError for impossible settings.
     """
     settings.check_against(scene.frustum)
     slabs, mapping = cameras_in_order(scene, settings), MAPPINGS[settings.mapping]
@@ -71,11 +70,11 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
             "clip_from_scene": drawn.clip_from_scene,
             "position": (float(x), float(y), float(z)),
             "looks_to": "-z" if slab.orthoscopic else "+z",
-            # Left-right and up-down, against the ordinary picture of a camera that looks that way,
-            # y axis up.
+            # Flips left-right and up-down, relative to an ordinary picture in that direction, y
+            # axis up.
             "film_flipped": not slab.orthoscopic,
-            # k and t of the film, slopes about the center of projection, the factor of the fit
-            # included.
+            # k and t of the film: slopes about the center of projection, including the factor of
+            # the fit.
             "shear": (-window.axis[0], -window.axis[1]),
             "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
             "near": slab.near,
@@ -92,7 +91,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
                 "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
                 "written_by_fragment": bool(
                     mapping.fragment_depth
-                ),  # no interpolation gives such a depth
+                ),  # interpolation in the rasterizer cannot produce this depth
                 "test": drawn.depth_function,
                 "clear": drawn.clear,
             },
@@ -123,8 +122,8 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
 # glTF and Mitsuba
 
-#: Largest relative deviation of a pixel's width from its height at which it counts as square. A
-#: film 1e4 pixels wide then ends within 1e-5 pixels of where it should.
+#: Largest relative deviation of a pixel's width from its height at which it counts as square. The
+#: end of a film 1e4 pixels wide is then off by at most 1e-5 pixels.
 MAX_PIXEL_ASPECT_DEVIATION = 1e-9
 
 #: Quaternion (x, y, z, w) of the rotation that makes a camera look to +z
@@ -155,9 +154,9 @@ def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
 def gltf(cameras: Record) -> Record:
     """Return a glTF 2.0 document with a camera and a node for each pass.
 
-    The camera is the smallest with a centered picture that contains the film. One that looks to +z
-    is an ordinary one turned about its y axis: the film of C* is that picture with its rows
-    reversed, for slopes k + u t grow with its x, and k + v t against its y.
+    The camera has the smallest centered picture that contains the film. A camera that looks to +z
+    is an ordinary camera turned about its y axis. The film of C* is its picture with the rows
+    reversed: slopes k + u t grow with the picture's x, but k + v t grow against its y.
     """
     lenses: list[Record] = []
     nodes: list[Record] = []
@@ -194,8 +193,8 @@ def mitsuba(cameras: Record) -> Record:
     """Return a sensor plugin of Mitsuba 3 as a dict for each pass.
 
     `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`.
-    Raises InputError where pixels of the film are not square, which Mitsuba's sensor takes for
-    granted.
+    Raises InputError if pixels of the film are not square, because Mitsuba's sensor has only square
+    pixels.
     """
     width, height = cameras["frustum"].resolution
     sensors = []
@@ -215,7 +214,7 @@ def mitsuba(cameras: Record) -> Record:
             "type": "perspective",
             "fov_axis": "x",
             "fov": math.degrees(2 * math.atan(tx)),
-            # The film may lie off the center.
+            # The film may be off center.
             "principal_point_offset_x": kx / (2 * tx),
             "principal_point_offset_y": (ky if camera["film_flipped"] else -ky) / (2 * ty),
             "near_clip": camera["near"],

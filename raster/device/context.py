@@ -22,7 +22,7 @@ from OpenGL.platform.egl import EGLPlatform
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
-#: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
+#: OpenGL 4.5: the first version with clip control, which reversed depth needs for its precision
 REQUIRED_VERSION = 450
 #: OpenGL 3.3: the oldest version of moderngl
 OLDEST_VERSION = 330
@@ -34,9 +34,9 @@ _HELP = (
 
 
 def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
-    """Return a new context of at least some version of OpenGL; InputError without any.
+    """Return a new context of at least a version of OpenGL; InputError if there is none.
 
-    Warns with SoftwareWarning where it draws on the processor although the machine has a card.
+    Warns with SoftwareWarning if it draws on the processor although the machine has a card.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
@@ -67,8 +67,8 @@ class SoftwareWarning(UserWarning):
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
-    """Return a context of at least some version; drivers such as NVIDIA's give exactly that one."""
-    # moderngl annotates a dictionary where its code takes a name.
+    """Return a context of at least a version; some drivers, as NVIDIA's, return exactly this one."""
+    # moderngl annotates this argument as a dictionary, but its code takes a name.
     backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
 
@@ -78,8 +78,8 @@ class EglDevice:
     """One of the devices that EGL lists."""
 
     index: int
-    renderer: str  #: as OpenGL calls it; empty where it gives no context
-    version: str  #: of its OpenGL, or why there is none
+    renderer: str  #: as OpenGL names it; empty if the device gives no context
+    version: str  #: OpenGL version of the device, or the reason why it has none
 
 
 def egl_devices() -> tuple[EglDevice, ...]:
@@ -147,7 +147,7 @@ def _card_name(information: Path) -> str:
 
 
 def is_software(renderer: str) -> bool:
-    """Return whether a renderer of some name draws on the processor."""
+    """Return whether the renderer of this name draws on the processor."""
     return any(name in renderer for name in ("llvmpipe", "softpipe", "SwiftShader", "swr"))
 
 
@@ -185,7 +185,7 @@ SOFTWARE = b"EGL_MESA_device_software"
 
 
 def gpu_indices() -> tuple[int, ...]:
-    """Return the indices of the EGL devices that are no software; none where EGL has no list.
+    """Return the indices of the EGL devices that are not software; empty if EGL has no list.
 
     No context is made. Indices count the devices of eglQueryDevicesEXT, as in moderngl.
     """
@@ -203,9 +203,9 @@ def gpu_indices() -> tuple[int, ...]:
 
 
 def cuda_index(device: int) -> int | None:
-    """Return CUDA's number of the card that is one of EGL's devices; None where it has none.
+    """Return CUDA's number of the card behind an EGL device; None if it has none.
 
-    The two count cards in orders of their own (registry of EGL, EGL_NV_device_cuda).
+    CUDA and EGL number the cards in different orders (registry of EGL, EGL_NV_device_cuda).
     """
     number = EGL.EGLAttrib()
     try:
@@ -218,7 +218,7 @@ def cuda_index(device: int) -> int | None:
 
 
 def _device_count() -> int:
-    """Return the number of devices that EGL lists; one where it has no list."""
+    """Return the number of devices that EGL lists; 1 if it has no list."""
     try:
         return len(_devices())
     except error.Error:
@@ -240,7 +240,7 @@ def _extensions() -> Iterator[bytes]:
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
 
-#: seconds in the unit of OpenGL's timestamps
+#: unit of OpenGL's timestamps, seconds
 NANOSECOND = 1e-9
 
 
@@ -289,14 +289,14 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError where the device has no room for images, or for vertices in a block."""
+    """Raise InputError if the device has no room for images, or for vertices in a block."""
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(
             f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
         )
     _check_image(scene.frustum.resolution, device)
     block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
-    # Normals and indices of triangles are blocks of their own: three numbers of 32 bits a triangle.
+    # Normals and indices of triangles have separate blocks: three 32-bit numbers per triangle.
     needed = max(vertex_bytes * len(scene.vertices), 12 * len(scene.faces))
     if needed > block:
         raise InputError(
@@ -306,7 +306,7 @@ def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
 
 
 def _check_image(size: tuple[int, int], device: str) -> None:
-    """Raise InputError where the device, or this machine's memory, has no room for an image."""
+    """Raise InputError if the device, or this machine's memory, has no room for an image."""
     width, height = size
     sides = (GL.GL_MAX_TEXTURE_SIZE, GL.GL_MAX_RENDERBUFFER_SIZE)
     limit = min(int(GL.glGetIntegerv(side)) for side in sides)
@@ -335,7 +335,7 @@ def _can_store(size: tuple[int, int]) -> bool:
 
 
 def free_memory() -> int | None:
-    """Return the bytes available without swapping; None where the system has no figure."""
+    """Return the bytes available without swapping; None if the system has no figure."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
@@ -348,7 +348,7 @@ def free_memory() -> int | None:
 
 
 def require_room(scene: Scene) -> None:
-    """Raise InputError where `Rasterizer` would: for commands that work long before they draw."""
+    """Raise the InputErrors of `Rasterizer` early: for commands that work long before they draw."""
     context = open_context()
     try:
         with context:

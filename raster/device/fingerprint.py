@@ -1,7 +1,7 @@
 """Triangles, depths and texels that show how a device rounds.
 
-OpenGL 3.3 is enough, so that devices too old to draw hogels can be measured; without clip control
-all clip depth runs from -1 to 1.
+OpenGL 3.3 is enough, so devices too old to draw hogels can be measured. Without clip control, all
+clip depth runs from -1 to 1.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ SIZE = 64
 TRIANGLES, EDGES = (
     240,
     160,
-)  #: triangles whose depth is looked at, and first ones of those whose coverage is
+)  #: numbers: triangles with measured depth, random triangles with measured coverage
 UPRIGHT, FARTHEST = (
     60,
     23,
 )  #: triangles with sides along rows and columns; the largest have 2^23 pixels
-#: of the random triangles; the recorded fingerprints have the same ones
+#: seed of the random triangles, the same in the recorded fingerprints
 SEED = 11
-#: what pixels hold at which no fragment was drawn
+#: value of pixels without a fragment
 EMPTY = -9.0
 
-#: First depth that fragments write, and the step from one to the next in units in the last place
+#: First depth that fragments write, and the step to the next depth, in units in the last place
 WRITTEN = (
     (0.96, 101),
     (0.5, 1021),
@@ -87,10 +87,10 @@ class Fingerprint:
     zero_to_one: NDArray[np.bool_]  #: (T,) whether clip depth runs from 0 to 1, not from -1
     varyings: Singles  #: (T, 3, 2) of the corners
     stored: dict[DepthFormat, NDArray[Any]]  #: stored depths, in steps of D16 and D24
-    #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
+    #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where no fragment is
     fragment: Singles
     others: Singles  #: likewise, noperspective varyings, then flat ones
-    #: stored depths of each format by those that fragments wrote, float32
+    #: stored depths of each format, by the depths that fragments wrote (float32)
     written: dict[DepthFormat, tuple[Singles, NDArray[Any]]]
     #: (4096,) places between a texel of 0 and one of 1, as a filter in float32 weighs them
     filtered: Singles
@@ -128,7 +128,7 @@ class Fingerprint:
 
 
 def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
-    """Return depths as they were read in steps of the format: D24 comes in the upper bits of 32."""
+    """Return read depths in steps of the format: D24 comes in the upper 24 of 32 bits."""
     return read >> 8 if depth is DepthFormat.D24 else read
 
 
@@ -151,7 +151,7 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 
 
 def edge_triangles() -> Iterator[Singles]:
-    """Yield corners (3, 4) at pixel centers, which tie, and at odd multiples of 1/512 pixel.
+    """Yield corners (3, 4) at pixel centers, where edges tie, and at odd multiples of 1/512 pixel.
 
     Then some with two sides along rows and columns, half a subpixel beside their centers, with 8
     bits or 4, so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
@@ -171,7 +171,7 @@ def edge_triangles() -> Iterator[Singles]:
         )
         places[-1] *= rng.choice((-1, 1))
     for doubled in range(6, FARTHEST + 1):
-        # One side runs through the window, the third corner lies as far away.
+        # One side runs through the window; the third corner is as far from the middle.
         along = rng.integers(-(2**doubled), 2**doubled, 2)
         near = rng.integers(-20, 20, 2)
         places += [np.array([near - along, near + along, sign * along[::-1]]) for sign in (-1, 1)]

@@ -19,17 +19,17 @@ class NumberedMesh:
     """A mesh's triangles over more vertices, in the same order and with the same first corners.
 
     `gl_PrimitiveID` starts again with every draw, and costs Mesa's software pipeline three vertices
-    a triangle. A flat varying comes from the last corner of a triangle: with a vertex of its own
-    there, the vertex's number is the triangle's.
+    a triangle. A flat varying comes from the last corner of a triangle: if this corner has its own
+    vertex, the vertex's number is the triangle's.
     """
 
-    #: (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The
-    #: first F are the triangles' last corners.
+    #: (N,) number of the scene's vertex whose attributes each vertex copies. The first F vertices
+    #: are the triangles' last corners.
     source: Indices
     faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-        """Return values of triangles (F, ..) at the vertices that end them (N, ..), others zero."""
+        """Return values of triangles (F, ..) at their last vertices (N, ..); zero at others."""
         others = np.zeros((len(self.source) - len(values), *values.shape[1:]), values.dtype)
         return np.concatenate((values, others))
 
@@ -73,11 +73,11 @@ NORMALS = 0
 #: Numbers per vertex of each attribute of hogel.vert
 ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 
-#: Slack of heights by which a triangle is taken for one that lies on one side of the plate alone,
-#: relative to the largest length along z. Clip depth is a sum of two products in float32, each
-#: within some 2^-22 of that length, and grows with the same factor as the distance to the near
-#: plane does. A triangle all of whose corners lie this far before that plane is clipped whole by
-#: any device; the plane is the plate, or lies beyond it.
+#: Tolerance of heights, relative to the largest length along z, up to which a triangle still counts
+#: as on one side of the plate only. Clip depth is a sum of two products in float32, each within
+#: some 2^-22 of that length, and grows with the same factor as the distance to the near plane. Any
+#: device clips a whole triangle if all its corners are this far in front of the near plane, which
+#: is the plate or lies beyond it.
 SIDE_SLACK = 2.0**-10
 
 
@@ -104,13 +104,14 @@ class Mesh:
 
     @staticmethod
     def side_of(heights: tuple[float, float]) -> int:
-        """Return the side of the plate between two z: 1 before it, -1 behind it, 0 for both."""
+        """Return the side of the plate between two z: 1 in front of it, -1 behind, 0 for both."""
         return -1 if heights[1] <= 0 else 1 if heights[0] >= 0 else 0
 
     def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
         """Return a mesh of positions whose triangles have the numbers of their last vertices.
 
-        Triangles on the other side of the plate (`side_of`) are left out; None where these are all.
+        Triangles on the other side of the plate (`side_of`) are left out; None if no triangle is
+        left.
         """
         if side not in self._sides:
             lowest, highest = self._scene.height_ranges

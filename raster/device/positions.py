@@ -15,10 +15,10 @@ from xfrustum.scenes.model.scene import Scene
 #: pixels of a work group, as in position.comp
 GROUP = 256
 
-#: number of work groups that every device runs at a time
+#: number of work groups per dispatch that every device supports
 MAX_GROUPS = 65535
 
-#: Bytes of a point, three float32. Points are read in as many parts as they need storage blocks.
+#: Bytes of a point, three float32. Points are read in parts, one for each storage block.
 BYTES_PER_POINT = 12
 
 
@@ -66,7 +66,7 @@ class Positions:
                 program["camera"], program["cuts"] = number, camera.heights
                 program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
                 program.run(-(-len(part) // GROUP))
-            # The pass writes one coordinate of all points after the other.
+            # The pass writes x of all points, then y, then z.
             GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
             read = np.frombuffer(points.read(), dtype=np.float32)
             result[:, start : start + most] = read.reshape(3, -1)

@@ -9,8 +9,7 @@ from xfrustum.raster.cameras.cameras import Mapping as OpenGLMapping
 from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.scenes.model.effects import Effect
 
-#: The effects that are parts of the picture's shaders; the others are cameras and passes of their
-#: own
+#: The effects that are part of the picture's shaders; the others are separate cameras and passes
 SHADING = (
     Effect.SMOOTH_NORMALS,
     Effect.VERTEX_COLORS,
@@ -25,7 +24,7 @@ Defines = Mapping[str, str]
 
 
 def shader(name: str) -> str:
-    """Return a file of the folder `shaders`, with the files that it includes in their places."""
+    """Return a file of the folder `shaders`, with its includes replaced by the included files."""
     text = (files("xfrustum.raster") / "shaders" / name).read_text()
     lines = []
     for line in text.splitlines():

@@ -1,7 +1,7 @@
 """Framebuffers with depth formats that moderngl does not offer, through PyOpenGL.
 
-moderngl draws into whichever framebuffer is bound. It could wrap one, but
-without its attachments and without freeing it, and it cannot wrap a framebuffer of several samples.
+moderngl draws into whichever framebuffer is bound. It could wrap one, but neither offer its
+attachments nor free it, and it cannot wrap a framebuffer of several samples.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: b
 
 
 def look_up_single_texels(kind: int, texture: int) -> None:
-    """Bind a texture and switch off filters, without which integers cannot be looked up."""
+    """Bind a texture and switch off its filters, which integer textures do not allow."""
     GL.glBindTexture(kind, texture)
     GL.glTexParameteri(kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
     GL.glTexParameteri(kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
@@ -106,8 +106,9 @@ def look_up_single_texels(kind: int, texture: int) -> None:
 class Target:
     """Framebuffer of W, H pixels and a depth format in the current context, reused by images.
 
-    Color is the mean over several coverage samples; identities cannot be read then, for a pixel has
-    several. A device may store more samples than requested: `samples` is the number stored.
+    With several coverage samples, color is their mean, and identities cannot be read, because a
+    pixel has several. A device may store more samples than requested: `samples` is the number
+    stored.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -120,7 +121,7 @@ class Target:
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[depth]
         self._textures = {point: self._store(internal) for point, internal in formats.items()}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
-        # Triangle numbers alone are drawn without a color to clear and to write.
+        # Pictures of only triangle numbers have no color to clear and to write.
         self._numbers = framebuffer(self._textures, [IDENTITY])
         # Reflections read the identities, which therefore must not be attached; reflection.frag
         # needs no depth buffer.
@@ -157,7 +158,7 @@ class Target:
             GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on color alone, over the picture."""
+        """Draw from now on only color, over the picture."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._reflection)
         GL.glViewport(0, 0, *self.size)
 

@@ -1,9 +1,9 @@
-"""Clusters of triangles that a hogel's frusta cannot see, found before anything is drawn.
+"""Culling of clusters of triangles outside a hogel's frusta, before anything is drawn.
 
-Culling may cost time but no pixel. A cluster is left out only if every vertex in its box lies
-outside one and the same clip plane, in the device's own float32 arithmetic: then OpenGL would have
-clipped all its triangles away. The others are drawn in the scene's order, so that equal depths are
-decided as ever.
+Culling may cost time but must not change a pixel. A cluster is left out only if all vertices in its
+box lie outside the same clip plane, in the device's own float32 arithmetic: then OpenGL would have
+clipped all its triangles away. The others are drawn in the scene's order, so that ties of depth are
+decided as without culling.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, read_only
 #: triangles, and need more draws.
 TRIANGLES_PER_CLUSTER = 16
 
-#: Relative error allowed to x, y, z, w of a vertex in clip coordinates, in units of sum |m_j|
-#: |p_j|.
+#: Error bound of x, y, z, w of a vertex in clip coordinates, relative to sum |m_j| |p_j|.
 #:
 #: Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 +
 #: 3 u) of that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section
@@ -137,7 +136,7 @@ def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     A single hidden cluster between two visible ones joins them: drawing it costs less than a second
     draw.
     """
-    # A hidden column on either side, so that every run begins and ends inside the array.
+    # Pad with a hidden column on either side, so that every run begins and ends inside the array.
     padded = np.pad(visible, ((0, 0), (1, 1)))
     # Fill gaps of one cluster.
     padded[:, 1:-1] |= padded[:, :-2] & padded[:, 2:]
@@ -246,6 +245,6 @@ class PlateGeometry:
 def flat_attributes(
     scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
 ) -> dict[str, Singles | NDArray[np.uint32]]:
-    """Return normals and materials of triangles at the vertices that end them (surface.glsl)."""
+    """Return normals and materials of triangles at their last vertices (surface.glsl)."""
     normals = scene.normals.astype(np.float32)
     return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

@@ -37,9 +37,9 @@ def averaged(
 ) -> Iterator[PlateHogel]:
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
-    Other channels are those seen through the aperture itself, drawn besides for them. `points`
-    returns the points of an aperture's area, `draw` yields the image of each point, in order, with
-    colors in float32.
+    The other channels come from one more image, drawn through the aperture itself. `points` returns
+    the points of an aperture's area, `draw` yields the image of each point, in order, with colors
+    in float32.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
     surfaces = content.channels != (Channel.COLOR,)
@@ -116,8 +116,8 @@ class OneByOne(ContextOwner):
 class PlainLoop(ContextOwner):
     """Plain loop over hogels, the baseline of drawing many at once.
 
-    Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`,
-    triangles take their numbers from vertices, as in `PlateRenderer`: that is as fast as a loop
+    Every camera draws the whole scene, without reflections; then pixels are read. With `numbered`,
+    triangles take their numbers from vertices, as in `PlateRenderer`, which is as fast as a loop
     without numbers.
     """
 

@@ -50,7 +50,7 @@ ROUND_BYTES = 1 << 25
 #: Largest number of hogels in a submission, and of submissions in a round; more do not save more
 #: time
 MAX_HOGELS = 4
-#: number of rounds: one is drawn while the one before it is read back
+#: number of rounds: one is drawn while the previous round is read back
 ROUNDS = 2
 
 PICTURE, REFLECTION = (
@@ -171,7 +171,8 @@ class PlateDrawing:
             for name, form in FORMATS.items()
             if name in program
         ]
-        # This attribute advances with the instance; every draw names its first instance.
+        # This attribute advances per instance; the first instance of every draw is the number of
+        # its hogel.
         numbers = np.arange(hogels, dtype=np.uint32)
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
@@ -192,8 +193,8 @@ class PlateDrawing:
 class PlatePicture:
     """A scene with triangles on the GPU, its materials and lights, and the programs that draw it.
 
-    The context is current whenever something is drawn. `passes` are the cameras as for any one
-    aperture. Raises InputError where textures or the environment map are larger than the device
+    The context must be current whenever something is drawn. `passes` are the cameras of any
+    aperture. Raises InputError if textures or the environment map are larger than the device
     allows.
     """
 
@@ -226,7 +227,7 @@ class PlatePicture:
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
         """Clear a slot's target and draw into it from now on; see `LayeredTarget.begin`."""
         slot.target.begin(box)
-        # Afterwards: a picture begins with all switched off, RASTERIZER_DISCARD too.
+        # Set this after `begin`, which switches all states off, RASTERIZER_DISCARD included.
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
 
@@ -275,7 +276,7 @@ class PlatePicture:
 
 
 def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> Mask:
-    """Return (F,) which triangles are drawn once more for their reflections."""
+    """Return the mask (F,) of triangles that are drawn once more for their reflections."""
     mask = np.zeros(len(scene.faces), dtype=np.bool_)
     if Effect.REFLECTION in effects:
         for first, count in reflecting(scene):

@@ -61,7 +61,7 @@ class FilmWindows:
     #: (L, 4) least and largest u and v of each part, with its pixels' borders; see
     #: `clusters.clip_planes`
     windows: Floats
-    #: First column, first row from the bottom, width and height in pixels about all parts;
+    #: Box about all parts: first column, first row from the bottom, width and height in pixels;
     #: None for whole films
     box: tuple[int, int, int, int] | None
 
@@ -109,9 +109,9 @@ def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 class PlateRenderer(ContextOwner):
     """Scene on the GPU, uploaded once, drawn from many apertures with the same settings.
 
-    A context manager; `content` are the images that are read back, and the effects that are
-    simulated. Raises InputError where the settings do not fit the frustum, the scene has more
-    than one sample a pixel besides sub-apertures, or the device cannot draw it.
+    A context manager; `content` has the images that are read back, and the simulated effects.
+    Raises InputError if the settings do not fit the frustum, the scene has more than one sample a
+    pixel in addition to sub-apertures, or the device cannot draw it.
     """
 
     def __init__(
@@ -141,7 +141,8 @@ class PlateRenderer(ContextOwner):
         channels = self.content.channels
         measured = Channel.HEIGHT in channels
         identified = measured or bool(reflective_triangles(self.scene, self.effects).any())
-        # The mean over sub-apertures is taken of colors as `Rasterizer` has them, and rounded once.
+        # The mean over sub-apertures uses unrounded colors, as `Rasterizer` does, and is rounded
+        # once.
         single = self.scene.sampling.aperture == 1
         content = self.content if single else replace(self.content, color=ColorType.FLOAT32)
         if Channel.NORMAL in channels:
@@ -206,7 +207,7 @@ class PlateRenderer(ContextOwner):
         for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
             slots = self._rounds[number % len(self._rounds)]
             drawn = list(zip(slots, submitted, strict=False))
-            # OpenGL draws in whichever context is current: the caller may have others.
+            # OpenGL draws in the current context, and the caller may have others.
             with self._context:
                 for slot, group in drawn:
                     self._draw(slot, group, FilmWindows.from_apertures(group, parts, size))
@@ -262,7 +263,7 @@ class PlateRenderer(ContextOwner):
             return
         picture.begin(slot, enabled, request.box)
         draws = []
-        # One camera for all hogels, then the next camera: the state that they share is set once.
+        # Draw one camera for all hogels, then the next camera: shared state is set once per camera.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
             draws.append(picture.upload(slot, number, hogels, request.windows))
@@ -292,9 +293,9 @@ class PlateRenderer(ContextOwner):
                 )
 
     def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:
-        """Return the heights (H, W) of a hogel; None where they are not a channel."""
+        """Return the heights (H, W) of a hogel; None if they are not a channel."""
         measured = Channel.HEIGHT in self.content.channels
-        # Sub-apertures give their color alone.
+        # Sub-apertures contribute only color.
         if not measured or aperture != self.scene.plate.aperture(*aperture.index):
             return None
         passes = self._passes(aperture)
@@ -302,5 +303,5 @@ class PlateRenderer(ContextOwner):
         if self._positions is None or not passes:
             return np.full((height, width), np.nan, dtype=np.float32)
         points = self._positions.read(slot.target.layer(layer), passes, np.arange(height * width))
-        # A copy, so that the other two coordinates can go.
+        # Copy the heights, so that the memory of the other two coordinates is freed.
         return np.array(points[2].reshape(height, width))

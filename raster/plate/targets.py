@@ -1,4 +1,4 @@
-"""Framebuffers with a layer for each of several hogels, and their way back to the processor."""
+"""Framebuffers with a layer for each of several hogels, and their read-back."""
 
 import ctypes
 import math
@@ -36,7 +36,7 @@ _DEPTH_BYTES: dict[DepthFormat, int] = {DepthFormat.D16: 2, DepthFormat.D24: 4, 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFormat:
-    """The buffers that a hogel's pixels have while it is drawn."""
+    """Buffers of a hogel's pixels during drawing."""
 
     depth: DepthFormat  #: Format of the depth buffer
     content: PlateContent  #: The images that are read back
@@ -87,7 +87,8 @@ class LayeredTarget:
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[form.depth]
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
-        # Shaders of this one read the identities, which therefore must not be attached to it.
+        # Shaders that draw into this framebuffer read the identities, which must not be attached to
+        # it.
         self._radiance = framebuffer(self._textures, [COLOR], depth=False)
         per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize}
         if self._content.ids:
@@ -118,13 +119,13 @@ class LayeredTarget:
         """Draw here from now on, on empty layers: number 0, black.
 
         `box` is the part of the films that is drawn and read: first column, first row from the
-        bottom, width and height; None for all. All else reads as black.
+        bottom, width and height; None for whole films. Pixels outside are read as black.
         """
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
         self._box = (0, 0, *self.size) if box is None or not bool(GL.glGetTextureSubImage) else box
-        # Clears and triangles keep to the scissor; it moves none of them.
+        # The scissor limits clears and triangles without moving them.
         GL.glEnable(GL.GL_SCISSOR_TEST)
         GL.glScissor(*self._box)
         GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
@@ -132,7 +133,7 @@ class LayeredTarget:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on color alone, over the pictures."""
+        """Draw from now on only color, over the pictures."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
     def bind_identity(self, unit: int) -> None:

@@ -1,8 +1,8 @@
 """First surfaces along arbitrary lines through one point, each decided exactly.
 
-The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle
-that reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex.
-Only lines in that cap, or in the opposite one, can meet the triangle. They are decided in
+The search misses no triangle. Seen from the center, a triangle lies in the cap about its middle
+that reaches to the farthest of its three corners, because a cap smaller than a half sphere is
+convex. Only lines in that cap, or in the opposite one, can meet the triangle. They are decided in
 integers.
 """
 
@@ -21,7 +21,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 #: Margin of every chord: a million times the rounding of unit vectors and distances, 1e-15
 CHORD_MARGIN = 1e-9
 
-#: Largest chord of a cap surely smaller than a half sphere, whose chord is sqrt(2)
+#: Largest chord of a cap that is surely smaller than a half sphere, whose chord is sqrt(2)
 MAX_CHORD = 1.4
 
 
@@ -30,8 +30,8 @@ class FirstAlong:
     """The first surfaces along N lines.
 
     `triangle` is the number of the first triangle, the smallest of a tie, `NOTHING` for none; s is
-    the place on the line, to the nearest double, NaN for none. `ties` has the numbers of the
-    triangles that are first together, in ascending order, by the number of the line.
+    the place on the line, to the nearest double, NaN for none. `ties` maps the number of a line to
+    the numbers of the triangles that tie there, in ascending order.
     """
 
     triangle: Numbers
@@ -67,7 +67,7 @@ def first_surfaces_along(
 
 
 class ExactLines(ExactPencil):
-    """Arbitrary lines through a point against triangles in integers, by the number of the line."""
+    """Integer tests of triangles against arbitrary lines through a point, by line number."""
 
     def __init__(
         self, triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
@@ -93,8 +93,8 @@ class ExactLines(ExactPencil):
 
 
 def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
-    """Return for each triangle (F, 3, 3), relative to the center, the lines that may meet it."""
-    # Directions of the corners from the center. A corner in the center itself has none.
+    """Return the lines that may meet each triangle (F, 3, 3), relative to the center."""
+    # Directions of the corners from the center. A corner in the center has no direction.
     distance = np.linalg.norm(corners, axis=2, keepdims=True)
     near = (distance == 0).any(axis=(1, 2))
     seen = corners / np.where(distance > 0, distance, 1.0)
@@ -103,11 +103,11 @@ def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
     length = np.linalg.norm(middle, axis=1, keepdims=True)
     middle /= np.where(length > 0, length, 1.0)
     chord = np.linalg.norm(seen - middle[:, None], axis=2).max(axis=1) + CHORD_MARGIN
-    # The argument needs a cap smaller than a half sphere. Where the corners' directions cancel, the
-    # middle is no unit vector, and the chord is too long as well.
+    # The argument needs a cap smaller than a half sphere. If the corners' directions cancel, the
+    # middle is not a unit vector, and the chord is too long as well.
     everywhere = near | (chord > MAX_CHORD)
 
-    # Lines run both ways from the center: each one is looked for by its two directions.
+    # Lines run both ways from the center: search each line by its two directions.
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     tree = KDTree(np.concatenate((unit, -unit)))
     near_middle = tree.query_ball_point(middle, np.where(everywhere, 0.0, chord))

@@ -43,12 +43,12 @@ class Boxes:
 
     number: Any  #: Triangle numbers; a triangle on both sides of the center's height has two boxes
     box: list[Any]  #: First and last column, first and last row, inclusive
-    #: Sign of the edge functions inside each triangle; None where it is in doubt, or where the
-    #: triangle's box in space contains the center: these triangles are not cut by their edges row
-    #: by row
+    #: Sign of the edge functions inside each triangle; None if the sign is in doubt, or if the
+    #: triangle's box in space contains the center: such triangles are not cut by their edges row by
+    #: row
     turn: Any = None
-    #: True where the center lies in the closed triangle, exactly; None for triangles of known turn,
-    #: which do not hold it
+    #: True if the center lies in the closed triangle, decided exactly; None for triangles with a
+    #: known sign, which do not contain it
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
@@ -85,10 +85,10 @@ def bounding_boxes(
 ) -> list[Boxes]:
     """Return the boxes of all triangles that the film of a ray bundle may show.
 
-    This is called while `recording`; `exact` are the pencil's lines in integers. With a margin, in
-    pixels, boxes are wider than rounding requires: places of other points are rounded as well, and
-    its bound is doubled. A border are columns and rows about the film, from which boxes are
-    counted, for all that lies beside it.
+    This is called while `recording`; `exact` are the pencil's lines in integers. A margin, in
+    pixels, makes boxes wider than rounding requires: the positions of points to compare are rounded
+    as well, which doubles the bound. A border adds columns and rows about the film for all that
+    lies outside; boxes are counted from the border's first.
     """
     all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)
@@ -118,9 +118,9 @@ def bounding_boxes(
             all_boxes += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
         reached: Any = dr.compress(touching)
         around = reached.numpy() + start
-        # The others may contain the center, and may then be met by every line. A triangle whose
-        # plane runs through the center beside the triangle is met by none, and neither is one
-        # without area.
+        # The other triangles may contain the center, and then every line meets them. If the center
+        # lies in a triangle's plane but outside the triangle, no line meets it, and no line meets a
+        # triangle without area.
         holds = {n: exact.contains_center(n) for n in around.tolist()}
         whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
         if whole:
@@ -138,9 +138,9 @@ def bounding_boxes(
 def pixel_slack(bundle: RayBundle, axis: int) -> float:
     """Return a bound in pixels on the rounding of a projection near the film and of the slopes.
 
-    A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again.
-    Near the film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is
-    twice the result.
+    A projected slope x / s has a relative rounding error of 3 u; k and t add another 3 u. Near the
+    film no slope exceeds |k| + t, and W / (2 t) converts slopes to pixels. The bound is twice the
+    result.
     """
     ratio = abs(bundle.shear[axis]) / bundle.half_extent[axis]
     return 16 * UNIT_ROUNDOFF * bundle.resolution[axis] * (ratio + 2)

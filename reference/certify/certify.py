@@ -1,10 +1,10 @@
-"""The decision: where a pixel is proven, decided in integers, or named a tie.
+"""The decision: each pixel is proven, decided in integers, or a tie.
 
-The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every
-rounding error. So a triangle that surely is met before the nearest possible point of every other
-triangle is first, independent of any tracer: the pixel is proven. Where the filter leaves a pixel
-open, edge functions at its center may still prove it; coincident triangles are a tie; integers
-decide the rest.
+The argument (docs/truth.md): `filter` misses no triangle that a line meets, and bounds every
+rounding error. If a line surely meets a triangle before the nearest possible point of every other
+triangle, this triangle is first, independent of any tracer: the pixel is proven. If the filter
+leaves a pixel open, edge functions at its center may still prove it; coincident triangles are a
+tie; integers decide the rest.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class FirstSurfaces:
     certainty: Bytes  #: (rows, W) uint8 `Certainty`
     #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
     tied_triangles: Indices
-    #: `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None
+    #: `triangle` and `s` as flat arrays of Dr.Jit if they lie on its device; else None
     device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
@@ -127,7 +127,7 @@ def first_surfaces(corners: Floats, bundle: RayBundle) -> FirstSurfaces:
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
-    """Return the pairs that do not surely lie behind another, now that coverage is settled."""
+    """Return the pairs that are not surely behind another pair, now that coverage is settled."""
     limit = np.full(pixels, np.inf)
     np.minimum.at(limit, pairs.pixel[pairs.sure] - base, pairs.farthest[pairs.sure])
     return pairs[pairs.nearest <= limit[pairs.pixel - base]]
@@ -146,7 +146,7 @@ class _Groups:
 
     @classmethod
     def from_pairs(cls, ambiguous: Pairs) -> _Groups:
-        # A triangle whose side is in doubt has two pairs for a pixel. The sure one is sorted first
+        # A triangle whose side is in doubt has two pairs for a pixel. The sure pair is sorted first
         # and kept.
         pairs = ambiguous[np.lexsort((~ambiguous.sure, ambiguous.triangle, ambiguous.pixel))]
         again = (np.diff(pairs.pixel, prepend=-1) == 0) & (np.diff(pairs.triangle, prepend=-1) == 0)
@@ -155,17 +155,17 @@ class _Groups:
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
     def tied(self, exact: ExactPencil) -> Mask:
-        """Return which groups consist of triangles that every line meets at one and the same s.
+        """Return which groups consist of triangles that every line meets at the same s.
 
-        These are triangles through the center, which are met at s = 0 without any error, and
-        triangles in exactly one plane.
+        These are triangles through the center, which every line meets at exactly s = 0, and
+        triangles in exactly the same plane.
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
         # Triangles through the center have s = 0 exactly, and so has the first of their group.
         leader = np.repeat(self.starts, self.sizes)
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
-        # Triangles in the plane of the first of the group: decided in integers, once for each two.
+        # Triangles in the plane of the group's first triangle: decided in integers, once per pair.
         sure = np.repeat(np.logical_and.reduceat(self.pairs.sure, self.starts), self.sizes)
         unsettled = np.flatnonzero(sure & ~known)
         planes = np.stack(

@@ -41,12 +41,12 @@ from xfrustum.scenes.arrays import Floats
 #: largest relative error of one rounded operation in double precision, u
 UNIT_ROUNDOFF = 2.0**-53
 
-#: Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4
+#: Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, plus 4
 #: u for the rounding of the bound itself
 ROUNDING = 12 * UNIT_ROUNDOFF
 
-#: Smallest double of full precision. Below it, the three quotients and products that make s and its
-#: bound are off by at most half a step each, 2^-1075, whatever their size; this number covers them.
+#: Smallest double of full precision. Below it, each of the three quotients and products that make s
+#: and its bound is off by at most half a step, 2^-1075, of any size; this number covers all three.
 UNDERFLOW = 2.0**-1022
 
 #: first and second corner of each edge of a triangle
@@ -58,7 +58,7 @@ class Triangles:
 
     def __init__(self, corners: Floats) -> None:
         self.corners = corners
-        # Four numbers that lie beside each other are read at once.
+        # A gather reads four adjacent numbers at once.
         padded = np.zeros((len(corners), 3, 4))
         padded[..., :3] = corners
         with recording():
@@ -78,7 +78,7 @@ class Triangles:
 class Viewpoint:
     """The center of a ray bundle, and first and last s of its range.
 
-    `slack` is the relative error of s of a corner, -q_z: none where the center lies in the plate.
+    `slack` is the relative error of -q_z, the s of a corner: zero if the center lies in the plate.
     """
 
     center: list[Any]
@@ -118,8 +118,8 @@ class Planes:
         # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
         first, second = difference(points[1], points[0]), difference(points[2], points[0])
         normal, magnitude = cross(first, second), _cross_magnitude(first, second)
-        # The bound covers the sum of all absolute products in q_0 . n. Where the center lies in
-        # the triangle both are exactly zero.
+        # The bound covers the sum of all absolute products in q_0 . n. If the center lies in the
+        # triangle, both are exactly zero.
         corner = difference(points[0], center)
         offset = _dot(corner, normal)
         bound = product(ROUNDING, _dot([abs(part) for part in corner], magnitude))
@@ -177,8 +177,8 @@ class Cones:
         outside = (positive[0] | positive[1] | positive[2]) & (
             negative[0] | negative[1] | negative[2]
         )
-        # Lines through a triangle that holds the center meet it there, whatever its edge functions
-        # are.
+        # All lines meet a triangle that contains the center there, for any values of its edge
+        # functions.
         return self.holds | ~outside, self.holds | inside
 
     def along_rows(self, dy: Any) -> RowPlanes:
@@ -219,13 +219,13 @@ class RowPlanes:
         The error is infinite where the slope may be zero, and zero where the plane runs through the
         center exactly.
         """
-        # The denominator d . n and its bound. It is certain to have its sign, with a margin to
-        # spare, where it is more than twice its bound.
+        # The denominator d . n and its bound. Its sign is certain, with a margin, if it exceeds
+        # twice its bound.
         slope = product(self.normal_x, dx) + self.level
         slope_bound = product(ROUNDING, product(self.magnitude_x, abs(dx)) + self.level_magnitude)
         margin = abs(slope) - slope_bound
         certain = margin > slope_bound
-        # The quotient; 1 in place of a slope that is not certain keeps it finite.
+        # The quotient. A 1 in place of an uncertain slope keeps it finite.
         s = dr.select(certain, self.offset / dr.select(certain, slope, 1.0), 0.0)
         # The bound above, from the errors of both dot products.
         error = (self.bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
@@ -239,10 +239,10 @@ class RowPlanes:
 def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
     """Return whether s +- error may lie in a range, and whether a hit surely counts there.
 
-    A triangle that surely lies within the range needs no test against its ends, which would leave a
-    hit close to them in doubt. Where not even the sign of s is certain, the triangle may well be
-    first, but its place is unknown: the pixel is left to the integers. An infinite error never
-    counts.
+    A triangle that surely lies within the range is not tested against its ends, because the test
+    would leave hits close to them in doubt. If even the sign of s is uncertain, the triangle may be
+    first, but its place is unknown: the pixel is left to the integers. A hit with an infinite error
+    is never sure.
     """
     largest = float(np.finfo(np.float64).max)
     first, last = dr.select(within, -largest, ends[0]), dr.select(within, largest, ends[1])
@@ -259,5 +259,6 @@ def _cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    # The sums have another order than in `backend.dot`, which would change the last bits of places.
+    # Do not use `backend.dot`: its sums have another order, which would change the last bits of
+    # places.
     return product(a[0], b[0]) + product(a[2], b[2]) + product(a[1], b[1])

@@ -129,12 +129,12 @@ class ExactPencil:
         signs = [_dot(d, edge) for edge in edges]
         if min(signs) < 0 < max(signs):
             return None
-        # offset has three factors of 2**bits and slope two, beside one of 2**slope_bits.
+        # The offset has three factors of 2**bits; the slope has two, and one of 2**slope_bits.
         s = Fraction(offset << self._slope_bits, slope << self._bits)
         return s if self._range[0] <= s <= self._range[1] else None
 
     def meets_beside_center(self, triangle: int) -> bool:
-        """Return whether any line meets the triangle's plane elsewhere than in the center."""
+        """Return whether lines meet the triangle's plane outside the center."""
         return self.cone(triangle)[2] != 0
 
     def contains_center(self, triangle: int) -> bool:

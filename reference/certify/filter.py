@@ -93,7 +93,7 @@ NO_PAIRS = Pairs(
 )
 
 
-#: Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone
+#: Count of a pair that is not surely met: a single one already leaves its pixel open
 DOUBTFUL_WEIGHT = 2
 
 
@@ -101,10 +101,10 @@ DOUBTFUL_WEIGHT = 2
 class ClassifiedPixels:
     """Triangles that may be first in some rows of an image.
 
-    `triangle` and `s` (pixels,) belong to the triangle that surely is first; `NOTHING` and NaN
-    where the line meets none, and where `ambiguous` has pairs: all of the pixels for which several
-    triangles may be first, or one that is not surely met. `device` is `triangle` and `s` as arrays
-    of Dr.Jit.
+    `triangle` and `s` (pixels,) belong to the triangle that surely is first; They are `NOTHING` and
+    NaN where the line meets no triangle, and where `ambiguous` has pairs. These are all pairs of
+    pixels for which several triangles may be first, or one that is not surely met. `device` has
+    `triangle` and `s` as arrays of Dr.Jit.
     """
 
     triangle: Numbers
@@ -117,8 +117,8 @@ class ClassifiedPixels:
 class _Lanes:
     """Rows of boxes, cut by the edges of their triangles, one lane each: columns `first` to `last`.
 
-    Coverage is certain between the slopes dx of `surely`; of triangles that are not cut by their
-    edges it follows from `cones`. `within` is true where a triangle surely lies within the range.
+    Coverage is certain between the slopes dx of `surely`; for triangles that are not cut by their
+    edges, `cones` decides it. `within` is true if a triangle surely lies within the range.
     """
 
     number: Any
@@ -178,7 +178,7 @@ class Filter:
             unsettled = count > 1
             size = int(dr.sum(dr.select(unsettled, count, UInt32(0)))[0])
             if size:
-                # Several triangles wrote there, in any order: their number is taken back.
+                # Several triangles wrote these pixels, in any order: reset their triangle number.
                 number = dr.select(unsettled, NOTHING, number)
                 place = dr.select(unsettled, np.nan, place)
                 parts = [self._pairs(some, rows, limit, unsettled, size) for some in lanes]
@@ -192,11 +192,11 @@ class Filter:
             )
 
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
-        """Return how far the next surface lies behind the first one on the same side, (pixels,).
+        """Return the gap from the first surface to the next one behind it on its side, (pixels,).
 
         It is the smallest s of all surfaces surely behind, minus the largest s of the first
-        surface; infinite without either. With `numbers` (pixels,) only triangles of smaller numbers
-        count as next ones.
+        surface; infinite if either is missing. With `numbers` (pixels,), only triangles with
+        smaller numbers count as next.
         """
         with recording():
             lanes = self._cut(rows)
@@ -258,7 +258,7 @@ class Filter:
         return lanes
 
     def _met(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
-        """Return s, its error, whether the line surely meets, and whether it may at all."""
+        """Return s, its error, whether the line surely meets the triangle, and whether it may."""
         dx = dr.gather(Float64, self._dx, column)
         s, error = lanes.planes.met(dx)
         possible, sure = in_range(s, error, lanes.within, self._seen_from.ends)
@@ -272,7 +272,7 @@ class Filter:
         return (lanes.row - dr.opaque(UInt32, rows.start)) * self._width + column
 
     def _limit(self, lanes: list[_Lanes], rows: range) -> Any:
-        """Return the largest possible s of each pixel's first surface; infinite without one."""
+        """Return the largest possible s of each pixel's first surface; infinite if it has none."""
         limit = dr.full(Float64, np.inf, len(rows) * self._bundle.resolution[0])
         dr.make_opaque(limit)
         for some in lanes:
@@ -317,8 +317,8 @@ class Filter:
             dr.gather(type(values), values, dr.arange(UInt32, count)) for values in out
         )
         if lanes.surely is not None:
-            # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center
-            # may decide it.
+            # Where cutting rows leaves coverage in doubt, the edge functions at the pixel's center
+            # may decide.
             cones = Cones.from_points(self._triangles.points(number), self._seen_from, False)
             dx, dy = dr.gather(Float64, self._dx, column), dr.gather(Float64, self._dy, row)
             may_cover, covers = cones.covering(dx, dy)
@@ -339,7 +339,7 @@ class Filter:
 
 
 def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) -> None:
-    # Mode Direct: the other modes allocate for each size of image, and compile anew.
+    # Use mode Direct: the other modes allocate and compile again for each image size.
     dr.scatter_reduce(operation, target, value, index, active, mode=dr.ReduceMode.Direct)
 
 
@@ -363,8 +363,7 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
         # below.
         zero = -rest / slope
         margin = product(2.0, bound) / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
-        # Where the slope is so small that the quotient overflows, E has one sign along the whole
-        # row.
+        # If the slope is so small that the quotient overflows, E has one sign along the whole row.
         level = ~dr.isfinite(margin)
         # A rising edge bounds dx from below, a falling one from above.
         rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
@@ -372,8 +371,8 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
         surely_low = dr.maximum(surely_low, dr.select(rising, zero + margin, -np.inf))
         high = dr.minimum(high, dr.select(falling, zero + margin, np.inf))
         surely_high = dr.minimum(surely_high, dr.select(falling, zero - margin, np.inf))
-        # A level edge empties the interval if it is surely negative, and the sure one unless surely
-        # positive.
+        # A level edge empties the interval if it is surely negative, and the sure interval unless
+        # it is surely positive.
         low = dr.select(level & (rest < -bound), np.inf, low)
         surely_low = dr.select(level & (rest <= bound), np.inf, surely_low)
     return low, high, surely_low, surely_high

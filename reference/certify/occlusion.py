@@ -1,17 +1,17 @@
 """Occlusion query: points of an image hidden by other surfaces on their own lines (docs/truth.md).
 
-The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A
-point's own line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the point
-if this line meets it before the point by more than half of the tolerance within which the point is
-known, and if the point lies farther from the triangle's plane than this tolerance: a point nearer
-to the plane may as well lie on its other side, where the triangle does not hide it. Pairs left open
-by doubles are decided in rational numbers.
+The formulas of `cone` and the boxes of `boxes` decide the answer, as for the truth. A point's own
+line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the point if this line
+meets it before the point by more than half of the tolerance within which the point is known, and if
+the point lies farther from the triangle's plane than this tolerance: a point nearer to the plane
+may as well lie on its other side, where the triangle does not hide it. Pairs left open by doubles
+are decided in rational numbers.
 
 Points are sorted by the cells of the film that their lines pass: one cell about each pixel's
 center, with a border for all that lies beside it. A triangle's box of cells holds every cell in
-which a line may meet it, so that what shares no cell with a point cannot hide it. There is one lane
-for each row of cells of a triangle's box: it walks the points in these cells, which lie one behind
-the other, and notes those before which it may be met.
+which a line may meet it; a triangle without a cell in common with a point cannot hide it. There is
+one lane for each row of cells of a triangle's box. The lane walks the points in these cells, which
+are contiguous, and records the points whose lines may meet the triangle before the point.
 """
 
 import math
@@ -57,7 +57,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 #: distance, in pixels, of a cell's sides from its center
 HALF_CELL = 0.5
 
-#: Room for pairs of each point at first. Most points are hidden by nothing; for more pairs, the
+#: Room for pairs of each point at first. Most points are not hidden; if there are more pairs, the
 #: walk is repeated with room for all of them.
 PAIRS_PER_POINT = 1 / 8
 
@@ -72,9 +72,8 @@ class SurfacePoints:
     position: Floats  #: (N, 3) scene units, off the height of the center from which they are seen
     #: (N,) number of the triangle with the point, `NOTHING` where unknown
     triangle: Numbers
-    #: (N,) distance within which each point is known, scene units: a triangle whose plane passes
-    #: within this distance of a point does not hide it. Thus a mesh's tessellation makes no
-    #: difference.
+    #: (N,) uncertainty of each point, scene units: a triangle whose plane passes within this
+    #: distance of a point does not hide it. A mesh's tessellation therefore has no effect.
     tolerance: Floats
 
 
@@ -100,14 +99,14 @@ class _Rows:
     first: Any
     behind: Any
     number: Any
-    #: true where the triangle holds the center, where all lines meet it; None where none does
+    #: true if the triangle contains the center, where all lines meet it; None if no triangle does
     holds: Any
 
 
 def _rows_of_cells(triangles: Triangles, bundle: RayBundle) -> list[_Rows]:
     """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
-    # Surfaces beyond the range are not imaged. A picture that shows them nevertheless may also hide
-    # other surfaces by them.
+    # Surfaces beyond the range are not imaged. A picture that shows them nevertheless may also show
+    # them in front of other surfaces.
     endless = replace(bundle, s_range=(bundle.s_range[0], math.inf))
     exact = ExactPencil(triangles.corners, bundle)
     width, height = (side + 2 for side in bundle.resolution)
@@ -136,7 +135,8 @@ class Occlusion:
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
-        # The settings of one aperture share its rows, and several threads judge an aperture each.
+        # All settings of an aperture share its rows, and each of several threads judges one
+        # aperture.
         self._rows = lru_cache(maxsize=worker_count() + 1)(
             lambda bundle: _rows_of_cells(triangles, bundle)
         )
@@ -154,7 +154,7 @@ class Occlusion:
             ]
             behind |= hidden.numpy()
         for point, triangle in open_pairs:
-            # Only points that nothing surely hides are decided in rational numbers.
+            # Only points that no triangle surely hides are decided in rational numbers.
             undecided = np.flatnonzero(~behind[point])
             met = self._hides(bundle, points, point[undecided], triangle[undecided])
             behind[point[undecided][met]] = True
@@ -187,8 +187,8 @@ class Occlusion:
         at = dr.arange(UInt32, count)
         point, triangle, sure = (dr.gather(type(values), values, at) for values in pairs)
         x, y, z, tolerance = (dr.gather(Float64, values, point) for values in lines.positions)
-        # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The
-        # length of n has the bounds of its coordinates.
+        # A point is hidden only if it is not near the triangle's plane: |(p_0 - P) . n| > t |n|.
+        # The bounds of n's coordinates bound its length.
         planes = Planes.from_points(self._triangles.points(triangle), (x, y, z), False)
         length, magnitude = (
             dr.sqrt(dot(values, values)) for values in (planes.normal, planes.magnitude)
@@ -215,7 +215,7 @@ class Occlusion:
         ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
-        # A line that ends before the range meets nothing before its end.
+        # A line that ends before the range begins meets nothing.
         ends = np.maximum(ends, bundle.s_range[0]).tolist()
         corners = self._triangles.corners
         exact = ExactLines(
@@ -251,7 +251,7 @@ def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
     )
     width, height = (side + 2 for side in bundle.resolution)
     cell = row * dr.opaque(UInt32, width) + column
-    # Counting sort: the order of the lines within a cell means nothing.
+    # Counting sort: the order of the lines within a cell does not matter.
     number: Any = dr.zeros(UInt32, width * height + 1)
     rank = dr.scatter_inc(number, cell)
     together = Array4f64(dx, dy, end, Float64(own))
@@ -260,7 +260,7 @@ def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
     first: Any = dr.gather(UInt32, start, cell)
     target = first + rank
     line, sorted_point = dr.empty(Float64, 4 * dr.width(own)), dr.empty(UInt32, dr.width(own))
-    # Four numbers at a time, one beside the other: a walk reads a line at once.
+    # The four numbers of a line are adjacent, so that a walk reads a line at once.
     dr.scatter(line, together, target)
     dr.scatter(sorted_point, point, target)
     dr.eval(line, sorted_point, start)
@@ -270,7 +270,7 @@ def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
 def _walk(
     cones: Cones, lanes: tuple[Any, Any, Any], lines: _Lines, nearest: Any, room: int
 ) -> tuple[int, tuple[Any, Any, Any]]:
-    """Return how many pairs of point and triangle there are, and the pairs as far as there is room.
+    """Return the number of pairs of point and triangle, and the pairs for which there is room.
 
     Pairs are arrays of points, of triangles that may be met before them, and of whether they surely
     are.

@@ -1,4 +1,4 @@
-"""Views of eyes before the plate, true and replayed, every ray certified.
+"""Views of eyes in front of the plate, true and replayed, every ray certified.
 
 * view: the rays of an eye, the pixels of hogels that it sees, and both views
 * first: first surfaces along lines without a common point

@@ -1,8 +1,8 @@
 """First surface along lines without a common point: proven, or decided in integers.
 
-A hogel shows an eye's pixel its own line. The argument of `certify` holds for each pair of a line
-and a triangle by itself, with the same arithmetic on the same numbers: the decision of a pixel is
-that in the image of its whole hogel, bit for bit.
+Each pixel of an eye sees a pixel of a hogel, and therefore the line of that pixel. The argument of
+`certify` holds for each pair of a line and a triangle by itself, with the same arithmetic on the
+same numbers: the decision of a pixel is that in the image of its whole hogel, bit for bit.
 
 Projections of widened triangles onto the eye's film give the candidates of each line. The line
 deviates from the ray of its pixel: at depth s below the plate they are at most D0 + |s| D1 apart,
@@ -36,14 +36,14 @@ TRIANGLES_AT_ONCE = 1 << 13
 #: roundings of 1e-16, for a few dozen operations
 MARGIN = 1e-11
 
-#: Smallest distance below the eye, as a part of its height, at which corners are projected.
-#: Triangles that reach beside the eye or behind it may cross any line.
+#: Smallest depth below the eye, relative to its height, at which corners are projected. Triangles
+#: that reach the eye's height or beyond may cross any line.
 BESIDE_THE_EYE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineGrid:
-    """Lines in columns and rows, each through a point of the plate of its own.
+    """Lines in columns and rows, each through its own point of the plate.
 
     The line of column c, row r is P(s) = (x[c], y[r], 0) + s (dx[c], dy[r], -1), so that z = -s.
     """
@@ -83,7 +83,7 @@ class Axis:
 
     There are (N,) places where lines meet the plate, their slopes, and the slopes of the eye's rays
     (`seen`), ascending or descending; `eye` is the eye's coordinate on this axis, and `height` its
-    height before the plate.
+    distance from the plate.
     """
 
     place: Floats
@@ -105,14 +105,14 @@ class Axis:
         below = self.height + s
         near_eye = (below <= BESIDE_THE_EYE * self.height).any(axis=0)
         below = np.where(below > 0, below, 1.0)
-        # Corners beside the eye or behind it project anywhere: all lines stay.
+        # Corners at the eye's height or beyond project anywhere: keep all lines.
         low = np.where(near_eye, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
         high = np.where(near_eye, np.inf, ((x + wider - self.eye) / below).max(axis=0))
         if self.seen[0] <= self.seen[-1]:
             return np.searchsorted(self.seen, low, "left"), np.searchsorted(
                 self.seen, high, "right"
             )
-        # Slopes of rows descend: search their negatives.
+        # Slopes of rows descend: search negated slopes.
         down = -self.seen
         return np.searchsorted(down, -high, "left"), np.searchsorted(down, -low, "right")
 
@@ -181,7 +181,7 @@ def first_along_grid(
     kept = NO_PAIRS
     for part in crossings(triangles.corners, grid, columns, rows):
         pairs = _evaluated(triangles, grid, part)
-        # A pair behind the farthest bound of a sure pair of its line cannot be first.
+        # A pair cannot be first if it lies behind the farthest bound of a sure pair of its line.
         np.minimum.at(limit, pairs.pixel[pairs.sure], pairs.farthest[pairs.sure])
         kept = Pairs.joined([kept, pairs])
         kept = kept[kept.nearest <= limit[kept.pixel]]
@@ -205,8 +205,7 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
     if not len(part.triangle):
         return NO_PAIRS
     with recording():
-        # Each line passes through a point of the plate of its own, from which s of a corner is
-        # exact.
+        # Each line passes through its own point of the plate, from which s of a corner is exact.
         x, dx, y, dy = (
             on_device(values)
             for values in (
@@ -218,7 +217,7 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         )
         zero, *ends = constants((0.0, *grid.s_range))
         seen_from = Viewpoint(center=[x, y, zero], ends=ends, slack=zero)
-        # No s near zero is sure: points of the plate in a triangle are left to the integers.
+        # An s near zero is never sure: integers decide points of the plate that lie in a triangle.
         cones = Cones.from_points(triangles.points(on_device(part.triangle)), seen_from, False)
         s, error = cones.along_rows(dy).met(dx)
         possible, sure = in_range(s, error, cones.within, ends)

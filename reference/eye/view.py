@@ -1,8 +1,8 @@
 """True views and replayed views, with points and color, and the rays of an eye.
 
-The ray of an eye e, at the height L before the plate, to the point p of the plate has the slope
-m = (p - e) / L per unit of depth. The hogel whose cell holds p shows its film at u = (m - k) / t
-there: a hogel is uniform over its cell.
+The ray from an eye e, at distance L in front of the plate, to the point p of the plate has the
+slope m = (p - e) / L per unit of depth. The hogel whose cell contains p shows the place u = (m - k)
+/ t of its film there: a hogel is uniform over its cell.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def eye_bundle(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle
     """Return the rays of an eye's film through its pupil's center, or a point (2,) relative to it.
 
     Rays of one pixel through different points meet in the plane of focus. Surfaces count within the
-    reach of the plate, and before the eye.
+    reach of the plate, and in front of the eye.
     """
     x, y, height = eye.position
     shear, center = [-x / height, -y / height], [x, y]
@@ -68,7 +68,7 @@ def _pixels_on_axis(
     # The hogel whose cell holds the point of the plate; rows count down.
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
-    # Places on the film, where centers of pixels have whole numbers; not a number beside it.
+    # Places on the film: whole numbers at centers of pixels, NaN outside the film.
     place = np.full(len(slope), np.nan)
     for number in np.unique(hogel[hogel != NONE]).tolist():
         shear, half_extent = film_window(
@@ -91,7 +91,7 @@ def _pixels_on_axis(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return a hogel in a column (axis 0) or row: all of these share their film on the axis."""
+    """Return a hogel of a column (axis 0) or row, whose hogels share their film on the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 
@@ -146,7 +146,7 @@ def _lines_on_axis(
 
 
 class EyeReference:
-    """Views of eyes before the plate of a scene, every ray certified; `effects` as for `Reference`.
+    """Views of eyes in front of a plate, every ray certified; `effects` as for `Reference`.
 
     Color has one line for each pixel, or point of the pupil: the scene's own sampling is not used.
     """
@@ -186,8 +186,8 @@ class EyeReference:
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return the view of a plate of true hogels, the best that any renderer can show.
 
-        Its pixels equal the pixels of `Reference.trace` of their hogels, bit for bit. Without color
-        (`shaded`) the picture is made faster.
+        Its pixels equal the pixels of `Reference.trace` of their hogels, bit for bit. It is faster
+        without color (`shaded`).
         """
         taken = self.replay(eye)
         width, height = eye.resolution
@@ -202,11 +202,12 @@ class EyeReference:
         color = None
         if shaded:
             color = np.zeros((height, width, 3))
-            # `replay` lists the parts of a beam of each point of the pupil together.
+            # `replay` groups the parts of a beam by point of the pupil.
             per_point = len(taken.colors) // len(eye.pupil_points)
             for number, pixels in enumerate(taken.colors):
                 point = eye.pupil_points[number // per_point]
-                # A box and a pinhole have the color of the surfaces that are shown.
+                # With the nearest pixel and a pinhole, color belongs to the surfaces that are
+                # shown.
                 known = (grid, decided) if len(taken.colors) == 1 else None
                 part = self._part_color(eye, pixels, point, known)
                 weight = (

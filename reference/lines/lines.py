@@ -28,7 +28,7 @@ class RayBundle:
     shear: tuple[float, float]
     half_extent: tuple[float, float]
     resolution: tuple[int, int]  #: W, H in pixels
-    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is visible
     s_range: tuple[float, float]
 
     @cached_property
@@ -67,7 +67,8 @@ def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:
 
 def places_off_center(x: Floats, y: Floats, z: Floats, bundle: RayBundle) -> tuple[Floats, Floats]:
     """Return column and row, as `pixel_places`, of points (N,) off the height of the center."""
-    # Each step is written over the last one: most of the time of whole images is memory.
+    # Each step overwrites the previous one: for whole images, memory traffic takes most of the
+    # time.
     depth = z - bundle.center[2]
     np.negative(depth, out=depth)
     places = []
@@ -189,9 +190,9 @@ def offset_camera(
     """Return the lines of an offset camera: its position and its film.
 
     It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a
-    C*: on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight before the
-    aperture (`pivot`). Planes at the height |z| `fitted` are drawn exactly; None keeps the angle.
-    The range of s is the caller's to set.
+    C*: on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or perpendicular to
+    the plate (`pivot`). Planes at the height |z| `fitted` are drawn exactly; None keeps the angle.
+    The caller sets the range of s.
     """
     (x, y, _), (kx, ky), (tx, ty) = crossed.center, crossed.shear, crossed.half_extent
     aside = height if pivot is Pivot.APERTURE else 0.0

@@ -1,7 +1,7 @@
 """Triangles in NumPy: planes and distances in doubles, and the side of the viewer, exactly.
 
-Planes and distances have no bounds of their rounding. The side decides what culling leaves out
-(paper, section 3).
+Planes and distances have no bounds of their rounding. The side decides which triangles culling
+leaves out (paper, section 3).
 """
 
 from fractions import Fraction
@@ -14,7 +14,7 @@ from xfrustum.scenes.plate.double_frustum import Cull
 
 
 def cross_products(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of vectors (N, 3), as `np.cross` in a third of its time."""
+    """Return the cross products of vectors (N, 3), three times as fast as `np.cross`."""
     (ax, ay, az), (bx, by, bz) = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
 
@@ -36,7 +36,7 @@ def plane_places(corners: Floats, normals: Floats, center: Floats, directions: F
 
 
 def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
-    """Return the distance of each point (N, 3) from one triangle for each, (N, 3, 3)."""
+    """Return the distance of each point (N, 3) from its own triangle, (N, 3, 3)."""
     normals = triangle_normals(corners)
     length = np.linalg.norm(normals, axis=1)
     unit = normals / np.where(length > 0, length, 1.0)[:, None]
@@ -55,9 +55,9 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     return np.where(inside, from_plane, nearest_edge)
 
 
-#: Roundings of a determinant of differences, in 2^-53 of the sum of all products' magnitudes: one
-#: of each difference, in three factors, one of each of two products and four sums. Shewchuk (1997),
-#: section 4.3, proves 7 and a term of second order.
+#: Rounding bound of a determinant of differences, in 2^-53 of the sum of all products' magnitudes:
+#: one for each difference in three factors, and one for each of two products and four sums.
+#: Shewchuk (1997), section 4.3, proves 7 and a term of second order.
 DETERMINANT_ROUNDINGS = 8
 
 #: Magnitude above which underflow cannot change the sign of a determinant of three factors: its
@@ -90,12 +90,12 @@ def drawn_triangles(triangles: Floats, bundle: RayBundle, cull: Cull) -> Indices
     """Return the numbers of the triangles that a camera draws, ascending; see `facing`."""
     if cull is Cull.NONE:
         return np.arange(len(triangles))
-    # A triangle that is seen edge-on covers nothing.
+    # A triangle seen edge-on covers nothing.
     return np.flatnonzero(facing(triangles, bundle) > 0)
 
 
 def _sums_of_magnitudes(b: Floats, c: Floats) -> Floats:
-    """Return cross products (N, 3) in which magnitudes are added, and nothing cancels."""
+    """Return cross products (N, 3) with magnitudes added instead of subtracted."""
     (bx, by, bz), (cx, cy, cz) = np.abs(b).T, np.abs(c).T
     return np.stack((by * cz + bz * cy, bz * cx + bx * cz, bx * cy + by * cx), axis=1)
 

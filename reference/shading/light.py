@@ -1,4 +1,4 @@
-"""Phong on true hits, in double precision, with the true eye vector and no flips at all.
+"""Phong on true hits, in double precision, with the true eye vector and without flips.
 
 CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye
 vector is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
@@ -142,7 +142,7 @@ def _bilinear(texel: Callable[[Any, Any], list[Any]], down: Any, right: Any) -> 
 
 def _repeated(index: Any, size: Any) -> Any:
     """Return whole numbers, given as doubles, as indices modulo a size."""
-    # So far out that the quotient is rounded up, a number may come out just below zero.
+    # The remainder of a large number may be just below zero, because the quotient is rounded up.
     return Int32(_bounded(index - size * dr.floor(index / size), size - 1.0))
 
 
@@ -155,12 +155,13 @@ def _bounded(index: Any, last: Any) -> Any:
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")  #: names of a material's coefficients
 
 #: Smallest logarithm to base 2 of a power. `exp2` of Dr.Jit 1.5, and with it `power`, returns minus
-#: infinity for some results below the smallest double of full precision, 2^-1022. Against radiance,
-#: 2^-1000 is nothing.
+#: infinity for some results below the smallest double of full precision, 2^-1022. A radiance of
+#: 2^-1000 is negligible.
 MIN_LOG2 = -1000.0
 
-#: Largest number of binary digits of whole exponents for which squarings outrun a logarithm. Their
-#: roundings add up to 2^10 2^-53 at most, far below the rounding of a float32.
+#: Largest number of binary digits of integer exponents for which squarings are faster than a
+#: logarithm. Their rounding errors add up to at most 2^10 2^-53, far below the rounding of a
+#: float32.
 MAX_SQUARING_DIGITS = 10
 
 
@@ -185,7 +186,7 @@ class LightModel:
                 table(surface.uv),
             )
         self._corners = _Corners(scene) if self._normals or self._colors or self._pictures else None
-        # Each material once: its exponent, and the coefficients of all terms.
+        # Exponent and coefficients of all terms, once for each distinct material.
         materials = list(dict.fromkeys(scene.materials))
         number = {material: np.int32(index) for index, material in enumerate(materials)}
         of_object = np.array([number[material] for material in scene.materials], dtype=np.int32)
@@ -218,7 +219,7 @@ class LightModel:
         """
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
-        # The visible side is the triangle's own, not the side of a smoother normal.
+        # The triangle's own normal decides the visible side, not the smooth normal.
         turn = dr.select(dot(flat, direction) > 0.0, -1.0, 1.0)
         shrink = 1.0 / dr.sqrt(dot(direction, direction))
         eye = [-shrink * coordinate for coordinate in direction]
@@ -234,8 +235,8 @@ class LightModel:
                 terms = zip(color, diffuse, albedo, intensity, strict=True)
                 color = [own + term * painted * light * onto for own, term, painted, light in terms]
             if Effect.SPECULAR in self._effects:
-                # By L and R, the eye vector reflected across N. A cosine rounded to more than one
-                # would overflow under a large exponent.
+                # Use L and R, the eye vector reflected across N. A cosine rounded to more than one
+                # would overflow with a large exponent.
                 along = dr.minimum(2.0 * facing * cosine - dot(eye, toward), 1.0)
                 highlight = _power(along, exponent, (cosine > 0.0) & (along > 0.0), self._digits)
                 lit = zip(color, specular, intensity, strict=True)
@@ -292,7 +293,7 @@ class _Places:
 
 
 class _Corners:
-    """The corners of the triangles of a scene that has some."""
+    """The corners of a scene's triangles, at least one."""
 
     def __init__(self, scene: Scene) -> None:
         self._vertices, self._faces = table(scene.vertices), table(scene.faces)

@@ -21,9 +21,9 @@ COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
 class Shader:
     """The light model on one scene's surfaces.
 
-    `effects` are those that are evaluated; None for those that the scene calls for and, at points
-    out of sight, for all. The cameras among them are not used, for the surface that a pixel shows
-    has been decided.
+    `effects` are the evaluated effects; None selects the effects that the scene needs, and all
+    effects at points beyond the reach. Cameras among them have no influence, because the surface of
+    each pixel is already decided.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -45,7 +45,7 @@ class Shader:
         colors += [getattr(material, term) for material in materials for term in TERMS]
         gray = all(len(set(color)) == 1 for color in colors)
         reflects = Effect.REFLECTION in self.effects and appearance.environment is not None
-        # Where all is gray, one channel is computed, by the same arithmetic.
+        # If all colors are gray, one channel is computed, by the same arithmetic.
         self._channels = 1 if gray and not (interpolated & COLOR_EFFECTS or reflects) else 3
 
     @cached_property
@@ -68,7 +68,8 @@ class Shader:
             channels = self.model.radiance(
                 on_device(triangle), vectors_on_device(position), vectors_on_device(direction)
             )
-            # An effect that no light brings in leaves a number for all lanes.
+            # A channel may be a single number for all lanes, for example without lights: broadcast
+            # it.
             shown = [dr.zeros(Float64, len(triangle)) + part for part in channels]
             dr.eval(*shown)
             return np.stack([part.numpy() for part in shown], axis=-1)

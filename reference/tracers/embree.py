@@ -17,7 +17,7 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
-#: Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock:
+#: Rays of one call. Embree's binding traces a call on one thread and releases the interpreter lock:
 #: several calls run on several threads.
 RAYS_PER_CALL = 1 << 16
 
@@ -28,7 +28,7 @@ def embree_versions() -> dict[str, str]:
 
 
 class EmbreeTracer:
-    """Acceleration structure of a scene in Embree's robust mode; its lengths are times `scale`."""
+    """Acceleration structure of a scene in Embree's robust mode, scaled by `scale`."""
 
     name = "embree"
 
@@ -39,7 +39,7 @@ class EmbreeTracer:
         if not self._empty:
             vertices = (scene.vertices * self.scale).astype(np.float32)
             TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
-            # The structure is built on the first ray; two threads must not both build it.
+            # The structure is built on the first ray, and two threads must not build it at once.
             self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:

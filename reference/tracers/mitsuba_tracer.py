@@ -51,7 +51,7 @@ class MitsubaTracer:
 
 
 def robust_scene(scene: Scene, scale: float) -> Any:
-    """Return a `mi.Scene` of all triangles, scaled, in Embree's robust mode where Embree traces."""
+    """Return a `mi.Scene` of all triangles, scaled; in robust mode if Mitsuba uses Embree."""
     mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
     return mitsuba_backend().mitsuba.load_dict(
         {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
@@ -78,7 +78,7 @@ def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Call
     scale = unit_scale(scene.vertices)
     loaded = robust_scene(scene, scale)
     ray = mi.Ray3f(mi.Point3f(_coordinates(origins * scale)), mi.Vector3f(_coordinates(directions)))
-    # Rays in NumPy's own memory would be traced from there; the bare rate begins on the device.
+    # Copy the rays to the device: the measured rate must not include reading NumPy's memory.
     dr.make_opaque(ray)
     dr.sync_thread()
 
@@ -92,6 +92,6 @@ def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Call
 
 
 def _coordinates(vectors: Floats | Singles) -> Singles:
-    # Dr.Jit's arrays of vectors hold each coordinate in one piece.
+    # Dr.Jit's arrays of vectors store each coordinate contiguously.
     rows: Singles = padded(vectors.T, np.float32).reshape(3, -1)
     return rows

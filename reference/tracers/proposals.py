@@ -1,4 +1,4 @@
-"""Image of a ray tracer alone: the second opinion on every pixel."""
+"""Image of an uncertified ray tracer: the second opinion on every pixel."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Fl
             # they do not bound s.
             bounded = along != 0.0
             s = dr.maximum(s, dr.select(bounded, side / dr.select(bounded, along, 1.0), -np.inf))
-        # A line beside the box meets nothing, wherever it starts.
+        # A line that misses the box meets nothing from any origin.
         s = dr.maximum(dr.select(dr.isfinite(s), s, front), first)
         origins = [
             at + product(s, direction) for at, direction in zip(center, directions, strict=True)
@@ -59,7 +59,7 @@ def pixel_rays(scene: Scene, bundle: RayBundle, rows: range) -> tuple[Floats, Fl
 def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Numbers:
     """Trace each pixel's line of some rows once, from the viewer's end to the back.
 
-    Triangle numbers (rows, W) are `NOTHING` where there is no hit or the first lies beyond the
+    Triangle numbers (rows, W) are `NOTHING` if there is no hit or the first hit is beyond the
     reach.
     """
     shape = len(rows), bundle.resolution[0]
@@ -67,7 +67,7 @@ def proposed(tracer: Tracer, scene: Scene, bundle: RayBundle, rows: range) -> Nu
         return np.full(shape, NOTHING, dtype=np.int32)
     origins, directions = pixel_rays(scene, bundle, rows)
     hits = tracer.first_hits(origins, directions)
-    # The tracer has no far end: hits beyond the reach follow from the planes of the triangles.
+    # The tracer has no far limit: places on the triangles' planes detect hits beyond the reach.
     met = hits != NOTHING
     beyond = _first_places(scene, bundle, hits[met], directions[met]) > bundle.s_range[1]
     hits[met] = np.where(beyond, NOTHING, hits[met])

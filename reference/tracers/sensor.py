@@ -62,8 +62,9 @@ def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
 def mitsuba_scene(scene: Scene) -> dict[str, Any]:
     """Return the triangles as a Mitsuba scene; the caller adds sensor and light, and loads it.
 
-    All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive
-    number of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
+    All objects are one two-sided mesh in the diffuse colors of their materials, so that the
+    primitive number of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's
+    triangle number.
     """
     loaded: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     if len(scene.faces):
@@ -100,7 +101,7 @@ class _FilmLines:
             half_extent=mi.Vector2f(props["half_extent_x"], props["half_extent_y"]),
             reach=(mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"])),
         )
-        # Opaque, so that another aperture's values do not compile another kernel.
+        # Opaque values, so that another aperture does not compile another kernel.
         dr.make_opaque(lines.aperture, lines.shear, lines.half_extent, lines.reach)
         sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
         if min(props[name] for name in sizes) <= 0:
@@ -158,7 +159,7 @@ class _FilmLines:
 
 @lru_cache
 def _registered(variant: str) -> type:
-    """Define the sensor on the classes of one variant; Mitsuba has other classes in each."""
+    """Define the sensor on the classes of one variant: each Mitsuba variant has its own."""
     mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
 
     box = mi.BoundingBox3f if variant.startswith("scalar") else mi.ScalarBoundingBox3f

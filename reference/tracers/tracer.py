@@ -1,4 +1,4 @@
-"""The interface of ray tracers, and the scale in which they are given a scene."""
+"""The interface of ray tracers, and the scale of the scenes that they get."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
 
-TRACERS = ("embree", "mitsuba")  #: names of the tracers, the default first
+TRACERS = ("embree", "mitsuba")  #: names of the tracers; the first is the default
 
 
 class Tracer(Protocol):
