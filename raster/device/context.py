@@ -67,7 +67,7 @@ class SoftwareWarning(UserWarning):
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
-    """Return a context of at least a version; some drivers, as NVIDIA's, return exactly this one."""
+    """Return a context of at least a version; some drivers, such as NVIDIA's, return just this."""
     # moderngl annotates this argument as a dictionary, but its code takes a name.
     backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
