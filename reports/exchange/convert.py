@@ -320,7 +320,7 @@ def _into_files(
         with progress_bar(count, "convert", "file", shown=progress) as bar:
             plate_files.write_files(plate, form, staging.folder, bar.update)
         written = staging.commit()
-    return written[0] if single else out, count
+    return out.with_name(written[0].name) if single else out, count
 
 
 #: ending of a group that is kept until its files are written

@@ -59,13 +59,16 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
     assert np.array_equal(open_plate(tmp_path / "back.zarr").rows.whole(), pixels)
 
 
-def test_losses_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_losses_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     source, pixels = group(tmp_path, "float32")
-    command = ["convert", str(source), str(tmp_path / "quilt.png"), "--to", "quilt"]
+    monkeypatch.chdir(tmp_path)
+    command = ["convert", str(source), "quilt.png", "--to", "quilt"]
     assert main([*command, "--tiles", "3,2", "--json"]) == 0
     printed = capsys.readouterr()
     summary = json.loads(printed.out)
-    assert Path(summary["out"]).name == "quilt_qs3x2a1.333.png"
+    assert summary["out"] == "quilt_qs3x2a1.333.png"
     losses = [lost.partition(":")[0] for lost in summary["losses"]]
     assert losses == ["vertical parallax", "floating-point numbers"]
     assert "note: lost: vertical parallax" in printed.err

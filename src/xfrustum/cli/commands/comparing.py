@@ -54,7 +54,13 @@ class _Report(options.Measured):
             list_of(one_of(Offset)), "Whether cameras step back.  [default: plate]", "--offset"
         ),
         slabs=option(_CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]"),
-        cull=option(one_of(Cull), "Faces left out.", default=Cull.NONE),
+        # Click would name the member instead of its value.
+        cull=option(
+            one_of(Cull),
+            "Faces left out.  [default: none]",
+            default=Cull.NONE,
+            show_default=False,
+        ),
         causes=flag(
             "Charge wrong pixels to causes, and predict errors.",
             "--causes/--no-causes",
