@@ -4,12 +4,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.reports import cost as cost_module
-from xfrustum.reports.heat_map import auto_apertures
+from xfrustum.reports import heat_map
+from xfrustum.reports.heat_map import auto_apertures, map_figures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)
@@ -60,3 +62,20 @@ def test_errors_of_a_cost_are_those_of_the_worst_aperture(
     worst, middle = ([row["error"]["displacement_p99_px"] for row in those] for those in rows)
     assert all(more >= less for more, less in zip(worst, middle, strict=True))
     assert max(worst) > 1.5 * max(middle)
+
+
+def test_a_cell_of_a_map_has_its_worst_hogel_and_labels_point_inward(
+    scene: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(heat_map, "MAX_MAP_CELLS", 1)
+    auto = auto_apertures(open_scene(scene))
+    heights, widths = map_figures(auto)
+    views = [view for view in auto.scout.looks if np.isfinite(view.nearest)]
+    assert heights["data"][0]["customdata"] == min(view.nearest for view in views)
+    assert widths["data"][0]["customdata"] == max(view.outline_widths for view in views)
+    labels = heights["layout"]["annotations"]
+    assert [(label["x"], label["y"]) for label in labels] == [c.aperture.index for c in auto.chosen]
+    for label in labels:
+        assert label["xanchor"] == ("left" if label["x"] <= HOGELS[0] / 2 else "right")
+        assert label["xshift"] * (1 if label["xanchor"] == "left" else -1) > 0
+    assert {label["xanchor"] for label in labels} == {"left", "right"}
