@@ -153,7 +153,7 @@ class Evaluator:
     A context manager for one thread: leaving it frees the rasterizer. The tracer does not matter
     where there is a reference; effects are the effects that the scene needs where they are None;
     `model` describes the device, None for the known model of the device at hand. Raises InputError
-    where there is no such tracer, or no usable OpenGL.
+    if there is no such tracer, or no usable OpenGL.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class Evaluator:
         """Yield many hogels, judged, in the order of their apertures.
 
         Apertures are taken some ahead of the hogels that have been yielded. Memory does not grow
-        with their number. Closing the iterator early ends the work. InputError where there are no
+        with their number. Closing the iterator early ends the work. InputError if there are no
         settings, or they make no sense for the scene's frustum.
 
         `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None

@@ -255,7 +255,7 @@ class ChosenAperture:
 
     aperture: Aperture
     criteria: tuple[Criterion, ...]
-    view: CoarseView | None  #: None where the aperture sees nothing
+    view: CoarseView | None  #: None if the aperture sees nothing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

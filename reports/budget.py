@@ -64,7 +64,7 @@ class BudgetReport(NotebookRepr):
     geometry: Budget
     #: the error of color, link by link
     radiance: radiance_budget.RadianceBudget
-    #: reason for which the aperture was chosen; empty where it was given
+    #: reason for which the aperture was chosen; empty if it was given
     why: str = ""
 
     @property
@@ -177,7 +177,7 @@ def budget(
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the
     middle one where None; `progress` draws a bar on standard error; rounding is explained by
-    `device`, None for the known model of the device at hand. InputError where the settings make no
+    `device`, None for the known model of the device at hand. InputError if the settings make no
     sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
@@ -304,8 +304,8 @@ def _three_digits(value: float | None) -> str:
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write page, budget.json, images of the chain, and causes in color, all or nothing.
 
-    Pictures of the change of radiance by each link are among them. Several budgets are written
-    to a folder each, named by their apertures; InputError where it cannot be written.
+    Pictures of the change of radiance by each link are among them. Several budgets are written to a
+    folder each, named by their apertures; InputError if it cannot be written.
     """
     if isinstance(report, AutoBudget):
         # Each folder is written as a whole; a failure keeps the finished ones.

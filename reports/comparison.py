@@ -22,20 +22,20 @@ FILES = (
 class FileComparison:
     """Two image files compared."""
 
-    #: its `surface` is None where the scene is not at hand to trace
+    #: its `surface` is None if the scene is not at hand to trace
     comparison: Comparison
     #: the truth's longest reach, scene units
     reach: float
     #: both ends of the scale of height errors; see `images.height_range`
     heights: tuple[float, float]
-    #: reason why the scene is not at hand; empty where it is
+    #: reason why the scene is not at hand; empty if it is
     note: str
-    #: words for a truth that a tracer alone made; empty where it was examined
+    #: words for a truth that a tracer alone made; empty if it was examined
     unexamined: str = ""
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
-    """Compare two EXR files; InputError where they do not belong together."""
+    """Compare two EXR files; InputError if they do not belong together."""
     # Sizes are compared before cameras: files of two sizes always differ.
     sizes = [image_size(path) for path in (truth, raster)]
     if sizes[0] != sizes[1]:

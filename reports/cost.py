@@ -187,8 +187,8 @@ class CostReport(NotebookRepr):
 
     scene: Scene
     aperture: Aperture
-    #: Apertures at all of which pictures are judged, the worst of which counts; None where it is
-    #: the one.
+    #: Apertures at all of which pictures are judged, the worst of which counts; None if it is the
+    #: one.
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
@@ -301,7 +301,7 @@ def cost(
     configuration `repeat` pictures are timed, after one that warms up. All take turns, so that
     a slow minute slows all of them down.
 
-    InputError where the tolerance or the number of repetitions is not positive, the aperture sees
+    InputError if the tolerance or the number of repetitions is not positive, the aperture sees
     nothing of the objects, or there is no usable OpenGL.
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:

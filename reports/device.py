@@ -58,7 +58,7 @@ def table(record: DeviceRecord) -> str:
 
 
 def write_device(record: DeviceRecord, out: Path) -> tuple[Path, ...]:
-    """Write the page and device.json to a folder; InputError where they cannot be written."""
+    """Write the page and device.json to a folder; InputError if they cannot be written."""
     values = {"found": record, "table": table(record)}
     return write_files(out, {PAGE: html_page("device.html.j2", values), DATA: record})
 

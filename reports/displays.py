@@ -46,7 +46,7 @@ def html(value: Any) -> str:
 
 
 def first_png(value: Any) -> bytes | None:
-    """Return the first picture of an object as PNG; None where it has none."""
+    """Return the first picture of an object as PNG; None if it has none."""
     return display(value).first_png
 
 

@@ -54,9 +54,9 @@ def write_figure(
     """Draw C alone, C* alone and both of an aperture, and C* of another; write the page.
 
     `other` is the aperture of the second perspective of C*; where None the aperture of a coarse
-    lattice over the plate from which C* shows most, if the plate has another one. InputError
-    where near is not smaller than the reach, the aperture sees nothing of the objects, there is
-    no usable OpenGL, or the folder cannot be written.
+    lattice over the plate from which C* shows most, if the plate has another one. InputError if
+    near is not smaller than the reach, the aperture sees nothing of the objects, there is no usable
+    OpenGL, or the folder cannot be written.
     """
     require_seen(scene, [aperture])
     times_s, images, alone = {}, {}, replace(settings, camera=Camera.C_STAR)

@@ -269,7 +269,7 @@ class PlateMap:
 
     @property
     def largest(self) -> str:
-        """The largest value in words; empty where no hogel is known."""
+        """The largest value in words; empty if no hogel is known."""
         if not np.isfinite(self.cells).any():
             return ""
         value = float(np.nanmax(self.cells))

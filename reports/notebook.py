@@ -112,7 +112,7 @@ class Display:
 
     @property
     def first_png(self) -> bytes | None:
-        """The first picture; None where there is none, or it is no PNG."""
+        """The first picture; None if there is none, or it is no PNG."""
         content = next((figure.content for figure in self.figures), b"")
         return content if content.startswith(b"\x89PNG") else None
 

@@ -46,7 +46,7 @@ def parquet_bytes(table: pa.Table) -> bytes:
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table | None:
-    """Return the table of a file of `parquet_bytes`; None where it is missing or damaged."""
+    """Return the table of a file of `parquet_bytes`; None if it is missing or damaged."""
     try:
         content = io.BytesIO(read_input(path, "table"))
         table = pq.read_table(content, page_checksum_verification=True)
@@ -67,7 +67,7 @@ def _rows_and_schema(table: pa.Table) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class ParquetParts:
-    """Parts of one result in the folder `name` of `out`; InputError where it is not writable."""
+    """Parts of one result in the folder `name` of `out`; InputError if it is not writable."""
 
     out: Path
     name: str
@@ -84,8 +84,8 @@ class ParquetParts:
     def open(self, description: dict[str, Any]) -> None:
         """Make the folder, or check that it belongs to the same work, safely among processes.
 
-        The description has everything that decides the rows, in JSON's own types. InputError where
-        the folder holds something else.
+        The description has everything that decides the rows, in JSON's own types. InputError if the
+        folder holds something else.
         """
         path, expected = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with self._writing():
@@ -134,7 +134,7 @@ class ParquetParts:
             write_file(path, parquet_bytes(table), host=self.out)
 
     def read(self, number: int, columns: list[str] | None = None) -> pa.Table:
-        """Return the rows of a finished block; InputError where it is missing or damaged."""
+        """Return the rows of a finished block; InputError if it is missing or damaged."""
         table = read_parquet(self.path(number), columns)
         if table is None:
             raise InputError(
@@ -148,7 +148,7 @@ class ParquetParts:
             write_file(self.folder / name, content, host=self.out)
 
     def read_beside(self, name: str) -> bytes | None:
-        """Return a regular file beside the parts; None where there is none."""
+        """Return a regular file beside the parts; None if there is none."""
         try:
             return read_input(self.folder / name, "file")
         except InputError:

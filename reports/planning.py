@@ -435,7 +435,7 @@ def _plate_plan(
 
 
 def scanned_plate(scene: Scene, progress: bool) -> PlateScan:
-    """Scan apertures all over a plate; InputError where none sees anything."""
+    """Scan apertures all over a plate; InputError if none sees anything."""
     with progress_bar(None, "scan", "hogel", shown=progress) as bar:
         scan = scout(scene, bar.update)
     # The coarse film may miss a small object: the exact test decides before the error.
@@ -445,7 +445,7 @@ def scanned_plate(scene: Scene, progress: bool) -> PlateScan:
 
 
 def seen_view_zone(scene: Scene, viewer: Viewer) -> ViewZone:
-    """Return the view zone at a viewer's distance; InputError where an eye lies outside of it."""
+    """Return the view zone at a viewer's distance; InputError if an eye lies outside of it."""
     zone, display = view_zone(scene, viewer.distance), Display.from_scene(scene)
     if eyes_apart(viewer, display) <= zone.some_eyes_apart:
         return zone

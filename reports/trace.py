@@ -67,7 +67,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
 def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> TraceRecord:
     """Write the unexamined picture of a tracer in single precision as EXR.
 
-    InputError where the file cannot be written: it appears complete, or not at all.
+    InputError if the file cannot be written: it appears complete, or not at all.
     """
     # The proposal of the tracer, before certification.
     image = reference.propose(aperture)
@@ -89,8 +89,8 @@ def trace_to_file(
 ) -> TraceRecord:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    `compared` counts the errors of each tracer alone, too. InputError where
-    the file cannot be written: it appears complete, or not at all.
+    `compared` counts the errors of each tracer alone, too. InputError if the file cannot be
+    written: it appears complete, or not at all.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
@@ -124,9 +124,9 @@ def trace_transported(
 ) -> None:
     """Trace the truth of an aperture, color it by light paths, and write it as EXR.
 
-    Surfaces come from the certified truth. The color is a mean, whose variance goes into
-    channels of its own, and the number of light paths into the camera. InputError where the file
-    cannot be written: it appears complete, or not at all.
+    Surfaces come from the certified truth. The color is a mean, whose variance goes into channels
+    of its own, and the number of light paths into the camera. InputError if the file cannot be
+    written: it appears complete, or not at all.
     """
     scene = reference.scene
     with progress_bar(1 + scene.sampling.aperture, "trace", "image", shown=progress) as bar:

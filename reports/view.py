@@ -67,7 +67,7 @@ class Source:
 
     #: name of the renderer, or path of its files, for messages
     name: str
-    #: cameras of the hogels; None where unknown
+    #: cameras of the hogels; None if unknown
     settings: DoubleFrustum | None
     #: function that yields the hogels of some parts in order; pixels outside of the parts have no
     #: meaning
@@ -79,7 +79,7 @@ def drawing(
 ) -> Source:
     """Return hogels drawn on demand, one sample a pixel; `effects` None: all that the scene needs.
 
-    InputError where the settings make no sense for the scene's frustum.
+    InputError if the settings make no sense for the scene's frustum.
     """
     settings.check_against(scene.frustum)
     once = replace(scene, sampling=Sampling())
@@ -218,7 +218,7 @@ class SceneView(NotebookRepr):
     scene: Scene
     views: tuple[JudgedViews, ...]
     record: ViewRecord
-    #: distance by which all points move away from the plate, scene units; None where it varies
+    #: distance by which all points move away from the plate, scene units; None if it varies
     gap: float | None = None
 
     def summary(self) -> dict[str, Any]:
@@ -318,7 +318,7 @@ def view(
 
 
 def _gap(scene: Scene, settings: DoubleFrustum) -> float | None:
-    """Return the distance by which all points move away from the plate; None where it varies."""
+    """Return the distance by which all points move away from the plate; None if it varies."""
     rigid = moves_rigidly(scene.frustum, settings)
     plain = settings.fitted_height(scene.frustum) is None and not settings.slabs
     return settings.near if rigid and plain and settings.offset is not Offset.NONE else None

@@ -56,7 +56,7 @@ def scene_record(scene: Scene) -> Record:
 def machine_record(*, tracers: bool = False) -> Record:
     """Return machine, device of arrays, OpenGL renderer, and versions, also of tracers on request.
 
-    InputError where there is no usable OpenGL.
+    InputError if there is no usable OpenGL.
     """
     versions = provenance.versions()
     if tracers:
@@ -109,7 +109,7 @@ def rate_of(amount: float, seconds: Timing) -> Timing:
 def ratios_of(
     rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]
 ) -> dict[str, float | None]:
-    """Return quotients of median rates as "one/other"; None where the other does not run here."""
+    """Return quotients of median rates as "one/other"; None if the other does not run here."""
     return {
         f"{first}/{second}": rates[first].median / rates[second].median if second in rates else None
         for first, second in pairs
@@ -208,7 +208,7 @@ def benchmark_truth(
 ) -> Record:
     """Measure the certified truth of a middle aperture and bare tracers; W = H of each race.
 
-    InputError where the scene has no triangles.
+    InputError if the scene has no triangles.
     """
     scenes, races = [sized(scene, side) for side in resolutions], []
     with progress_bar(
@@ -437,7 +437,7 @@ COLOR_ONLY = PlateContent(color=ColorType.UINT8)
 def benchmark_plate(
     scene: Scene, resolution: int = 128, repeat: int = 5, *, progress: bool = False
 ) -> Record:
-    """Race the middle row of a scene's plate, W = H; InputError where it has no triangles."""
+    """Race the middle row of a scene's plate, W = H; InputError if it has no triangles."""
     scene = sized(scene, resolution)
     settings, row = settings_of(scene), scene.plate.middle.row
     apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]

@@ -73,7 +73,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """Measures of a replay to two eyes; None where a cell was not replayed."""
+    """Measures of a replay to two eyes; None if a cell was not replayed."""
 
     #: change of disparity
     replayed_stereo_arcsec: float | None = None
@@ -103,7 +103,7 @@ class Row(Replay, Cell):
     #: smallest that the viewer, or the display, resolves there
     resolved_separation: float
     resolved_by: str
-    #: p99 of displacement, pixels; None where surfaces pass through the aperture
+    #: p99 of displacement, pixels; None if surfaces pass through the aperture
     pixels_median: float | None
     pixels_worst: float | None
     #: share of the apertures that are displaced by more than `TOLERANCE_PX`
@@ -117,7 +117,7 @@ class Row(Replay, Cell):
 
     @property
     def offset_seen(self) -> bool:
-        """True where the viewer notices the near offset, by depth or by a crack."""
+        """True if the viewer notices the near offset, by depth or by a crack."""
         by_depth = self.stereo_arcsec > noticeable.STEREO_ACUITY_ARCSEC
         return by_depth or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
 
@@ -273,7 +273,7 @@ def make_study(
     """Answer a study, closed forms in this process, and write its document and data.
 
     A block of replays that is in the folder already, from the same libraries and device, is not
-    made again. Returns None where other parts of a job array are not replayed yet.
+    made again. Returns None if other parts of a job array are not replayed yet.
     """
     sweep = Sweep.from_measure(
         f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels)
@@ -339,7 +339,7 @@ def rule_near(distance: float) -> float:
 def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
     """Return the near at which a field that grows with near reaches its limit, by log scales.
 
-    None where the smallest near is beyond it already, infinite where the largest is not.
+    None if the smallest near is beyond it already, infinite where the largest is not.
     """
     line = sorted({row.near: row for row in rows}.values(), key=lambda row: row.near)
     ratios = [math.inf if (value := getattr(row, name)) is None else value / limit for row in line]

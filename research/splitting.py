@@ -369,7 +369,7 @@ def make_study(
     """Measure where one pair of frusta is enough, and write document, figures and data.
 
     A block that is in the folder already, from the same libraries and device, is not measured
-    again. Returns None where other parts of a job array are not measured yet.
+    again. Returns None if other parts of a job array are not measured yet.
     """
     check_folder(out, "when-to-split")
     sweep = Sweep.from_measure("splitting", out, Row, measure)
@@ -465,7 +465,7 @@ class Outcome(NamedTuple):
 
     #: with any of which one pair of frusta is enough, largest first
     nears: tuple[float, ...]
-    #: heights of the fewest slabs that were enough; None where none were
+    #: heights of the fewest slabs that were enough; None if none were
     slabs: tuple[float, ...] | None
 
 
@@ -575,7 +575,7 @@ def least_near(buffer: DepthBuffer) -> float | None:
     """Return the smallest near that orders `ASKED_SEPARATION` at the reach, a share of it.
 
     By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for
-    their size; None where even a trillionth of the reach does.
+    their size; None if even a trillionth of the reach does.
     """
 
     def excess(logarithm: float) -> float:
@@ -639,7 +639,7 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
 
     `cases` are drawn as in the paper; in `one_pair` of them one pair is enough. The other numbers
     are cases without enough that another depth buffer serves, a fit at the screen, no offset (None
-    where not drawn), and slabs, with at most `most_slabs` cuts.
+    if not drawn), and slabs, with at most `most_slabs` cuts.
     """
     results, entries = outcomes(rows), []
 

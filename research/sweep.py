@@ -128,7 +128,7 @@ class Sweep(Job):
 
     @contextmanager
     def open(self) -> Iterator[Sweep]:
-        """Provide the job itself; InputError where this process has another origin."""
+        """Provide the job itself; InputError if this process has another origin."""
         here = measured_by()
         if here.decisive != self.origin.decisive:
             raise InputError(

@@ -1,7 +1,7 @@
 """Arguments of the public dataclasses, taken as numbers, names and programs.
 
-A value that is no number becomes NaN, and a value that is no count a number below all counts, so
-that the test of the class refuses both with a message that shows the value.
+A value that is not a number becomes NaN; a value that is not a count becomes `NO_COUNT`, which is
+below all counts. The test of the class then refuses both with a message that shows the value.
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import TypeVar
 from xfrustum.scenes.errors import InputError
 
 Choice = TypeVar("Choice", bound=StrEnum)
-NO_COUNT = -1  # takes the place of a value that is no whole number; it is below every allowed count
+NO_COUNT = -1  # replaces a value that is not a whole number; it is below every allowed count
 
 
 def real(value: object) -> float:
@@ -31,7 +31,7 @@ def real(value: object) -> float:
 
 
 def reals(values: object, length: int | None = None) -> tuple[float, ...]:
-    """Return numbers as floats; one NaN for no sequence, or for another length."""
+    """Return numbers as floats; a single NaN if they are not a sequence of the right length."""
     items = _items(values, length)
     return (math.nan,) if items is None else tuple(map(real, items))
 
@@ -42,18 +42,18 @@ def whole(value: object) -> int:
 
 
 def wholes(values: object, length: int) -> tuple[int, ...]:
-    """Return whole numbers as ints; one `NO_COUNT` where they are not as many as are needed."""
+    """Return whole numbers as ints; a single `NO_COUNT` if their number is not the required one."""
     items = _items(values, length)
     return (NO_COUNT,) if items is None else tuple(map(whole, items))
 
 
 def check_program(command: str, folder: Path | None = None) -> None:
-    """Raise InputError where the program of a command that runs in a folder is not there."""
+    """Raise InputError if the program of a command that runs in a folder is not there."""
     try:
         name = (shlex.split(command) or [""])[0].replace("{{", "{").replace("}}", "}")
     except ValueError as error:
         raise InputError(f"--command {command!r}: {error}; mind the quotes") from error
-    # A name with a folder in it is not looked for in PATH.
+    # A name with a folder in it is not searched in PATH.
     if shutil.which((folder or Path()).resolve() / name if os.sep in name else name) is None:
         raise InputError(
             f"--command {command!r}: {name} is no program that can be run; name one in this "
@@ -69,7 +69,7 @@ def _items(values: object, length: int | None) -> tuple[object, ...] | None:
 
 
 def choice(kind: type[Choice], value: object, name: str) -> Choice:
-    """Return the member of an enumeration, by itself or by its value; else InputError."""
+    """Return a member of an enumeration, given itself or its value; InputError for other values."""
     try:
         return kind(value)  # type: ignore[arg-type]  # an enumeration refuses other values
     except ValueError as error:

@@ -8,7 +8,7 @@ Singles = NDArray[
     np.float32
 ]  # the same in single precision, as images and graphics cards hold them
 Mask = NDArray[np.bool_]  # truth values of pixels, triangles or other elements
-Indices = NDArray[np.int64]  # places of elements in another array
+Indices = NDArray[np.int64]  # indices into another array
 Numbers = NDArray[
     np.int32
 ]  # numbers of triangles and objects, as images hold them; `NOTHING` for none

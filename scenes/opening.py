@@ -24,22 +24,22 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
     A text that ends in .toml, and a `Path`, is a path; a built-in name comes before a file of the
-    same name. Raises InputError where it is neither, or the file is not a valid scene.
+    same name. Raises InputError if it is neither, or the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")
         if build := _builder(text):
             return build(text)
     regular_size(Path(text), "scene file")
-    # Built-in scenes and names of nothing need no reader of tables and meshes, which takes a second
-    # to load.
+    # Do not load the readers of tables and meshes, which takes a second, for built-in scenes and
+    # unknown names.
     from xfrustum.scenes.files.scene_file import read_scene  # noqa: PLC0415
 
     return read_scene(Path(text))
 
 
 def check_scene(text: str) -> None:
-    """Refuse what `open_scene` would refuse, as far as that shows without reading a mesh."""
+    """Raise the InputErrors of `open_scene` that can be detected without reading a mesh."""
     if _builder(text) is None:
         regular_size(Path(text), "scene file")
         from xfrustum.scenes.files.scene_file import checked  # noqa: PLC0415 - loads pydantic

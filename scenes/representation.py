@@ -56,7 +56,7 @@ LONGEST_PART = 100  #: largest number of characters of a nested record in a repr
 
 
 class ShortRepr:
-    """A dataclass whose `repr` has its fields, of arrays and large parts the type alone."""
+    """A dataclass whose `repr` shows its fields, but only the type of arrays and large parts."""
 
     def __repr__(self) -> str:
         names = [part.name for part in fields(self)]  # type: ignore[arg-type]
@@ -79,13 +79,13 @@ def _kind(value: object) -> str:
 # Labelled arrays of xarray
 # -------------------------------------------------------------------------------------------------
 
-SCENE_UNITS = "scene units"  #: unit of lengths of images whose scene is not at hand
+SCENE_UNITS = "scene units"  #: unit of lengths of images whose scene is not available
 NO_UNIT = "1"  #: unit of quantities without dimension, as in stored plates
 
 
 @dataclass(frozen=True)
 class Labelled:
-    """One array of an image, (H, W) or (H, W, 3), row 0 at the top, or one value; None for none."""
+    """Array of an image, (H, W) or (H, W, 3), row 0 at the top, or one value; None if missing."""
 
     values: NDArray[Any] | float | None
     meaning: str  #: in words
@@ -109,7 +109,7 @@ def dataset(
 
     Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md,
     "Plates"). The first of `images` is (H, W); `places` are coordinates of the whole image,
-    `attributes` its facts. None is left out. Raises InputError where xarray is not installed.
+    `attributes` its facts. Values None are left out. Raises InputError if xarray is not installed.
     """
     try:
         import xarray  # noqa: PLC0415 - it takes a second to load

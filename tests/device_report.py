@@ -78,7 +78,7 @@ class Session:
         return done.returncode, done.stdout
 
     def json(self, words: str) -> Any:
-        """Return the JSON of a command of xfrustum; None where it prints none."""
+        """Return the JSON of a command of xfrustum; None if it prints none."""
         arguments = ("-m", "xfrustum", *words.split(), "--json", "--quiet")
         _, text = self.run(f"xfrustum {words}", *arguments)
         return json.loads(text) if text else None

@@ -44,7 +44,7 @@ SHAPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A plan of a whole plate, and the survey with its settings; None where there is no plan."""
+    """A plan of a whole plate, and the survey with its settings; None if there is no plan."""
 
     plan: Plan | None
     survey: Any

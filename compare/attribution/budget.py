@@ -29,7 +29,7 @@ RIGHT = -1
 
 @dataclass(frozen=True, kw_only=True)
 class CauseNumbers:
-    """Effect of one link of the chain, measured and predicted; None where nothing is displaced."""
+    """Effect of one link of the chain, measured and predicted; None if nothing is displaced."""
 
     #: judged pixels charged to it that show the wrong surface
     surface: int

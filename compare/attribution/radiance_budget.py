@@ -205,7 +205,7 @@ def averaged_colors(
     """Return `local_colors`, each the mean over the samples of pixels and aperture of a scene.
 
     The device's own samples (multisample) are in the link from here to its image. Raises InputError
-    where a chain would have more than `MAX_CHAIN_PIXELS`.
+    if a chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution

@@ -153,7 +153,7 @@ class Measured:
         """Least distance from the middle of the window of a corner of a cut triangle, pixels.
 
         A cut makes corners, which are snapped, so that pixels beside its edges differ from the
-        whole triangle. None where no triangle is cut.
+        whole triangle. None if no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
         # Only triangles that reach out of the window can be cut there.
@@ -162,7 +162,7 @@ class Measured:
 
     @cached_property
     def snaps_depth(self) -> bool:
-        """True where stored depths are nearer to planes through snapped corners than to others."""
+        """True if stored depths are nearer to planes through snapped corners than to others."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
         # Medians: slivers have errors of any size on both kinds of planes.
         return bool(np.median(off[1]) < np.median(off[0]))
@@ -188,7 +188,7 @@ class Measured:
 
     @cached_property
     def filter_bits(self) -> int | None:
-        """Bits of the weights of a bilinear filter; None where they are finer than the search."""
+        """Bits of the weights of a bilinear filter; None if they are finer than the search."""
         for bits in range(MOST_FILTER_BITS + 1):
             scaled = self.fingerprint.filtered.astype(np.float64) * 2.0**bits
             # Weights on a grid of 2^-bits are integers after scaling; the coarsest such grid

@@ -51,7 +51,7 @@ class Defect:
 
     fault: str  #: name, a code of `verify --json`
     value: float | str  #: size as a number, or a code
-    low: float | None = None  #: ends of the interval of a number; None where unknown
+    low: float | None = None  #: ends of the interval of a number; None if unknown
     high: float | None = None
     unit: str | None = None  #: of `value`, `low` and `high`; None for codes
     alternatives: tuple[str, ...] = ()  #: names of defects that show the same images, or nearly so

@@ -404,7 +404,7 @@ class _Search:
         return self._best(IdRepair(kind=kind, reading=reading), lambda pair: pair.same(reading))[0]
 
     def _colors(self) -> FoundEncoding | None:
-        """Find how to read pixels that are colors of the scene; None where they are not."""
+        """Find how to read pixels that are colors of the scene; None if they are not."""
         colors = Reading(encoding=Encoding.RGB)
         # Pixels are lit where the truth around them shows a surface, and black where not.
         result, parts = self._best(

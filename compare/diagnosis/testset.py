@@ -125,7 +125,7 @@ class TestSet:
         return any(True for _ in self.outliers(model))
 
     def share(self, model: RendererModel) -> float | None:
-        """Return the share of the wrong pixels that a candidate explains; None where none is wrong.
+        """Return the share of the wrong pixels that a candidate explains; None if none is wrong.
 
         A pixel is explained if it is wrong by the nominal model, and right by the candidate or
         wrong by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes

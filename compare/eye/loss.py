@@ -231,7 +231,7 @@ class Loss:
 
     #: number of pixels without a tie
     judged: int
-    #: judged pixels with a wrong surface; None where the view names no surfaces
+    #: judged pixels with a wrong surface; None if the view names no surfaces
     wrong: int | None
     #: wrong over judged
     fraction: float | None
@@ -304,7 +304,7 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
     A pixel is wrong as in `display_loss`, except for hidden points that true hogels show as well.
     The displacement is the angle between the point of a hogel's pixel and the place of that point
     on the pixel's line, at its height: neither pitch nor pixels of hogels are in it. `numbered` is
-    true where the drawn picture names surfaces.
+    true if the drawn picture names surfaces.
     """
     true, drawn = views.replayed, views.drawn
     assert drawn is not None

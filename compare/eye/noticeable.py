@@ -107,7 +107,7 @@ def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
 class Viewer:
     """A pair of eyes straight before the plate, at a distance from it in scene units.
 
-    InputError where a number is not positive and finite.
+    InputError if a number is not positive and finite.
     """
 
     distance: float
@@ -138,7 +138,7 @@ class Display:
     pixel: float
     #: wavelength over pitch; 0 where the length of the scene's unit is not known
     diffraction: float
-    #: length of the scene's unit; None where it is not known
+    #: length of the scene's unit; None if it is not known
     millimeters: float | None
 
     @classmethod
@@ -166,7 +166,7 @@ class Display:
 class DisplayLimits:
     """Limits of a display for a viewer; lengths in scene units.
 
-    Values that depend on the length of the scene's unit are None where it is unknown.
+    Values that depend on the length of the scene's unit are None if it is unknown.
     """
 
     viewer: Viewer
@@ -263,7 +263,7 @@ def surface_content(scene: Scene) -> Content:
 
 
 def require_before_viewer(scene: Scene, content: Content, viewer: Viewer) -> None:
-    """Raise an InputError where a plate shows something behind a viewer."""
+    """Raise an InputError if a plate shows something behind a viewer."""
     if content.before is not None and content.before[1] >= viewer.distance:
         raise InputError(
             f"{scene.name} shows something {content.before[1]:.3g} {scene.units} before the "
@@ -272,7 +272,7 @@ def require_before_viewer(scene: Scene, content: Content, viewer: Viewer) -> Non
 
 
 def eyes_apart(viewer: Viewer, display: Display) -> float:
-    """Return the distance of a viewer's eyes, scene units; InputError where it is not known."""
+    """Return the distance of a viewer's eyes, scene units; InputError if it is not known."""
     if display.millimeters is None:
         raise InputError(
             "what two eyes see depends on their distance: name the scene's units, one of "

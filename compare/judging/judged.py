@@ -266,15 +266,15 @@ class HogelNumbers:
     by: str  # what `wrong` counts: triangle, object, color, outlines, or coverage
     wrong: int  # shown pixels that differ in it
     fraction: float
-    surface: SurfaceFigures | None  # None where the image names no surfaces
+    surface: SurfaceFigures | None  # None if the image names no surfaces
     invalid: int  # shown pixels that name a triangle or an object which the scene does not have
-    displacement_px: Spread | None  # None where it cannot be known
+    displacement_px: Spread | None  # None if it cannot be known
     displacement_by: MeasuredBy
     radiance: (
         ColorFigures | None
-    )  # None where the image lacks surfaces or colors, or these are not compared
+    )  # None if the image lacks surfaces or colors, or these are not compared
     causes: dict[str, int] | None  # wrong pixels by cause; None if not classified
-    outlines: OutlineFigures | None = None  # None where outlines are not compared
+    outlines: OutlineFigures | None = None  # None if outlines are not compared
 
     @property
     def blind(self) -> bool:
@@ -505,7 +505,7 @@ class _Compared:
         )
 
     def causes(self, scene: Scene, question: RendererModel, device: DeviceModel) -> Causes | None:
-        """Return the causes of the wrong pixels; None where images name no triangles."""
+        """Return the causes of the wrong pixels; None if images name no triangles."""
         # Nor through a lens: rounding is known of edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None

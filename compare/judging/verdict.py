@@ -56,10 +56,10 @@ class Check:
     """
 
     figure: str
-    value: float | None  #: None where it cannot be measured, or need not be
-    limit: float | None  #: None where nothing is limited
+    value: float | None  #: None if it cannot be measured, or need not be
+    limit: float | None  #: None if nothing is limited
     unit: str  #: `share` of pixels, or `px` of displacement
-    held: bool | None  #: None where nothing that the image shows could exceed the limit
+    held: bool | None  #: None if nothing that the image shows could exceed the limit
 
     @property
     def badness(self) -> tuple[bool, bool, float]:
@@ -208,7 +208,7 @@ class PlateNumbers:
 
     @classmethod
     def from_hogels(cls, figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
-        """Return the figures of all hogels together, None where there are none."""
+        """Return the figures of all hogels together, None if there are none."""
         known = [figure for figure in figures if figure is not None]
         if not known:
             return None

@@ -53,7 +53,7 @@ def places_of(figures: Figures) -> Places:
 
 
 def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
-    """Return wrong and shown pixels of all hogels by place; None where none is wrong."""
+    """Return wrong and shown pixels of all hogels by place; None if none is wrong."""
     wrong, shown = Counter[str](), Counter[str]()
     for aperture, places in hogels:
         sides = [count for name, count in places.items() if name.startswith("side/")]
@@ -77,7 +77,7 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
 
 
 def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dict[str, Any] | None:
-    """Return the numbers of wrong pixels, `where` of `verify --json`; None where nothing is wrong.
+    """Return the numbers of wrong pixels, `where` of `verify --json`; None if nothing is wrong.
 
     `front` is before the plate, drawn by C*. `hogels` has a list for each row of the plate, with
     None for hogels that were not judged; `shares` is the result of `where_wrong`.

@@ -33,7 +33,7 @@ class SurfaceShare(Share):
 
     #: of these, those whose point belongs outside the true film, where no pixel shows it
     outside: int
-    #: those whose true surface culling left out; None where nothing was culled
+    #: those whose true surface culling left out; None if nothing was culled
     culled: int | None = None
 
 
@@ -48,17 +48,15 @@ class ComparisonNumbers:
     covered: int
     #: raster pixels that show a surface in the plate, where displacement is undefined
     at_plate: int
-    #: None where the scene was not at hand
+    #: None if the scene was not at hand
     surface: SurfaceShare | None
-    #: None where the raster image names no triangles
+    #: None if the raster image names no triangles
     triangle: Share | None
-    displacement_px: (
-        error_maps.Spread | None
-    )  #: None where the raster shows no surface off the plate
+    displacement_px: error_maps.Spread | None  #: None if the raster shows no surface off the plate
     height: (
         error_maps.HeightError | None
-    )  #: None where no pixel shows the same triangle in both images
-    #: None where colors were not compared, or an image has none
+    )  #: None if no pixel shows the same triangle in both images
+    #: None if colors were not compared, or an image has none
     radiance: RadianceNumbers | None
     #: the truth's pixels by class
     certainty: dict[str, int]
@@ -69,7 +67,7 @@ class Comparison(ShortRepr, ComparisonNumbers):
     """Errors of a raster image, in numbers and pixel by pixel."""
 
     errors: error_maps.PixelErrors
-    #: None where they were not compared
+    #: None if they were not compared
     colors: RadianceError | None
 
     @property

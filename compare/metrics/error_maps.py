@@ -63,7 +63,7 @@ class Spread:
 
     @classmethod
     def from_values(cls, values: Floats) -> Spread | None:
-        """Return the spread of values of any shape, None where there are no values."""
+        """Return the spread of values of any shape, None if there are no values."""
         if values.size == 0:
             return None
         with np.errstate(invalid="ignore"):
@@ -420,7 +420,7 @@ class ErrorMaps(ShortRepr):
     displacement: Floats
     #: (H, W), NaN where the triangles differ
     height: Floats
-    #: (H, W, 3), NaN where not judged; None where not compared
+    #: (H, W, 3), NaN where not judged; None if not compared
     radiance: Floats | None
 
 

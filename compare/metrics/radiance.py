@@ -152,7 +152,7 @@ class LeftOutNumbers:
     mean: float
     mean_of_image: (
         float | None
-    )  #: over the mean radiance of the image without them; None where that is 0
+    )  #: over the mean radiance of the image without them; None if that is 0
     #: of the change, from which the noise is taken off
     rms: float
     rms_noise: float
@@ -338,7 +338,7 @@ class RadianceError(ShortRepr):
 def compare_radiance(
     truth: HogelImage, raster: HogelImage, *, perceptual: bool = False
 ) -> RadianceError | None:
-    """Return the radiance error; None where an image has no color, or nothing is judged."""
+    """Return the radiance error; None if an image has no color, or nothing is judged."""
     if truth.color is None or raster.color is None:
         return None
     # A plane for each channel: along rows of three numbers, NumPy takes several times as long.

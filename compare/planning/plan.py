@@ -144,7 +144,7 @@ class Plan:
     #: None for a plan of some apertures
     plate: PlateResult | None = None
     limits: Limits | None = None
-    #: search that led to it; None where none was made
+    #: search that led to it; None if none was made
     outcome: Outcome | None = None
     #: name of the model of the device that measured it
     device_model: str | None = None

@@ -131,7 +131,7 @@ class NearLimit:
 
     #: `STEREO` or `CRACK`
     name: str
-    #: three digits; None where every near is unnoticed, 0 where none is
+    #: three digits; None if every near is unnoticed, 0 where none is
     largest_near: float | None
     #: arc seconds of disparity, or arc minutes of a crack's width
     allowed: float
@@ -140,7 +140,7 @@ class NearLimit:
 
 
 def binding(limits: Iterable[NearLimit]) -> NearLimit | None:
-    """Return the limit with the smallest near; None where every near is unnoticed."""
+    """Return the limit with the smallest near; None if every near is unnoticed."""
     noticed = [limit for limit in limits if limit.largest_near is not None]
     return min(noticed, key=lambda limit: limit.largest_near or 0.0, default=None)
 
@@ -152,8 +152,7 @@ class ViewerRequirement:
     viewer: noticeable.Viewer
     display: noticeable.Display
     content: noticeable.Content
-    #: cause of the limit on depth resolution, and its height z; None where the separation was
-    #: stated
+    #: cause of the limit on depth resolution, and its height z; None if the separation was stated
     separation_limit: tuple[str, float] | None = None
 
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:

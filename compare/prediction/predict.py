@@ -61,7 +61,7 @@ class Separations:
 class Prediction:
     """Expected errors of one choice of settings; shares refer to the judged pixels."""
 
-    #: None where no surface off the plate is drawn, and where it is not predicted
+    #: None if no surface off the plate is drawn, and where it is not predicted
     displacement_px: Spread | None
     silhouettes: float  #: wrong surface along silhouettes because of displacement
     snapped: float  #: wrong surface along silhouettes because edges snap to subpixels

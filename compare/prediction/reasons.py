@@ -27,7 +27,7 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Reasons:
-    """Reasons for invalid predictions of displacement and wrong surfaces; None where valid."""
+    """Reasons for invalid predictions of displacement and wrong surfaces; None if valid."""
 
     displacement: str | None = None
     surface: str | None = None

@@ -278,7 +278,7 @@ class RendererModel:
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back: Back = Back.NEAREST
-    #: camera to which alone shift, fov and near apply; None where they apply to both
+    #: camera to which alone shift, fov and near apply; None if they apply to both
     one_camera: OneCamera | None = None
     #: whether the lights of the viewer's half are conjugated
     conjugated: bool = True

@@ -151,7 +151,7 @@ class _Plane:
         return cls(normal=normal, offset=offset, axes=(x, y), edges=tuple(edges))
 
     def met_by(self, d: Integers) -> Ratio | None:
-        """Return the ratio s at which the line s d meets the triangle; None where it does not."""
+        """Return the ratio s at which the line s d meets the triangle; None if it does not."""
         # Step 1: the plane is met at s = offset / slope; slope zero is a line parallel to the
         # plane.
         slope = self.normal[0] * d[0] + self.normal[1] * d[1] + self.normal[2] * d[2]

@@ -105,7 +105,7 @@ class SphereCheck:
 
     @property
     def agrees(self) -> bool:
-        """True where every line meets the right triangles."""
+        """True if every line meets the right triangles."""
         return self.vertex_misses == self.edge_misses == self.wrong == 0
 
 
@@ -119,7 +119,7 @@ class SelfCheck:
 
     @property
     def agrees(self) -> bool:
-        """True where no image and no line of the sphere is wrong."""
+        """True if no image and no line of the sphere is wrong."""
         return not any(view.wrong for view in self.views) and (
             self.sphere is None or self.sphere.agrees
         )
@@ -145,7 +145,7 @@ def selfcheck(
 
     `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes
     smaller images and a coarser sphere. `processes` compute; None for one per processor, 1 for the
-    calling process. Raises InputError where there is no such scene, or it is a giant.
+    calling process. Raises InputError if there is no such scene, or it is a giant.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]

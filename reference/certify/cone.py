@@ -136,8 +136,8 @@ class Cones:
     """Triangles seen from the center of a ray bundle.
 
     `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in
-    them. `within` is true where all of a triangle surely lies in the range of the lines, `holds`
-    where the center lies in the closed triangle.
+    them. `within` is true if all of a triangle surely lies in the range of the lines, `holds` where
+    the center lies in the closed triangle.
     """
 
     edges: list[list[Any]]

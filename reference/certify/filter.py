@@ -52,8 +52,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 class Pairs:
     """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
 
-    The true place where the line meets the triangle's plane lies in s +- error; `sure` is true
-    where the line surely meets the triangle, inside the range of s.
+    The true place where the line meets the triangle's plane lies in s +- error; `sure` is true if
+    the line surely meets the triangle, inside the range of s.
     """
 
     pixel: Indices

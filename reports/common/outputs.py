@@ -51,7 +51,7 @@ def json_object(record: Any) -> dict[str, Any]:
 
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
-    """Return a bar of `total` units, None where unknown; the caller updates it."""
+    """Return a bar of `total` units, None if unknown; the caller updates it."""
     # A log keeps every line that a terminal would overwrite, so it gets few of them.
     shown = shown and sys.stderr is not None
     seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
@@ -173,7 +173,7 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
 
 
 def write_output(path: Path, content: bytes, option: str = "--out") -> None:
-    """Write the file that an option names, whole or not at all; InputError where that cannot be."""
+    """Write the file that an option names, whole or not at all; InputError if that cannot be."""
     with refused(f"{option} {path}: cannot write"):
         durable.write_file(path, content)
 

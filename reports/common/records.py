@@ -32,7 +32,7 @@ def named_columns(pattern: str) -> Mapping[str, str]:
 
 
 class Column(NamedTuple):
-    """One column of a table: a value for each row as JSON takes it, None where the row has none."""
+    """One column of a table: a value for each row as JSON takes it, None if the row has none."""
 
     name: str
     type: pa.DataType

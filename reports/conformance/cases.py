@@ -231,7 +231,7 @@ def traced(case: Case, scene: Scene) -> list[HogelImage]:
 
 @dataclass(frozen=True, kw_only=True)
 class Archive:
-    """Archive of cases and truths; InputError where it belongs to another suite."""
+    """Archive of cases and truths; InputError if it belongs to another suite."""
 
     path: Path
 
@@ -239,7 +239,7 @@ class Archive:
         _open_archive(self.path)
 
     def __call__(self, case: Case, scene: Scene) -> list[HogelImage]:
-        """Return the truth of each hogel of a case; InputError where the archive has another."""
+        """Return the truth of each hogel of a case; InputError if the archive has another."""
         reference, truths, archive = Reference(scene), [], _open_archive(self.path)
         try:
             for number, aperture in enumerate(case.apertures(scene)):

@@ -137,7 +137,7 @@ class CaseRenderer:
         return str(self.command or self.images or self.python)
 
     def function(self) -> Drawing:
-        """Return the function of a renderer in Python; InputError where there is none."""
+        """Return the function of a renderer in Python; InputError if there is none."""
         module, _, name = str(self.python).partition(":")
         if not module or not name:
             raise InputError(f"--python {self.python!r}: give module:function")

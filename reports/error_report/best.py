@@ -86,7 +86,7 @@ class Measurement:
     aperture: Aperture
     settings: DoubleFrustum
     comparison: ComparisonNumbers
-    #: links of the error budget with their wrong pixels; empty where left out
+    #: links of the error budget with their wrong pixels; empty if left out
     causes: tuple[Cause, ...]
     #: wrong pixels without an explanation by rounding; None without causes
     unexplained: int | None

@@ -121,8 +121,8 @@ def make_report(
     They go into the folder `out`, by default `default_folder`, where no file appears before all are
     complete.
 
-    InputError where a setting makes no sense, there is nothing to measure or to see, the folder
-    cannot be written, or there is no OpenGL.
+    InputError if a setting makes no sense, there is nothing to measure or to see, the folder cannot
+    be written, or there is no OpenGL.
     """
     options = options or ReportOptions()
     places = scene.default_apertures() if options.apertures is None else options.apertures

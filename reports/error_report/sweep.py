@@ -116,7 +116,7 @@ def default_nears(frustum: Frustum) -> tuple[float, ...]:
 def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
     """Return all settings of a report, geometry by geometry, all nears of a buffer in turn.
 
-    InputError where settings make no sense for the frustum.
+    InputError if settings make no sense for the frustum.
     """
     usual = options.nears is None
     nears = dict.fromkeys(default_nears(frustum) if options.nears is None else options.nears)
@@ -164,7 +164,7 @@ class Truth:
     """Picture of the truth of an aperture, and the errors of each ray tracer alone."""
 
     picture: bytes
-    #: None where a tracer alone made the truth
+    #: None if a tracer alone made the truth
     alone: AloneNumbers | None
 
 
@@ -208,7 +208,7 @@ class Sweep:
 
     @property
     def auto(self) -> AutoApertures | None:
-        """The scout from which the apertures were chosen; None where they were given."""
+        """The scout from which the apertures were chosen; None if they were given."""
         apertures = self.options.apertures
         return apertures if isinstance(apertures, AutoApertures) else None
 
@@ -232,7 +232,7 @@ def sweep(
     """Measure every setting at every aperture, at least one each.
 
     Only numbers and encoded pictures are kept, so memory does not grow with the float images.
-    Raises InputError where there is no usable OpenGL or no such tracer.
+    Raises InputError if there is no usable OpenGL or no such tracer.
     """
     options, begun = options or ReportOptions(), time.perf_counter()
     # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond
@@ -392,7 +392,7 @@ class LightReport:
     decisions: tuple[EffectRow, ...]
     #: truth of equal images, bit by bit, with all effects and with the needed ones
     same_bits: bool
-    #: error by near; empty where no highlight and no reflection is drawn
+    #: error by near; empty if no highlight and no reflection is drawn
     eye: tuple[EyeError, ...]
     #: missed light by aperture; empty without light transport
     missed: tuple[MissedLight, ...]

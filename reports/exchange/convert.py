@@ -250,7 +250,7 @@ def convert(
 
 
 def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> plate_files.FileSet:
-    """Return the files of a whole plate; InputError where the plate is incomplete."""
+    """Return the files of a whole plate; InputError if the plate is incomplete."""
     shape = None
     if options.hogels is not None:
         shape = layouts.PlateShape(hogels=options.hogels, resolution=(1, 1))
@@ -291,7 +291,7 @@ def is_one_file(out: Path, layout: str) -> bool:
 
 
 def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) -> layouts.Target:
-    """Return layout and names of the files to be written; InputError where they cannot hold it."""
+    """Return layout and names of the files to be written; InputError if they cannot hold it."""
     layout, single = layouts.layouts_named(name)[0], is_one_file(out, name)
     suffix = out.suffix.lower() if single else options.suffix
     suffix = suffix or (".exr" if plate.floating else ".png")
@@ -351,7 +351,7 @@ class LaidOutPlate:
         return laid_out if self.keeps_group else self.out
 
     def check(self, scene: Scene, content: PlateContent, *, judged: bool) -> None:
-        """Raise InputError where the files cannot be written, or would lose images or measures."""
+        """Raise InputError if the files cannot be written, or would lose images or measures."""
         if not {Channel.COLOR, Channel.TRIANGLE} & {*content.channels}:
             raise InputError(
                 "--layout writes colors or triangle numbers: add color or triangle to --channels"

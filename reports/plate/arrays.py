@@ -280,7 +280,7 @@ class _RegularFiles(LocalStore):
 
 
 def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None) -> zarr.Group:
-    """Open the Zarr group in a folder; InputError where it is missing or damaged.
+    """Open the Zarr group in a folder; InputError if it is missing or damaged.
 
     `consolidated` chooses the copies of descriptions in the group's own file; None for any.
     """
@@ -301,7 +301,7 @@ def reason_of(error: Exception) -> str:
 
 
 def description_of(place: Path) -> dict[str, Any] | None:
-    """Return the description of a stored plate; None where there is none of ours."""
+    """Return the description of a stored plate; None if there is none of ours."""
     try:
         description = open_group(place).attrs.get(ATTRIBUTE)
     except InputError:

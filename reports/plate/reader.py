@@ -81,7 +81,7 @@ def _described(place: object, attributes: Mapping[str, Any]) -> _Description:
 
 
 def checked_group(place: Path) -> zarr.Group:
-    """Open a Zarr group; InputError where a drawn plate differs from its own description.
+    """Open a Zarr group; InputError if a drawn plate differs from its own description.
 
     Groups of other programs, which have no description, are returned unchecked.
     """
@@ -130,14 +130,14 @@ class PlateReader:
             ) from error
 
     def image(self, name: str, column: int, row: int) -> Any:
-        """Return an image of a finished hogel; InputError where its file is damaged or gone."""
+        """Return an image of a finished hogel; InputError if its file is damaged or gone."""
         return read_hogel(self.path, self.arrays[name], column, row)
 
 
 def read_hogel(
     place: Path, array: zarr.Array[Any], column: int, row: int, *, must_exist: bool = True
 ) -> Any:
-    """Return an image of a hogel; InputError where its file is damaged, or gone and must exist."""
+    """Return an image of a hogel; InputError if its file is damaged, or gone and must exist."""
     reason = "its file is gone"
     # Zarr returns the fill value for a missing shard, which equals a black hogel.
     if not must_exist or shard_file(place, array, column, row).is_file():
@@ -158,7 +158,7 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     x, y, the shear k and the half-extent t. It has the settings that the plate was drawn with. The
     store is a folder, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
 
-    InputError where there is no plate, or no such hogel on it.
+    InputError if there is no plate, or no such hogel on it.
     """
     in_folder = isinstance(store, str | Path)
     group = open_group(Path(store)) if in_folder else store

@@ -87,7 +87,7 @@ class PlateStore:
         return tuple(missing), damaged
 
     def write(self, tile: Tile) -> None:
-        """Add the hogels of a tile to its block; InputError where the disk is full."""
+        """Add the hogels of a tile to its block; InputError if the disk is full."""
         block = tile.block
         whole = fcntl.LOCK_SH if tile.drawn.all() else fcntl.LOCK_EX
         with (
@@ -141,8 +141,8 @@ def open_store(
 ) -> PlateStore:
     """Open the plate of a scene, or make it, safely among processes.
 
-    If `free`, an existing store keeps its size of blocks. InputError where it was drawn from
-    another scene or with other settings, is something else, or is damaged.
+    If `free`, an existing store keeps its size of blocks. InputError if it was drawn from another
+    scene or with other settings, is something else, or is damaged.
     """
     expected = json.loads(json.dumps({**description, LAYOUT: {"block": arrays.side}}))
     if not out.exists():
@@ -175,7 +175,7 @@ def open_store(
 
 
 def _stored_side(layout: object, plate: Plate) -> tuple[int, int] | None:
-    """Return columns and rows of a block by a description; None where it is damaged."""
+    """Return columns and rows of a block by a description; None if it is damaged."""
     side = layout.get("block") if isinstance(layout, dict) else None
     if not (isinstance(side, list) and [type(count) for count in side] == [int, int]):
         return None
@@ -206,7 +206,7 @@ class PlateSize:
         )
 
     def require_room(self) -> None:
-        """Raise InputError where the disk has less free space than the hogels may take."""
+        """Raise InputError if the disk has less free space than the hogels may take."""
         if self.needed > self.free:
             raise InputError(
                 f"--out {self.words}; free some space, draw fewer hogels with --apertures, or "

@@ -323,7 +323,7 @@ def check(
 
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
-    """Write side.svg and top.svg into a folder, both or none; InputError where that cannot be."""
+    """Write side.svg and top.svg into a folder, both or none; InputError if that cannot be."""
     return write_files(
         out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)}
     )

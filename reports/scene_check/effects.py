@@ -135,8 +135,8 @@ def scene_effects(
 ) -> SceneEffects:
     """Return the effects of an aperture's images, from the scene alone.
 
-    The aperture is the middle one where None; settings are by default `default_near` without
-    cuts. InputError where settings do not fit the scene, or a surface lies behind the viewer.
+    The aperture is the middle one where None; settings are by default `default_near` without cuts.
+    InputError if settings do not fit the scene, or a surface lies behind the viewer.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=default_near(scene))
@@ -303,7 +303,7 @@ def _points(count: int | None) -> str:
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
     """Return the limits of a display for a viewer at a distance, and whether near is seen there.
 
-    All surfaces within the reach count, hidden or not; InputError where one lies behind the viewer.
+    All surfaces within the reach count, hidden or not; InputError if one lies behind the viewer.
     """
     # Deferred: measures of eyes load the ray tracers, and `check` without a viewer needs none.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415

@@ -146,8 +146,8 @@ def new_scene(
     the plate, or behind it where it is flat and would lie in the plate, where displacement is
     undefined.
 
-    InputError where the mesh cannot be read or has no size, a length is not positive or has an
-    unknown unit, the pitch is larger than the plate, the file exists already or cannot be written.
+    InputError if the mesh cannot be read or has no size, a length is not positive or has an unknown
+    unit, the pitch is larger than the plate, the file exists already or cannot be written.
     """
     mesh, request = Path(mesh), replace(options or NewSceneOptions(), **fields)
     place = None if request.place is None else choice(Place, request.place, "place")

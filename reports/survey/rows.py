@@ -127,7 +127,7 @@ class WorstHogel:
 
     #: column and row
     aperture: tuple[int, int]
-    #: None where it is undefined
+    #: None if it is undefined
     displacement_p99_px: float | None
     surface_fraction: float
     beyond: bool

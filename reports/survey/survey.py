@@ -52,8 +52,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     A survey that was stopped goes on where it was, with the rows of a run that was not disturbed
     but for the index of `device`, which names the device of the worker.
 
-    InputError where the scene, settings or folder are not usable, or the folder holds another
-    survey.
+    InputError if the scene, settings or folder are not usable, or the folder holds another survey.
     """
     one_of(scene, Scene, "scene")
     request, engine = request or SampleRequest(), engine or Engine()
@@ -130,7 +129,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 def _each(
     settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene
 ) -> tuple[DoubleFrustum, ...]:
-    """Return the settings, each once; InputError where one does not suit the scene."""
+    """Return the settings, each once; InputError if one does not suit the scene."""
     drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
     if not drawn:
         raise InputError("a survey needs at least one setting; give --near or --nears")

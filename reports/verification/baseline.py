@@ -123,9 +123,9 @@ class MeasureChange:
     measure: str
     aperture: Place
     accepted: float | None
-    #: largest value that is not worse; None where nothing is accepted
+    #: largest value that is not worse; None if nothing is accepted
     limit: float | None
-    #: None where it cannot be measured any more
+    #: None if it cannot be measured any more
     now: float | None
     change: Change
 
@@ -246,7 +246,7 @@ def baseline(
 ) -> Baseline:
     """Compare a verification with the accepted run of a folder; keep it there if approved.
 
-    InputError where the folder cannot be written, or holds a file that is no accepted run; then
+    InputError if the folder cannot be written, or holds a file that is no accepted run; then
     nothing is approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
@@ -283,7 +283,7 @@ def baseline(
 
 
 def check_folder(folder: Path) -> None:
-    """Raise InputError where accepted runs cannot be kept in a folder; leaves nothing behind."""
+    """Raise InputError if accepted runs cannot be kept in a folder; leaves nothing behind."""
     try:
         check_writable_folder(folder)
         # Both levels are tested: the folder may exist and its subfolder be read-only.

@@ -72,7 +72,7 @@ class VerifyJob(HogelJob):
 
     @contextmanager
     def open(self) -> Iterator[VerifySession]:
-        """Open the source of images; InputError where it has others than the command's."""
+        """Open the source of images; InputError if it has others than the command's."""
         # Image files may change while a long verification runs, or differ between machines.
         require_state(self.request, self.state)
         reference = Reference(self.request.scene)
@@ -124,7 +124,7 @@ class VerifySession(Session):
         self.job.parts.write(block.number, pa.Table.from_pylist(rows))
 
     def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
-        """Return a hogel in pictures, perhaps with all channels; None where it is missing."""
+        """Return a hogel in pictures, perhaps with all channels; None if it is missing."""
         scene = self.job.request.scene
         aperture = scene.plate.aperture(*index)
         figures = self.run.figures(self.known[1], aperture)
@@ -143,7 +143,7 @@ def verify_on(
 
     Stopped at any moment and called again with the same folder it goes on where it was. Parts are
     kept in `out`, None for a folder of this machine's that is gone afterwards; `note` takes notes
-    in words. Returns None where other parts of a job array are not finished yet.
+    in words. Returns None if other parts of a job array are not finished yet.
 
     InputError as from `verify`, and where there is no folder that others see, or it holds something
     else.

@@ -90,7 +90,7 @@ class Source:
         raise NotImplementedError
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError where it is plain beforehand that there will be no image at all."""
+        """Raise InputError if it is plain beforehand that there will be no image at all."""
 
     def read(self, path: Path, aperture: Aperture, name: str) -> HogelImage:
         """Read a file, or raise Problem that calls it by a name."""
@@ -129,7 +129,7 @@ class Files(Source):
         return Path(self.folder or "", self.named(aperture))
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError where there are apertures, and none of their files exists."""
+        """Raise InputError if there are apertures, and none of their files exists."""
         # As for an eye that sees no hogel.
         if not apertures:
             return
@@ -181,7 +181,7 @@ class LaidOut(Source):
         return not self.files.layout.in_hogels
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError where there is a file for none of the hogels."""
+        """Raise InputError if there is a file for none of the hogels."""
         known = not self.of_views and self.fits
         if known and not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
             raise InputError(
@@ -403,7 +403,7 @@ def state_of(request: Request) -> str:
 
 
 def require_state(request: Request, state: str) -> None:
-    """Raise InputError where this process has other files than the command had."""
+    """Raise InputError if this process has other files than the command had."""
     command, folder = request.options.command, request.folder
     name = request.source if command is None else f"--command {command!r}"
     # Absolute names need no folder.

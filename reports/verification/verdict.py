@@ -170,7 +170,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def explained(self) -> bool | None:
-        """True if the diagnosis explains the wrong pixels; None where no judged image is wrong."""
+        """True if the diagnosis explains the wrong pixels; None if no judged image is wrong."""
         wrong = self.diagnosis.does_not_explain or any(check.held is False for check in self.checks)
         return True if self.diagnosis.faults else False if wrong else None
 
@@ -343,7 +343,7 @@ MAP_CLASSES = (
 
 
 def plate_map(verification: Verification) -> dict[str, Any] | None:
-    """Return the classes of hogels as cells of an SVG; None where no map is needed.
+    """Return the classes of hogels as cells of an SVG; None if no map is needed.
 
     A cell of a large plate stands for several hogels, and shows the worst of them.
     """

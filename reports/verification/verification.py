@@ -60,8 +60,7 @@ def verify(
     `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture;
     single fields of `VerifyOptions` may be passed by name.
 
-    InputError where the scene, the source or an option is not usable, or no aperture sees any
-    object.
+    InputError if the scene, the source or an option is not usable, or no aperture sees any object.
     """
     options = replace(options or VerifyOptions(), **fields)
     usable = open_scene(scene) if isinstance(scene, str) else scene
@@ -173,7 +172,7 @@ class Run:
             yield from in_order(tasks, most)
 
     def figures(self, question: Question, aperture: Aperture) -> FiguresPair | None:
-        """Return the figures of one hogel; None where it is missing."""
+        """Return the figures of one hogel; None if it is missing."""
         return self._judged(question, aperture, self._image(aperture))[1]
 
     def _image(self, aperture: Aperture) -> HogelImage | Problem:

@@ -23,7 +23,7 @@ MAX_RADIANCE = 1e30
 
 
 def _color(name: str, value: object) -> Color:
-    """Return coefficients as linear RGB; InputError where one lies outside its range."""
+    """Return coefficients as linear RGB; InputError if one lies outside its range."""
     color = reals(value, 3)
     if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
         raise InputError(
@@ -34,7 +34,7 @@ def _color(name: str, value: object) -> Color:
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """A Phong material under a mirror (paper, section 3, figure 3); linear RGB.
+    """A Phong material with added mirror reflection (paper, section 3, figure 3); linear RGB.
 
     Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1,
     is the share of the environment's radiance that is added. Raises InputError outside the ranges.
@@ -59,16 +59,16 @@ class Material:
         settle(self, exponent=exponent)
 
 
-#: Material of every object that names none: gray, with a soft highlight.
+#: Material of objects without a material name: gray, with a soft highlight.
 DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionalLight:
-    """A light at infinity, hence its own conjugate (paper, section 3).
+    """A light at infinity, and therefore its own conjugate (paper, section 3).
 
-    The direction points to it and is made a unit vector. The color is its irradiance over pi, which
-    a white diffuse surface facing it shows. Raises InputError where the direction has no length.
+    The direction points to the light and is normalized. The color is its irradiance over pi, which
+    a white diffuse surface facing it shows. Raises InputError if the direction has no length.
     """
 
     direction: tuple[float, float, float]
@@ -83,7 +83,7 @@ class DirectionalLight:
         settle(self, direction=unit, color=_color("color", self.color))
 
 
-#: Light of scenes that name no light and no environment: from above, left, and the viewer's side.
+#: Light of scenes without lights and environment: from above, left, and the viewer's side.
 DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
 
 
@@ -92,9 +92,9 @@ class Environment:
     """Radiance from all directions: a latitude-longitude map (H, W, 3), row 0 on top.
 
     The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle
-    follows +x, then +z at both ends. It is seen only in reflections: a line that meets nothing
-    shows black. Raises InputError where the array has another shape, or radiance is negative or
-    beyond `MAX_RADIANCE`.
+    follows +x, then +z at both ends. It is visible only in reflections: a line that meets nothing
+    shows black. Raises InputError if the array has another shape, or radiance is negative or beyond
+    `MAX_RADIANCE`.
     """
 
     radiance: Singles
@@ -148,7 +148,8 @@ class Appearance:
         for name, material in self.materials.items():
             one_of(material, Material, f"materials[{name!r}]")
         one_of(self.lights, Iterable, "lights")
-        # A dictionary of its own: scenes travel to worker processes, and proxies do not pickle.
+        # Copy into a dictionary: scenes are pickled for worker processes, and proxies cannot be
+        # pickled.
         settle(self, materials=dict(self.materials), lights=tuple(self.lights))
         for number, light in enumerate(self.lights):
             one_of(light, DirectionalLight, f"lights[{number}]")

@@ -17,7 +17,7 @@ MAX_SAMPLES = 1 << 16  #: largest count of samples of any kind
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """Samples of color per pixel and per aperture, 1 to `MAX_SAMPLES`; else InputError."""
+    """Samples of color per pixel and per aperture, 1 to `MAX_SAMPLES`; otherwise InputError."""
 
     supersample: int = 1  #: points along each side of a pixel, on a regular grid (box filter)
     #: coverage samples of the rasterizer; the reference averages over the same box
@@ -38,10 +38,10 @@ class Sampling:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """Light transport that a rasterizer leaves out, and that Mitsuba simulates; else InputError."""
+    """Light transport that only Mitsuba simulates; InputError for values out of range."""
 
     shadows: bool = False  #: whether surfaces hide lights from each other
-    interreflection: bool = False  #: whether they light each other
+    interreflection: bool = False  #: whether surfaces light each other
     samples: int = 64  #: light paths per pixel
 
     def __post_init__(self) -> None:

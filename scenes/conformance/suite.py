@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SUITE = "1.0"
 FOLDER = Path(__file__).parent / SUITE
 
-#: levels and their subjects; each is passed by itself
+#: levels and their subjects; each level is passed independently
 LEVELS = {
     "L0": "conventions: orientation, numbering, layout, and which half looks where",
     "L1": "surfaces: every pixel that is not within rounding of an edge, on both sides of the "
@@ -58,7 +58,7 @@ class Case:
     hogels: tuple[tuple[int, int], ...]
     #: content of pixels: `triangle-id`, `object-id`, `rgb` or `srgb`
     encoding: str
-    #: subject of the case, one sentence
+    #: purpose of the case, one sentence
     why: str
     #: W, H, pixels; None: the scene's
     resolution: tuple[int, int] | None = None
@@ -66,10 +66,11 @@ class Case:
     near: float | None = None
     depth: DepthFormat = DepthFormat.D32F
     mapping: DepthMapping = DepthMapping.REVERSED
-    #: largest share of shown pixels that can be wrong without an accepted reason, 0 to 1. L0 fails
-    #: on conventions alone: renderers with mistakes of later levels get at most 26 % of a case
-    #: wrong, and each wrong convention at least 56 % of some case, so that L0 has 0.3. Colors in L4
-    #: show neither slivers narrower than a pixel nor surfaces beyond the film's border: 0.005.
+    #: largest share of shown pixels that can be wrong without an accepted reason, 0 to 1. Only
+    #: wrong conventions must fail L0: mistakes of later levels make at most 26 % of a case wrong,
+    #: and each wrong convention at least 56 % of some case; L0 therefore has 0.3. L4 has 0.005,
+    #: because colors show neither slivers narrower than a pixel nor surfaces beyond the film's
+    #: border.
     wrong: float = 0.0
     #: of linear radiance; None: `COLOR_TOLERANCE`
     tolerance: float | None = None
@@ -87,7 +88,7 @@ class Case:
 
     @property
     def colored(self) -> bool:
-        """Colors in the pixels, as in cases of light, instead of numbers."""
+        """True if pixels contain colors, as in cases of light, and not numbers."""
         return self.encoding in ("rgb", "srgb")
 
     def open(self) -> Scene:
@@ -107,7 +108,7 @@ class Case:
         return [scene.plate.aperture(*index) for index in self.hogels]
 
     def settings(self, scene: Scene) -> DoubleFrustum:
-        """Return the two cameras that the case hands out: the stated ones, or close ones."""
+        """Return the two cameras that renderers get: as stated, or with a tiny near offset."""
         near = CLOSE_NEAR * scene.frustum.longest_reach if self.near is None else self.near
         return DoubleFrustum(near=near, depth=self.depth, mapping=self.mapping)
 

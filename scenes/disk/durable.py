@@ -1,7 +1,8 @@
 """Files and folders that are whole or absent: written under a temporary name, then renamed.
 
-A temporary name is `.xfrustum-HOST-PID-..`, in the same folder. A killed process leaves such files;
-the next process that writes there removes them, unless a running process has that number by then.
+A temporary name is `.xfrustum-HOST-PID-..`, in the same folder. A killed process leaves such files
+behind. The next process that writes to the folder removes them, unless a running process has the
+same PID by then.
 """
 
 import errno
@@ -32,16 +33,16 @@ def _host() -> str:
 
 
 class TempPath:
-    """A file or a folder in the making, at `path` in the folder `host`: rename it to keep it.
+    """Temporary file or folder, at `path` in the folder `host`: rename it to keep it.
 
-    A context manager that removes what still has this name, and first what killed processes left
-    there.
+    A context manager: on entry it removes leftovers of killed processes, on exit the file or folder
+    that still has this name.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
         remove_abandoned(host)
         self.path = host / f".xfrustum-{_host()}-{os.getpid()}-{secrets.token_hex(4)}"
-        with delayed():  # noted for removal before a signal is obeyed
+        with delayed():  # a signal waits until the path is recorded for removal
             self._made = False
             if folder:
                 self.path.mkdir(mode=0o700)
@@ -80,15 +81,14 @@ def remove_abandoned(host: Path) -> None:
 def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
     """Yield a temporary path, and rename it to the disk when the block ends without error.
 
-    Links are followed: their target is replaced, keeping its permissions, and they stay. Devices,
-    pipes and the process's own open files, such as `/dev/stdout`, are written into. The host is the
-    folder in which the file is made, on the same file system; None for the folder that it belongs
-    in.
+    Links are followed and stay: their target is replaced and keeps its permissions. Devices, pipes
+    and the process's own open files, such as `/dev/stdout`, are written to in place. `host` is the
+    folder of the temporary file, on the same file system; None selects the folder of `path`.
 
     Raises InputError as from `written_into`, OSError where the disk is full or has lost data.
     """
     into, target = written_into(path), Path(os.path.realpath(path))
-    # A file that is copied in the end can be made anywhere.
+    # The temporary file of a copy may be in any folder.
     with TempPath(host or (scratch_folder() if into else target.parent)) as aside:
         yield aside.path
         if into:
@@ -97,7 +97,7 @@ def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
             with aside.path.open("rb") as file, os.fdopen(opened, "wb") as stream:
                 shutil.copyfileobj(file, stream)
             return
-        with suppress(OSError):  # There is none, or the file system has no permissions.
+        with suppress(OSError):  # There is no old file, or the file system has no permissions.
             aside.path.chmod(stat.S_IMODE(target.stat().st_mode))
         _sync(aside.path)
         aside.path.replace(target)
@@ -111,9 +111,9 @@ def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = N
 
 
 def written_into(path: Path) -> bool:
-    """Return whether a path is written into, not replaced: a device, a pipe, or an own open file.
+    """Return whether a path is written in place: a device, a pipe, or an open file of this process.
 
-    Raises InputError where it is a folder, a block device or a socket.
+    Raises InputError if it is a folder, a block device or a socket.
     """
     if _descriptor(path) is not None:
         return True
@@ -130,7 +130,7 @@ def written_into(path: Path) -> bool:
 def _descriptor(path: Path) -> int | None:
     """Return the number of the open file that a name or a link stands for; None for any other."""
     name = os.path.abspath(path)  # noqa: PTH100 - links are followed one at a time
-    for _ in range(40):  # Linux calls more links a loop
+    for _ in range(40):  # Linux reports a loop after 40 links
         if match := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):
             return int(match[1])
         if not os.path.islink(name):  # noqa: PTH114
@@ -140,7 +140,7 @@ def _descriptor(path: Path) -> int | None:
 
 
 def put(made: Path, path: Path) -> None:
-    """Give a file that was made aside, on the same file system, its name; see `new_file`."""
+    """Rename a temporary file on the same file system to its final name; see `new_file`."""
     if path.is_symlink() or written_into(path):
         # The target of a link may be on another file system.
         with new_file(path) as aside:
@@ -151,10 +151,10 @@ def put(made: Path, path: Path) -> None:
 
 
 def put_folder(made: Path, path: Path) -> bool:
-    """Give a folder that was made aside its name in one step, with all its files.
+    """Rename a temporary folder, with all its files, to its final name in one step.
 
-    Returns False where the name is taken: nothing has been done, and `put` can place the files one
-    by one.
+    Returns False if the name is taken: nothing has been done, and `put` can place the files one by
+    one.
     """
     if path.exists() or path.is_symlink():
         return False
@@ -165,7 +165,7 @@ def put_folder(made: Path, path: Path) -> bool:
     try:
         made.rename(path)
     except OSError:
-        if path.exists():  # since a moment ago
+        if path.exists():  # created by another process since the test above
             return False
         raise
     sync_folder(path.parent)
@@ -181,11 +181,11 @@ def _sync(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk, where its file system can do that."""
+    """Wait until the names in a folder are on the disk, if its file system supports that."""
     try:
         _sync(folder)
     except OSError as error:
-        # Some network file systems have no such thing for folders.
+        # Some network file systems cannot flush folders.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
             raise
 

@@ -1,9 +1,9 @@
 """Files from outside: regular files only, and a bound on the memory that reading one may take.
 
-A name may lead to a pipe, on which reading waits for ever, to a device without end, or to a file of
-a few bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a
-library that opens it itself is called after `regular_size`. The memory that a file declares goes
-through `check_declared`, and errors of a library that reads it through `damage_refused`.
+A name may lead to a pipe, on which reading blocks forever, to an endless device, or to a file of a
+few bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a
+library that opens it itself is called after `regular_size`. `check_declared` bounds the memory that
+a file declares; `damage_refused` converts errors of the library that reads the file.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ RAISING_OPTION = "--max-input-memory"  # option of the command line that raises 
 
 
 class _Bound:
-    """The bounds of this process: memory belongs to the process as a whole."""
+    """The bounds of this process, global because its memory is shared."""
 
     memory = 1 << 30
     """Bytes of memory that one input may take while it is read, whatever the size of its file."""
@@ -85,11 +85,11 @@ def check_hogels(columns: int, rows: int) -> None:
 
 
 def regular_size(path: Path, what: str, advice: str = "") -> int:
-    """Return the size in bytes of a regular file, `what` in messages; links are followed.
+    """Return the size in bytes of a regular file, named `what` in messages; links are followed.
 
-    Raises InputError where it is missing, which gets the advice, cannot be reached, is no regular
-    file, or is empty, as files of /proc are; or where its size is mostly a hole, which takes memory
-    and no disk.
+    Raises InputError if it is missing (the message adds the advice), cannot be reached, is not a
+    regular file, or is empty, as files of /proc are. A file that is mostly a hole is refused too:
+    reading it takes memory although it takes no disk.
     """
     try:
         status = path.stat()
@@ -117,7 +117,7 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
 
 
 def check_mesh_file(path: Path) -> None:
-    """Refuse a mesh or patch file that is missing or no regular file; see `regular_size`."""
+    """Refuse a mesh or patch file that is missing or not a regular file; see `regular_size`."""
     what = "patch file" if path.name.lower().endswith(".bpt") else "mesh file"
     regular_size(path, what, "a mesh path is relative to its scene file")
 
@@ -126,7 +126,8 @@ def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
     """Open a file for reading; InputError if it is not a regular file or not readable."""
     regular_size(path, what, advice)
     try:
-        # Nonblocking: a pipe that has taken the file's place since then is not waited for.
+        # Nonblocking: a pipe may have taken the file's place since the check, and open must not
+        # wait.
         return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -160,9 +161,9 @@ def read_small(path: Path, what: str, largest: int, advice: str = "") -> bytes:
 
 @contextmanager
 def damage_refused(path: Path, what: str, advice: str) -> Iterator[None]:
-    """Make InputErrors of the exceptions of a library; the block holds nothing but its calls.
+    """Convert any exception of a library to InputError; the block must contain only its calls.
 
-    The exceptions are any: of one archive alone, `zipfile` and NumPy raise fourteen classes.
+    All exceptions are converted: damaged archives make `zipfile` and NumPy raise fourteen classes.
     """
     try:
         yield
@@ -187,7 +188,7 @@ def check_declared(path: Path, declared: int, what: str) -> None:
 
 
 def check_allowed(path: Path, declared: int, what: str) -> None:
-    """Raise InputError above the memory of one input, however large its files are."""
+    """Raise InputError above the memory bound of one input, for files of any size."""
     if declared > _Bound.memory:
         raise InputError(
             f"{path}: {what} takes {in_words(declared)} of memory, more than "
@@ -204,8 +205,8 @@ def open_image(file: BinaryIO) -> Any:
     """Return Pillow's image of a file, undecoded, without Pillow's limit on pixels.
 
     `check_picture_size` bounds them instead, by a number that an option raises. `PIL.Image.open`
-    differs from this search by the test against `Image.MAX_IMAGE_PIXELS`, which belongs to the host
-    process. Raises UnidentifiedImageError for a file that is no picture.
+    would also test `Image.MAX_IMAGE_PIXELS`, which belongs to the host process. Raises
+    UnidentifiedImageError for a file that is not a picture.
     """
     from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - a scene file needs no Pillow
 
@@ -214,7 +215,8 @@ def open_image(file: BinaryIO) -> Any:
     for name in Image.ID:
         factory, accepts = Image.OPEN[name]
         accepted = accepts is None or accepts(prefix)
-        if accepted and not isinstance(accepted, str):  # a text is a reason against the format
+        # a string is the reason why the format does not fit
+        if accepted and not isinstance(accepted, str):
             file.seek(0)
             with suppress(SyntaxError, IndexError, TypeError, struct.error):
                 return factory(file, "")
@@ -223,7 +225,7 @@ def open_image(file: BinaryIO) -> Any:
 
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file of checked size; InputError where memory runs out."""
+    """Let a library read a file of checked size; InputError if memory runs out."""
     try:
         yield
     except MemoryError as error:
@@ -256,9 +258,9 @@ def in_words(size: float) -> str:
 
 
 def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    """Return a member of the archive in a file; InputError where it declares too much memory.
+    """Return a member of the archive in a file; InputError if it declares too much memory.
 
-    Raises whatever `zipfile` raises of damage: call it within `damage_refused`.
+    `zipfile` raises various exceptions at damage: call this function within `damage_refused`.
     """
     check_declared(path, archive.getinfo(name).file_size, f"unpacking {name}")
     return archive.read(name)  # `zipfile` reads no more than the member declares
@@ -269,8 +271,7 @@ def read_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of a .npz file, or of its `content`, by their names.
 
-    InputError where it is damaged, declares too much memory, or has members other than plain
-    arrays.
+    InputError if it is damaged, declares too much memory, or has members other than plain arrays.
     """
     content = read_input(path, what, advice) if content is None else content
     import numpy as np  # noqa: PLC0415 - a scene file is checked without it
@@ -281,7 +282,7 @@ def read_arrays(
             path, sum(member.file_size for member in archive.infolist()), "unpacking its arrays"
         )
         for name in archive.namelist():
-            # The header is at most 10,000 bytes, and holds literals alone.
+            # The header has at most 10,000 bytes and contains only literals.
             member = io.BytesIO(read_member(archive, name, path))
             arrays[name.removesuffix(".npy")] = np.lib.format.read_array(member, allow_pickle=False)
     return arrays

@@ -24,7 +24,7 @@ HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certaint
 #: number of a triangle or of an object
 ANY_ID = "id"
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
-#: layers of other programs with the content of our channels, lower case
+#: layer names of other programs for the content of our channels, lower case
 _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     POSITION: frozenset({"p", "pos", "position", "pworld", "worldposition"}),
     NORMAL: frozenset({"n", "normal"}),
@@ -46,7 +46,7 @@ class StoredChannel:
 
     @property
     def words(self) -> str:
-        """Name of part and channel; the channel alone in files of one part."""
+        """Name of part and channel; in files of one part only the channel."""
         return f"{self.part_name}/{self.name}" if self.part_name else self.name
 
     @property
@@ -83,7 +83,7 @@ def located(
         elif same:
             several[name] = same
     missing -= places.keys() | several.keys()
-    # A group of channels comes from one layer, or not at all.
+    # All channels of a group come from one layer; otherwise none is taken.
     for group, layers in _LAYERS.items():
         if not missing.issuperset(group):
             continue
@@ -133,7 +133,7 @@ def _complete_sets(
 
 
 def refuse_several(path: object, several: Mapping[str, tuple[StoredChannel, ...]]) -> None:
-    """Raise InputError where a channel that is needed lies in several layers or parts."""
+    """Raise InputError if a required channel lies in several layers or parts."""
     for name, places in several.items():
         where = ", ".join(channel.words for channel in places)
         raise InputError(f"{path}: channel {name} lies in {where}; keep one of them")
@@ -150,7 +150,7 @@ _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25
 #: relative error; PXR24 keeps 15 of the 23 bits of a fraction
 PXR24_ROUNDING = 2.0**-16
-#: level of files that state none
+#: default level, for files without one
 DWA_LEVEL = 45.0
 DWA_TABLE_NORM = 53.668
 """Norm of JPEG's luminance table over its least entry, 10.
@@ -180,9 +180,9 @@ def largest_whole(kind: np.dtype[Any], compression: Any) -> int:
 def uncertainty(
     values: NDArray[Any], name: str, compression: Any, level: float | None
 ) -> Floats | None:
-    """Return the error bounds of a channel's values; None where they are exact in float32.
+    """Return the error bounds of a channel's values; None if they are exact in float32.
 
-    B44 has no useful bound, and is refused for positions.
+    B44 has no useful bound and is refused for positions.
     """
     if lossy(name, values.dtype, compression) is not None:
         assert compression in _DWA

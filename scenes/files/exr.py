@@ -1,8 +1,8 @@
 """Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files"; docs/adr/0012).
 
-A header is read and checked before the pixels, because the library allocates any declared size. The
-library's newer interface reads: it raises errors at which the older one ends the process. The older
-one writes, because it takes an image band by band.
+A header is read and checked before the pixels, because the library allocates any declared size.
+Reading uses the library's newer interface, because at errors the older one ends the process.
+Writing uses the older interface, which takes an image band by band.
 """
 
 import io
@@ -62,7 +62,7 @@ MAX_PIXELS = (2**31 - 1) // 4
 #: coordinate that renderers store, or exceed, for no surface
 FAR = 1e10
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # in the order of OpenEXR's codes
-_SILENT = threading.Lock()  # two redirections at once would restore each other's file
+_SILENT = threading.Lock()  # concurrent redirections would restore each other's file
 
 
 _DAMAGE = (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError)
@@ -82,7 +82,7 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
-    """Open a file; exceptions of OpenEXR, then and within the block, become InputErrors."""
+    """Open a file; convert exceptions of OpenEXR, also within the block, to InputError."""
     try:
         with (
             _silence(),
@@ -114,7 +114,7 @@ def read_header(path: Path) -> Header:
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:
-        # Copies: OpenEXR empties its own.
+        # Copy the attributes: OpenEXR empties its own objects.
         headers = [dict(file.header(part)) for part in range(len(file.parts))]
         kinds = {header["type"] for header in headers}
         if not kinds <= {OpenEXR.scanlineimage, OpenEXR.tiledimage}:
@@ -171,7 +171,7 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
     lacks pixels.
     """
     header = read_header(path)
-    # One of several candidates would be a guess.
+    # Do not guess one of several candidates.
     places, several = located(header.channels, names)
     refuse_several(path, several)
     with _file(path, header_only=False) as file:
@@ -245,7 +245,7 @@ def read_image(
     planes, header = read.planes, read.header
     if counted is not None and ANY_ID in planes and counted not in planes:
         planes[counted], read.places[counted] = planes[ANY_ID], read.places[ANY_ID]
-    # The camera of a foreign renderer is not trusted: its image answers for the stated hogel.
+    # Ignore the camera that another renderer stores: its image answers for the stated hogel.
     own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
     camera = own or camera
     if camera is None:
@@ -296,15 +296,16 @@ def read_image(
 def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
     """Return the pixels (H, W) that show no surface.
 
-    Numbers decide where a file has any. Without them a position means no surface where it is not
-    finite, 0 in all coordinates, or at least `FAR` in one: many renderers store such values. The
-    point 0 lies in the plate, where a true hogel shows the center of its own aperture alone.
+    Numbers decide if a file has any. Otherwise a position means no surface if it is not finite, 0
+    in all coordinates, or at least `FAR` in one: many renderers store such values. The origin is
+    not lost by this: it lies in the plate, where a true hogel shows only the center of its own
+    aperture.
     """
     numbers = [read.planes[name] for name in (TRIANGLE, OBJECT, ANY_ID) if name in read.places]
     if any(plane.any() for plane in numbers):  # numbers that no shader has set are all 0
         nowhere: Mask = np.logical_and.reduce([plane == 0 for plane in numbers])
         return nowhere
-    # A coordinate that was compressed with loss is not 0 where 0 was written.
+    # A 0 that was compressed with loss may be read as another number.
     exact = [name in read.places and read.lossy(name) is None for name in POSITION]
     axes = np.flatnonzero(exact).tolist()
     largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
@@ -314,9 +315,9 @@ def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mas
 
 
 def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
-    """Return error bounds of the coordinates (H, W, 3) by their storage; None where it is exact.
+    """Return error bounds of the coordinates (H, W, 3) by their storage; None if that is exact.
 
-    Raises InputError where all three were compressed with loss, or one of them by B44.
+    Raises InputError if all three were compressed with loss, or one of them by B44.
     """
     places = [read.places[name] for name in POSITION]
     kinds = [read.lossy(name) for name in POSITION]
@@ -326,7 +327,7 @@ def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
             f"{path}: channel {place.words} is stored with {kind}, which changes its values; "
             "write P.X P.Y P.Z with the compression ZIP"
         )
-    # Only DWA has a level; it bounds the error of a coefficient.
+    # Only DWA has a level, which bounds the error of a coefficient.
     level = read.header.attributes.get("dwaCompressionLevel")
     bounds = [
         uncertainty(read.planes[name], place.name, read.header.compressions[place.part], level)
@@ -363,7 +364,7 @@ def _described(
 
 
 def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles | None:
-    """Return three channels as (H, W, 3), or None where the file has none of them."""
+    """Return three channels as (H, W, 3), or None if the file has none of them."""
     missing = [name for name in names if name not in planes]
     if len(missing) == len(names):
         return None
@@ -464,7 +465,7 @@ def image_writer(
     """Write an image from the top down: yield a function that writes the next band.
 
     A band is an image of full width and any number of rows; `arrays` names its optional arrays. The
-    file replaces an older one when the block ends without an exception. Raises InputError where it
+    file replaces an older one when the block ends without an exception. Raises InputError if it
     cannot be written, or the image exceeds `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
@@ -515,14 +516,14 @@ def image_writer(
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:
-    """Write an image: 32-bit floats, numbers plus one, lossless; InputError where that fails."""
+    """Write an image: 32-bit floats, numbers plus one, lossless; InputError if that fails."""
     arrays = [name for name in _OPTIONAL if getattr(image, name) is not None]
     with image_writer(path, image.camera, arrays, image.rendering) as write:
         write(image)
 
 
 def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | None = None) -> None:
-    """Write channels (H, W) of any type into a file in place; InputError where that fails."""
+    """Write channels (H, W) of any type into a file in place; InputError if that fails."""
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
     # Callers write into a folder that is committed as a whole.

@@ -30,7 +30,7 @@ class Encoding(StrEnum):
 
 
 class Transfer(StrEnum):
-    """The transfer function by which a picture's stored values came from linear radiance."""
+    """The transfer function from linear radiance to a picture's stored values."""
 
     LINEAR = "linear"
     SRGB = "sRGB"
@@ -88,19 +88,19 @@ class Reading:
     offset: int = 1
     #: stored integer of no surface
     background: int = 0
-    #: of colors; None: the encoding's
+    #: transfer function of colors; None selects the encoding's
     transfer: Transfer | None = None
 
     @property
     def first_is_lost(self) -> bool:
-        """Ambiguity of number 0 and no surface, stored as the same integer."""
+        """True if number 0 and no surface are stored as the same integer."""
         return (
             self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
             and self.offset == self.background
         )
 
     def packed(self, rgb: Bytes) -> Numbers:
-        """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
+        """Return the stored integers (H, W) of pixels (H, W, 3), offset included."""
         return np.asarray(
             rgb[..., list(self.channels)].astype(np.int32)
             @ np.array([65536, 256, 1], dtype=np.int32)
@@ -108,7 +108,7 @@ class Reading:
 
     def numbers(self, packed: Numbers) -> Numbers:
         """Return the numbers (H, W) of stored integers, `NOTHING` for no surface."""
-        # Integers below the offset name no surface either.
+        # Integers below the offset do not name a surface either.
         known = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, known).astype(np.int32)
 
@@ -120,7 +120,7 @@ class Reading:
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
     """Read a hogel image of any renderer: OpenEXR with channels of CONVENTIONS.md, or a picture.
 
-    Raises InputError where the file is missing, unreadable, or of another size than the film.
+    Raises InputError if the file is missing, unreadable, or of another size than the film.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
         counted = {Encoding.TRIANGLE_ID: TRIANGLE, Encoding.OBJECT_ID: OBJECT}.get(encoding)
@@ -153,8 +153,7 @@ def is_picture(image: HogelImage) -> bool:
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """Return an image whose stored pixels are read in another way.
 
-    Images without stored pixels change by the offset, and by whether they count triangles or
-    objects.
+    For images without stored pixels, only the offset and the choice of triangles or objects change.
     """
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
@@ -171,7 +170,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
 
 
 def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
-    """Return the stored integers (H, W) of a picture; of other images, numbers plus one."""
+    """Return the stored integers (H, W) of a picture; for other images, the numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return reading.packed(image.stored.rgb)
     numbers = image.triangle if (image.triangle != NOTHING).any() else image.object
@@ -179,7 +178,7 @@ def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
 
 
 def stored_rgb(image: HogelImage) -> Bytes:
-    """Return the stored bytes (H, W, 3) of a picture; of other images, of numbers plus one."""
+    """Return the stored bytes (H, W, 3) of a picture; for other images, of the numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
     return bytes_of(stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID)))

@@ -1,8 +1,9 @@
 """Layouts of files that store the pictures of a plate: one table row each.
 
 A layout with one file per hogel states the numbers in its names and its orientation. Every other
-layout has a view of the plate's pixels (row j, column i, pixel row r, pixel column c, channel) for
-each file: reading assigns the file's pixels to it, writing stores it, and no pixel is computed.
+layout has, for each file, a view of the plate's pixels (row j, column i, pixel row r, pixel column
+c, channel): reading assigns the file's pixels to this view, and writing stores it, without
+computing pixels.
 """
 
 import math
@@ -118,7 +119,7 @@ class Layout:
         size: tuple[int, int],
         known: PlateShape | None,
     ) -> PlateShape:
-        """Return the shape of the plate that some files form; InputError where they form none.
+        """Return the shape of the plate that some files form; InputError if they form none.
 
         Parameters
         ----------
@@ -177,7 +178,7 @@ def _pixel_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
 
 
 def middle_row(pixels: Pixels) -> Pixels:
-    """Return the view (rows, columns, width, 3) of the pixel row just below each hogel's middle."""
+    """Return the view (rows, columns, width, 3) of each hogel's pixel row just below its middle."""
     return pixels[:, :, pixels.shape[2] // 2]
 
 
@@ -186,7 +187,7 @@ def tiled_views(pixels: Pixels, tiles: Index, *, downward: bool = False) -> Pixe
 
     View k = 0, 1, .. belongs to the eye k from the left, and thus to the pixel k from the right of
     each hogel: the line of a pixel at u > 0 runs to the right behind the plate, and comes from the
-    left before it.
+    left in front of it.
     """
     eyes = middle_row(pixels)[:, :, ::-1]
     views = eyes.reshape(*eyes.shape[:2], tiles[1], tiles[0], -1)
@@ -204,7 +205,7 @@ def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
 
 #: all layouts; the first that fits the names of some files is taken
 LAYOUTS = (
-    # First: its names fit the pattern of `hogels`, too.
+    # This layout comes first, because its names also fit the pattern of `hogels`.
     Layout("hocking", "one picture per hogel, rows counted upward, names state the plate's size",
            r"hogel_(?P<i>\d{4})_(?P<columns>\d{4})_(?P<j>\d{4})_(?P<rows>\d{4})",
            "hogel_{i:04}_{columns:04}_{j:04}_{rows:04}", "ij",
@@ -238,7 +239,7 @@ LAYOUTS = (
 )  # fmt: skip
 #: names on the command line
 NAMES = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
-#: layouts whose one picture can have a name of its own
+#: layouts of a single picture, whose name is free
 SINGLE_PICTURES = ("mosaic", "quilt")
 
 
@@ -255,11 +256,11 @@ class Target:
 
     layout: Layout
     suffix: str = ".png"
-    #: beginning of the name of a single picture; the layout's name where empty
+    #: beginning of the name of a single picture; the layout's name if empty
     stem: str = ""
-    #: width over height of a quilt's plate; None: ratio of hogels
+    #: width over height of a quilt's plate; None selects the ratio of hogels
     aspect: float | None = None
-    #: columns and rows of a quilt; None: by its views
+    #: columns and rows of a quilt; None derives them from its views
     tiles: tuple[int, int] | None = None
 
     @property
@@ -268,20 +269,20 @@ class Target:
         return self.suffix == ".exr"
 
     def stated(self, shape: PlateShape) -> Index:
-        """Return the numbers that all names state; InputError where tiles do not hold the views."""
+        """Return the numbers that all names state; InputError if tiles do not hold the views."""
         if self.layout.name == "quilt":
             return quilt_tiles(shape.resolution[0], self.tiles)
         return shape.hogels
 
     def file_name(self, index: Index, shape: PlateShape) -> str:
-        """Return the name of a file; InputError where the layout cannot hold such a plate."""
+        """Return the name of a file; InputError if the layout cannot hold such a plate."""
         (columns, rows), (width, height) = self.stated(shape), shape.resolution
         values = dict(zip(self.layout.numbers, index, strict=True))
         stem = self.layout.stem_format.format(
             **values,
             columns=columns,
             rows=rows,
-            # Film coordinates of a pixel, which are its camera's place in some unit: v upward.
+            # Film coordinates of a pixel: the position of its camera in some unit, v upward.
             v=1 - (2 * values.get("r", 0) + 1) / height,
             u=(2 * values.get("c", 0) + 1) / width - 1,
             stem=self.stem or self.layout.name,

@@ -28,7 +28,7 @@ LINEAR_GAMMA = (100_000).to_bytes(4, "big")
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
 #: Pillow's modes that convert to 8-bit RGB losslessly
 RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
-#: exceptions of Pillow for files that are no picture, or a damaged one
+#: exceptions of Pillow for files that are not pictures, or are damaged
 _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 
@@ -46,7 +46,7 @@ class Picture:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Open a picture with Pillow, undecoded; InputError for a file that is none, or damaged."""
+    """Open a picture with Pillow, undecoded; InputError if damaged or not a picture."""
     try:
         with (
             input_files.bounded_memory(path),
@@ -71,7 +71,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def picture_text(path: Path) -> dict[str, object]:
-    """Return the layout that a PNG file states; empty without any."""
+    """Return the layout that a PNG file states; empty if it states none."""
     try:
         with _opened(path) as picture:
             stated = json.loads(getattr(picture, "text", {}).get(TEXT_KEY, "{}"))
@@ -94,12 +94,12 @@ def read_picture(path: Path) -> Picture:
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
     """Write a picture in the format of the suffix: .png (uint8) or .exr (floating point).
 
-    PNG files hold the text, the layout of a plate. Raises InputError where the format cannot hold
-    the pixels, OSError where the file cannot be written.
+    PNG files hold the text, the layout of a plate. Raises InputError if the format cannot hold the
+    pixels, OSError where the file cannot be written.
     """
     suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
-        # Through memory: Pillow leaves a part of a file behind when the disk is full.
+        # Encode in memory: Pillow would leave an incomplete file behind when the disk is full.
         info, buffer = PngInfo(), io.BytesIO()
         if text:
             info.add_text(TEXT_KEY, json.dumps(text))
@@ -126,7 +126,7 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
             size, expected = (" x ".join(map(str, s)) for s in (picture.size, resolution))
             raise InputError(f"{path}: is {size}, but the scene says {expected}")
         input_files.check_picture_size(path, *picture.size)
-        # Pillow reduces PPM files of 16 bits to 8 without a word; their largest level is the second
+        # Pillow reduces PPM files of 16 bits to 8 silently; their largest level is the second
         # argument of the decoder.
         deep = picture.format == "PPM" and picture.tile and picture.tile[0].codec_name == "ppm"
         if deep and picture.tile[0].args[1] > 255:
@@ -153,8 +153,8 @@ _RUN_WIDTHS = range(8, 1 << 15)
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     """Read a latitude-longitude map in linear RGB, OpenEXR or Radiance HDR.
 
-    Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative
-    or not finite.
+    Raises InputError if the file is missing, damaged, not RGB, or has radiance that is negative or
+    not finite.
     """
     with input_files.bounded_memory(path):
         if input_files.head_of(path, "environment map", len(MAGIC)) == MAGIC:

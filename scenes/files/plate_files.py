@@ -32,9 +32,9 @@ from xfrustum.scenes.files.pictures import (
     write_picture,
 )
 
-#: plate of the hogels that the script for Blender renders
+#: file that describes the plate, written by the script for Blender
 PLATE_FILE = "plate.json"
-#: size of such a file; a hundred thousand objects with their colors
+#: largest size of such a file, bytes: a hundred thousand objects with their colors
 MAX_FACTS_BYTES = 1 << 24
 #: size of a plate's pixels, beyond which a scratch file holds them
 MAX_BYTES_IN_MEMORY = 1 << 28
@@ -127,10 +127,10 @@ class FileSet:
     layout: Layout
     #: paths by the numbers that count them
     files: dict[Index, Path]
-    #: numbers that all names state alike; see `Layout.stated`
+    #: numbers that are equal in all names; see `Layout.stated`
     stated: Index
     shape: PlateShape
-    #: pictures of the folder with names of other layouts, >= 0
+    #: number of pictures in the folder with names of other layouts, >= 0
     strangers: int
 
     @property
@@ -183,7 +183,7 @@ class FileSet:
 
     @cached_property
     def plate(self) -> PlateRows:
-        """All pixels of the plate; InputError as `rows`."""
+        """All pixels of the plate; raises InputError as `rows` does."""
         if self.layout.view is None:
             rows = self.rows()
             return PlateRows.from_pixels(rows.whole(), rows.lossy)
@@ -239,11 +239,11 @@ def stored_size(layout: Layout, shape: PlateShape, stated: Index) -> tuple[int, 
 def find_files(
     place: Path, known: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS
 ) -> FileSet:
-    """Return the files of a place in the layout that their names fit.
+    """Return the files at a path in the layout that their names fit.
 
-    Most fitting names decide, then the known plate, then the order of layouts. Names do not prove
-    the content of pictures: `verify` tests it. Raises InputError, with the reason, where no layout
-    fits.
+    The layout with the most fitting names is taken; ties are broken by the known plate, then by the
+    order of layouts. Names do not prove the content of pictures: `verify` tests it. Raises
+    InputError, with the reason, where no layout fits.
     """
     paths = pictures_at(place)
     candidates: list[FileSet] = []
@@ -255,7 +255,7 @@ def find_files(
             if (numbers := layout.read_name(path.name)) is not None
         ]
         single = not layout.numbers
-        # A single picture is a mosaic only where its name states nothing else.
+        # A single picture is a mosaic only if its name fits no other layout.
         taken = single and not layout.stated and bool(candidates or problems)
         if not named or (single and len(paths) > 1) or taken:
             continue
@@ -264,7 +264,7 @@ def find_files(
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
     if candidates:
-        # The first of equals: `max` keeps the order of layouts.
+        # Among equals `max` returns the first, in the order of layouts.
         return max(
             candidates,
             key=lambda files: (-files.strangers, known is not None and files.shape == known),
@@ -278,9 +278,9 @@ def find_files(
 
 
 def pictures_at(place: Path) -> list[Path]:
-    """Return the picture files of a place, without ground truths and hidden files.
+    """Return the picture files at a path, without ground truths and hidden files.
 
-    Raises InputError where there are none.
+    Raises InputError if there are none.
     """
     if not place.exists():
         raise InputError(
@@ -308,7 +308,7 @@ Named = tuple[tuple[Index, Index], Path]  # counting and stated numbers of a fil
 def _file_set(
     place: Path, layout: Layout, named: Sequence[Named], known: PlateShape | None, pictures: int
 ) -> FileSet:
-    """Return the files of a layout; InputError where their names contradict each other."""
+    """Return the files of a layout; InputError if their names contradict each other."""
     files: dict[Index, Path] = {}
     for (index, _), path in named:
         if files.setdefault(index, path) is not path:
@@ -356,8 +356,8 @@ def write_files(
 ) -> None:
     """Write a plate into a folder, and call `done` after each file.
 
-    At most one row of hogels is held where each file is one hogel. Raises InputError where the
-    layout or the files cannot hold such a plate, OSError where a file cannot be written.
+    At most one row of hogels is held where each file is one hogel. Raises InputError if the layout
+    or the files cannot hold such a plate, OSError where a file cannot be written.
     """
     shape, layout = plate.shape, target.layout
 
@@ -368,7 +368,7 @@ def write_files(
         )
         text: dict[str, object] | None = None
         if layout.name == "mosaic":
-            # No name of a mosaic states how many hogels it has.
+            # Names of mosaics do not state the number of hogels.
             text = {"layout": layout.name, "hogels": shape.hogels, "resolution": shape.resolution}
         write_picture(folder / target.file_name(index, shape), picture, text)
         done()

@@ -1,6 +1,6 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-All checks that need no other file run before NumPy and the readers of meshes are loaded.
+All checks that need no other file run before NumPy and mesh readers are loaded.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_KEY_PARTS = 16
 """
 
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-#: A comment on a line without quotes; of any other the dots count, but for those within quotes.
+#: Comments without quotes before them on the line: dots in these are not counted.
 _COMMENT = re.compile(r"""^([^"'#\n]*+)#[^\n]*""", re.MULTILINE)
 _LONG_KEY = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}""")
 
@@ -198,7 +198,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
                 "keys of scene files have at most three"
             )
         tables = tomllib.loads(text)
-    except ValueError as error:  # the file is no UTF-8 or no TOML
+    except ValueError as error:  # the file is not UTF-8 or not TOML
         hint = (
             ""
             if path.suffix == ".toml"
@@ -224,7 +224,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
         raise InputError(f"{path}: {described(error, _SceneTables)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    # Names of materials and files that there are not are refused before the first mesh is read.
+    # Missing materials and files are refused before the first mesh is read.
     for index, entry in enumerate(file.objects):
         if entry.material is not None and entry.material not in file.material:
             known = ", ".join(file.material) or "none"
@@ -260,8 +260,8 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
         *table, unknown = location
         for part in (*table, None):
             fields = {field.alias or name: field for name, field in tables.model_fields.items()}
-            # Numbers count tables of a list, and other parts that are no keys name one table out of
-            # many.
+            # Parts of a location that are not keys are either list indices or the name of one table
+            # type out of several.
             if part in fields:
                 tables = next(_models_in(fields[str(part)].annotation), tables)
         nearest = difflib.get_close_matches(str(unknown), list(fields), n=1, cutoff=0.0)
@@ -273,7 +273,7 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
     advice = f" ([[{key}]] in TOML)" if problem["type"] == "list_type" else ""
     try:
         shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
-    except ValueError:  # Python writes no integer of more than 4,300 digits
+    except ValueError:  # Python refuses to print integers of more than 4,300 digits
         shown = "a number of thousands of digits"
     return f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{advice}, not {shown}"
 
@@ -304,8 +304,8 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
     if entry.transform is not None:
         matrix = np.array(entry.transform, dtype=np.float64)
         linear, fault = matrix[:3, :3], ""
-        # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor
-        # overflows.
+        # Scale the matrix to size one first, so that the rank of a tiny or huge matrix neither
+        # under- nor overflows.
         largest = np.abs(linear).max()
         if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
             fault = f"its last row is {matrix[3].tolist()}"
@@ -329,8 +329,8 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             # Loads SciPy's graphs.
             from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415
 
-            # The tolerance is a length of the scene: the mesh's own is smaller by the largest
-            # stretching.
+            # The tolerance is a length in the scene; divide it by the largest stretching to get a
+            # length in the mesh.
             tolerance = entry.chord_tolerance
             own = None if tolerance is None else tolerance / shapes.magnification(matrix)
             part = load_patches(

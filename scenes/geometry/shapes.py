@@ -61,7 +61,7 @@ def wrapped_grid(rings: Floats) -> Mesh:
 
 
 def open_grid(points: Floats) -> Mesh:
-    """Join a grid of points (N, M, 3) into a sheet; it faces where rows x columns point."""
+    """Join a grid of points (N, M, 3) into a sheet that faces toward rows x columns."""
     return np.round(points.reshape(-1, 3), 6) + 0.0, grid_faces(*points.shape[:2])
 
 
@@ -78,14 +78,14 @@ def triangulate(quads: NDArray[np.integer]) -> Indices:
 
 
 def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
-    """Leave out triangles two of whose corners are the same point."""
+    """Leave out triangles with two corners at the same point."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     flat = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
     return vertices, faces[~flat]
 
 
 def has_area(triangles: Floats) -> Mask:
-    """Test (F,) which triangles (F, 3, 3) have an area beyond the rounding of doubles."""
+    """Return the mask (F,) of triangles (F, 3, 3) with an area beyond the rounding of doubles."""
     edges = np.ascontiguousarray((triangles[:, 1:] - triangles[:, :1]).transpose(1, 2, 0))
     # Edges are scaled to at most one, so that areas neither underflow nor overflow.
     size = np.abs(edges).max(axis=(0, 1))
@@ -174,8 +174,8 @@ def cofactors(matrices: Floats) -> Floats:
 def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
-    Where the matrix mirrors, the winding keeps its order, so that normals change to the other side
-    with it.
+    If the matrix mirrors, the order of corners stays, so that the winding faces the other side, and
+    normals change to that side.
     """
     x, y, z = part.vertices.T
     # Written out instead of a matrix product, because BLAS sums in other orders on other machines,
@@ -197,9 +197,9 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 def refine(scene: Scene, levels: int) -> Scene:
     """Return the scene with each triangle split in four at its middles, `levels` times.
 
-    Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and
-    texture coordinates, not made a unit vector: interpolation over a triangle is then the same over
-    its parts.
+    Triangle t becomes 4 t to 4 t + 3. A middle gets the mean of its ends' normals, colors and
+    texture coordinates. Normals are not normalized, so that interpolation over the parts equals
+    interpolation over the whole triangle.
     """
     for _ in range(levels):
         scene = replace(scene, objects=tuple(map(_in_four, scene.objects)))
@@ -231,11 +231,11 @@ def _in_four(part: SceneObject) -> SceneObject:
 
 
 def smoothed(part: SceneObject) -> SceneObject:
-    """Return the object with normals at the vertices that have none of their own.
+    """Return the object with normals added at vertices that have none.
 
-    Faces count by their angles at a point, so that how a flat surface is cut does not matter
-    (Thürmer and Wüthrich, "Computing vertex normals from polygonal facets", 1998). Vertices in the
-    same place count as one. Where the mean is zero there still is none.
+    Faces are weighted by their angles at a point, so that the triangulation of a flat surface does
+    not matter (Thürmer and Wüthrich, "Computing vertex normals from polygonal facets", 1998).
+    Vertices in the same place count as one. If the mean is zero, the vertex gets no normal.
     """
     mean, own = _mean_normals(part.vertices, part.faces), part.vertex_normals
     if own is None or not np.isfinite(own).any():
@@ -247,7 +247,7 @@ def smoothed(part: SceneObject) -> SceneObject:
 
 
 def flipped(part: SceneObject) -> SceneObject:
-    """Return the object wound the other way; normals turn unless most face that side."""
+    """Return the object wound the other way; normals are reversed unless most face the new side."""
     normals, faces = part.vertex_normals, part.faces[:, ::-1]
     if normals is not None:
         a, b, c = part.vertices[faces].transpose(1, 0, 2)
@@ -265,7 +265,7 @@ def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     scale = np.abs(sides).max(axis=(1, 2), keepdims=True)
     after = sides / np.where(scale > 0, scale, 1.0)
     before = -np.roll(after, 1, axis=1)
-    # Normals of the triangles (F, 3, 3), once for each corner, as long as the angle there.
+    # Normals of the triangles (F, 3, 3), one for each corner, with the angle there as length.
     cross = np.cross(after, before)
     twice_area = np.linalg.norm(cross, axis=2, keepdims=True)
     angle = np.arctan2(twice_area, (after * before).sum(axis=2, keepdims=True))

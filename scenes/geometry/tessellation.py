@@ -20,10 +20,9 @@ from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 #: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one
 #: rounding.
 EPSILON = float(np.finfo(np.float64).eps)
-#: Largest number of steps that is counted along a patch: the quotient that gives it may be
-#: infinite.
+#: Upper limit of the counted steps along a patch, because their quotient may be infinite.
 MAX_STEPS = 1e18
-#: Largest number of triangles: a finer tolerance is a mistake in its unit.
+#: Largest number of triangles: a finer tolerance is probably a mistake in the unit.
 MAX_TRIANGLES = 20_000_000
 Steps = Sequence[tuple[int, int]]  #: numbers of steps along u and v into which each patch is cut
 
@@ -34,7 +33,7 @@ def evenly(count: int) -> Floats:
 
 
 def casteljau(controls: Floats, at: Floats) -> Floats:
-    """Return points (T, ..., 3) of Bezier curves by De Casteljau; alike on all machines."""
+    """Return points (T, ..., 3) of Bezier curves by De Casteljau; identical on all machines."""
     at = at.reshape(-1, *(1 for _ in controls.shape))
     points = np.broadcast_to(controls, (len(at), *controls.shape))
     while points.shape[1] > 1:
@@ -69,11 +68,10 @@ def second_derivative_bounds(net: Floats) -> list[float]:
 def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
 
-    Where f_u x f_v is zero on a border, as all along a border that is collapsed to a point, the
-    normal is the limit from inside along the other parameter, in which f_u x f_v grows by its
-    derivative.
+    Where f_u x f_v is zero on a border, for example along a border collapsed to a point, the normal
+    is the limit from inside along the other parameter, given by the derivative of f_u x f_v.
     """
-    # Step 1: f_u x f_v everywhere, and where it is zero within rounding. De Casteljau's
+    # Step 1: compute f_u x f_v, and test where it is zero within rounding. De Casteljau's
     # interpolation of degree n rounds by at most 2 n epsilon of the largest control point, a
     # difference of control points by epsilon of itself, and a cross product by 4 epsilon of the
     # product of the lengths.
@@ -126,19 +124,17 @@ def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches as triangles; no point of either is farther from the other than the tolerance.
+    """Return patches as triangles; both surfaces lie within the tolerance of each other.
 
     Patches that share an edge, by the same control points, cut it in the same points, to the last
-    bit. Raises InputError where that takes more than `MAX_TRIANGLES`, or all patches are without
-    area.
+    bit. Raises InputError if that takes more than `MAX_TRIANGLES`, or all patches are without area.
     """
 
     def triangles(steps: Steps) -> int:
         return sum(2 * along_u * along_v for along_u, along_v in steps)
 
     steps = [steps_for(net, chord_tolerance) for net in nets]
-    # Matching only adds steps. It counts them in 64 bits, which a senseless tolerance would
-    # overflow.
+    # Matching only adds steps and counts them in 64 bits, which an absurd tolerance would overflow.
     if triangles(steps) <= MAX_TRIANGLES:
         steps = matched_steps(nets, steps)
     if (count := triangles(steps)) > MAX_TRIANGLES:
@@ -173,7 +169,7 @@ def cut(
 
 
 def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
-    """Return the least steps with which patches that share an edge agree on it, strip by strip."""
+    """Return the smallest numbers of steps that agree on all shared edges, strip by strip."""
     # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node
     # 2 p + 1 along v. The first patch with an edge owns it.
     owners: dict[bytes, int] = {}
@@ -236,8 +232,8 @@ def load_patches(
 
     The file is a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1)
     points x y z, those along m one after the other. The tolerance is the largest distance between
-    surface and triangles, in the file's unit. Raises InputError where the file is missing or
-    damaged, or there are too many triangles.
+    surface and triangles, in the file's unit. Raises InputError if the file is missing or damaged,
+    or there are too many triangles.
     """
     nets = read_patches(path)
     if chord_tolerance is None:

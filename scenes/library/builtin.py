@@ -21,8 +21,8 @@ _PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
 _REACH = (150.0, 150.0)
 _CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
 _SMALL = replace(_CENTERED, resolution=(256, 256))
-# This screen is wider than high and off center on both axes: every swap of axes and every wrong
-# sign shows.
+# This screen is wider than high and off center on both axes, which reveals every swap of axes and
+# every wrong sign.
 _RECENTERED = Frustum(
     resolution=(512, 384),
     reach=_REACH,
@@ -61,7 +61,7 @@ class BuiltinScene:
 
     name: str
     triangles: int  #: of all objects, stated so that the scenes can be listed without being built
-    purpose: str  #: in one line; of a hard case why it is hard
+    purpose: str  #: description in one line; for a hard case, the reason why it is hard
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE
     frustum: Frustum = _CENTERED
@@ -156,5 +156,5 @@ def listing() -> list[BuiltinScene]:
 
 @cache
 def build(name: str) -> Scene:
-    """Return a built-in scene, made once, by a name out of `SCENES`."""
+    """Return the built-in scene of a name in `SCENES`, which is made only once."""
     return SCENES[name].build()

@@ -45,7 +45,7 @@ class HardCase(BuiltinScene):
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
     expected: str = ""  #: content of the true image, in one line
-    apertures: tuple[tuple[int, int], ...] = ((2, 2),)  #: column and row of those that matter
+    apertures: tuple[tuple[int, int], ...] = ((2, 2),)  #: column and row of the relevant apertures
     giant: bool = False  #: whether the case takes minutes or gigabytes
 
 
@@ -57,7 +57,7 @@ Maker = Callable[[], Objects]
 def _case(
     name: str, triangles: int, why: str, expected: str, **how: Any
 ) -> Callable[[Maker], Maker]:
-    """Enter the function that follows, which makes a case's objects, into the suite."""
+    """Return a decorator that adds a function, which makes a case's objects, to the suite."""
 
     def entered(objects: Maker) -> Maker:
         _CASES[f"hard/{name}"] = HardCase(
@@ -114,7 +114,7 @@ def wall(z: float = -100.0) -> SceneObject:
     return loose("wall", [[(-400.0, -400.0, z), (400.0, -400.0, z), (0.0, 600.0, z)]])
 
 
-# Lines meet vertices and edges exactly, or surfaces the aperture itself
+# Exact hits: lines through vertices and edges, or surfaces through the aperture itself
 
 GRID_STEP = 4  #: pixels between neighboring vertices of the bumpy sheets
 
@@ -221,7 +221,7 @@ SHEET_DISTANCE = 64.0  #: distance of the sheets from the plate, at their top le
 SHEET_ROWS = (
     (3.5, 29.5),
     (33.5, 59.5),
-)  #: edges of the sheets behind and before the plate, between pixels
+)  #: edges of the sheets behind and in front of the plate, between pixels
 
 
 def sheet_columns(index: int) -> tuple[float, float]:
@@ -230,7 +230,7 @@ def sheet_columns(index: int) -> tuple[float, float]:
 
 
 def _ball(z: float) -> SceneObject:
-    """Return a ball of diameter 24 at a height, in one half of the film for each side."""
+    """Return a ball of diameter 24 at a height, whose sign decides its half of the film."""
     return place(
         build_shape("sphere"), placement(24.0, (10.0, 20.0, 0.0), (0.25 * abs(z), -0.0625 * z, z))
     )
@@ -273,7 +273,8 @@ def _nearly_coincident() -> Objects:
     lower, upper = [], []
     for side, rows in zip((1, -1), SHEET_ROWS, strict=True):
         for index in range(len(SEPARATIONS) + 1):
-            # The sheets lean and are bent: all pixels of a flat one would be right, or all wrong.
+            # The sheets lean and are bent: the pixels of a flat sheet would be all right or all
+            # wrong.
             depth = side * SHEET_DISTANCE * np.array([1.0, 1.125, 1.25, 1.0625])
             sheet = film_rectangle(sheet_columns(index), rows, depth)
             raised = sheet.copy()
@@ -291,7 +292,7 @@ def _nearly_coincident() -> Objects:
 
 
 #: First and last column of the sheets exactly at the reach, and of those one step of a double
-#: beyond it. The rows of the sheets behind and before the plate are the same numbers.
+#: beyond it. The rows of the sheets behind and in front of the plate have the same numbers.
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 
 
@@ -334,7 +335,7 @@ _case(
 )(lambda: (_ball(REACH + 30.0), _ball(-REACH - 30.0)))
 
 
-# Triangles that are hardly there: edge-on, needles, without area, twice, tiny
+# Degenerate triangles: edge-on, needles, without area, doubled, tiny
 
 #: Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either
 #: end.
@@ -410,8 +411,8 @@ def _zero_area() -> Objects:
 )
 def _duplicates() -> Objects:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
-    # All faces come twice on shared vertices, the second time wound the other way, and once more
-    # loose.
+    # All faces come twice on shared vertices, the second time wound the other way, and a third time
+    # with separate vertices.
     faces = np.concatenate([box.faces, box.faces[:, ::-1]])
     return as_object("faces twice", (box.vertices, faces)), loose(
         "vertices twice", box.vertices[box.faces]
@@ -522,7 +523,7 @@ _case(
 def _picture_on_the_screen() -> Objects:
     """Return a sheet that fills the projection screen, with a hole through which a wall shows."""
     x, y = np.meshgrid(np.linspace(-10, 10, 9), np.linspace(-10, 10, 9))
-    # The hole lies beside the middle, so that mirror images differ.
+    # The hole is off center, so that mirror images differ.
     quads = np.delete(_quads_to_viewer(9, 9), [18, 19, 26, 27], axis=0)
     screen = np.stack([x, y, np.full_like(x, SHEARED_SCREEN.height)], axis=-1).reshape(-1, 3)
     return as_object("picture", (screen, triangulate(quads))), wall(-90.0)

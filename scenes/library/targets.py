@@ -18,10 +18,10 @@ Vector = tuple[float, float, float]
 
 
 def asymmetric() -> tuple[SceneObject, ...]:
-    """Return unlike parts on both sides of the plate, none symmetric with another.
+    """Return different parts on both sides of the plate; no symmetry maps one to another.
 
-    The torus in front hides the box behind from the middle aperture; the bar crosses the plate
-    beside it.
+    The torus in front hides the box behind from the middle aperture; the bar crosses the plate next
+    to the aperture.
     """
     corners, faces = shapes.box()
     along = corners[:, 2:] + 0.5
@@ -44,7 +44,7 @@ def _shape(name: str, size: float, rotate_deg: Vector, center: Vector) -> SceneO
 
 
 def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
-    """Return a letter F with strokes of different depths: no rotation undoes a mirror."""
+    """Return a letter F with strokes of different depths: no rotation equals a mirror image."""
     strokes = [
         ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
@@ -94,7 +94,7 @@ _CELL_FILLED = 0.9
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes.Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
-    It leans about the cell's middle, for a sheet of one depth would be all right or all wrong;
+    It leans about the cell's middle, because a sheet of one depth would be all right or all wrong;
     pairs are parallel.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
@@ -110,7 +110,7 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes
 
 
 def crossing() -> tuple[SceneObject, ...]:
-    """Return a steep wave through the origin exactly, a ball before it and a box behind.
+    """Return a steep wave exactly through the origin, with a ball in front and a box behind.
 
     About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle
     aperture meet it in the plate itself. Cells shrink toward it by powers of two: near planes meet
@@ -125,7 +125,7 @@ def crossing() -> tuple[SceneObject, ...]:
         [np.linspace(-31.5, -1.5, 25), -1.5 * shrinking, shrinking[::-1], np.linspace(1, 31, 25)]
     )
     columns, rows = np.meshgrid(x, y)
-    # Zero on the four corners about the origin, full a few millimeters away.
+    # The wave is zero at the four corners about the origin and full a few millimeters away.
     distance = np.maximum(np.maximum(columns - 2, -1 - columns), np.maximum(rows - 1, -1.5 - rows))
     fade = np.clip(distance / 6, 0, 1)
     wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
@@ -140,8 +140,8 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each crosses the plate beside the middle aperture, which sees a hundredth of it or less: the
-    rest is to be clipped.
+    Each crosses the plate next to the middle aperture, which sees at most a hundredth of it: the
+    rest must be clipped.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
@@ -161,7 +161,8 @@ def large_triangles() -> tuple[SceneObject, ...]:
     )
 
 
-#: Center and radius of each sphere: one behind the plate, one before it, neither hiding the other.
+#: Center and radius of each sphere: one behind the plate, one in front of it, neither hiding the
+#: other.
 MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (
     ((-11.0, 7.0, -72.0), 24.0),
     ((-20.0, 17.0, 60.0), 10.0),
@@ -172,8 +173,8 @@ _BLACK = (0.0, 0.0, 0.0)
 def mirror_spheres() -> tuple[SceneObject, ...]:
     """Return the mirror spheres, in facets of about two degrees.
 
-    Normals are as long as the radius: interpolated, they point from the center to the facet's point
-    exactly.
+    Normals have the length of the radius: interpolated, they point exactly from the center to the
+    point on the facet.
     """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
@@ -193,7 +194,7 @@ def mirror() -> Appearance:
     )
 
 
-#: Slope of the bars against the rows and columns of pixels: no column lies on an edge all along.
+#: Slope of the bars relative to rows and columns of pixels: no column follows an edge.
 GRATING_LEAN = 0.07
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
@@ -204,7 +205,7 @@ FINE, COARSE = 0.5, 4.0
 
 
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
-    """Return almost upright bars before the plate, and almost level bars behind it.
+    """Return almost upright bars in front of the plate, and almost level bars behind it.
 
     Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the
     plate) with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is the

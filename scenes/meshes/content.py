@@ -19,7 +19,7 @@ from xfrustum.scenes.disk.input_files import check_picture_size, open_image, rea
 from xfrustum.scenes.geometry.shapes import cofactors
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 
-#: Errors of Pillow at damage and at variants without a decoder; its plugins differ.
+#: Errors that Pillow's plugins raise for damage and for variants without a decoder.
 _DAMAGED = (
     ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError,
     ValueError,
@@ -63,7 +63,7 @@ def carried(
 ) -> tuple[Indices, Floats | None]:
     """Return faces (N, F, 3) and normals (N, V, 3) at the places of (N, 3, 3) matrices.
 
-    A mirror turns the winding, so that the outside stays outside; normals stay on its side.
+    A mirror reverses the winding, so that the outside stays outside; normals stay on that side.
     """
     mirrored = np.linalg.det(matrices) < 0
     placed = np.repeat(faces[None], len(matrices), axis=0)
@@ -79,14 +79,14 @@ def decode_textures(
 ) -> tuple[tuple[Bytes, ...], Numbers | None, list[UnreadFeature]]:
     """Return decoded textures of parts, their numbers by triangle, and unread textures.
 
-    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are
-    `UNTEXTURED` where a triangle has none, and None where there are no pictures. Unread are
-    textures that the file names and that are not shown, such as a damaged one.
+    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, without duplicates. Numbers (F,) are
+    `UNTEXTURED` for triangles without a texture; the array is None if there are no pictures. Unread
+    textures are named in the file but not shown, for example because they are damaged.
     """
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
     numbers: dict[tuple[int, str | None, bool], int] = {}
-    # Parts of one picture share it: a texture of thousands of primitives is decoded once.
+    # Parts with the same picture share it: a texture of thousands of primitives is decoded once.
     keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
     for key, part in dict(zip(keys, parts, strict=True)).items():
         picture, name = part.picture, part.texture
@@ -108,9 +108,9 @@ def decode_textures(
 
 
 def _pixels(path: Path, picture: Any) -> Bytes | None:
-    """Return the pixels (H, W, 4) of a Pillow image; None where it is damaged, or of 32 bits."""
+    """Return the pixels (H, W, 4) of a Pillow image; None if it is damaged, or of 32 bits."""
     check_picture_size(path, *picture.size)  # pictures within glTF files too
-    with suppress(*_DAMAGED):  # Pillow decodes, and finds damage, only here
+    with suppress(*_DAMAGED):  # Pillow decodes only here, and only then detects damage
         if picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
             gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
             return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
@@ -124,7 +124,7 @@ def file_beside(path: Path, name: str) -> Path | None:
     name, folder = name.strip().replace("\\", "/"), path.parent.resolve()
     # Exporters write absolute paths of their own machine: try the last part of such a path.
     for candidate in (name, name.lstrip("/"), name.rpartition("/")[2]):
-        with suppress(ValueError, OSError):  # no name of a file
+        with suppress(ValueError, OSError):  # not a possible file name
             file = (folder / candidate).resolve()
             if candidate and file.is_relative_to(folder) and file.exists():
                 return file
@@ -132,7 +132,7 @@ def file_beside(path: Path, name: str) -> Path | None:
 
 
 def open_picture(path: Path, name: str) -> Any:
-    """Return the undecoded Pillow image of a texture; None where it cannot be opened."""
+    """Return the undecoded Pillow image of a texture; None if it cannot be opened."""
     file = file_beside(path, name)
     if file is None or not file.is_file() or not file.stat().st_size:
         return None
@@ -140,7 +140,7 @@ def open_picture(path: Path, name: str) -> Any:
 
 
 def opened(data: bytes) -> Any:
-    """Return the undecoded Pillow image of some bytes; None where it cannot be opened."""
+    """Return the undecoded Pillow image of some bytes; None if it cannot be opened."""
     with suppress(*_DAMAGED):
         return open_image(io.BytesIO(data))
     return None

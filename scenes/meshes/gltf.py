@@ -55,14 +55,14 @@ _CHANGING_GEOMETRY = {
     "EXT_primitive_voxels", "KHR_implicit_shapes", "KHR_meshopt_compression", "MPEG_accessor_timed",
     "MPEG_buffer_circular", "MPEG_mesh_linking",
 }  # fmt: skip
-#: Names of extensions that change looks alone.
+#: Names of extensions that change only looks.
 _LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|xmp)\w*")
-#: Arrays of doubles that exist at the same time for each one of the result.
+#: Number of simultaneous arrays of doubles for each array of the result.
 _COPIES = 3
-#: Bytes of memory of one primitive of a node besides its arrays, and of one instance.
+#: Bytes of memory of one primitive of a node, without its arrays, and of one instance.
 _MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
-#: Largest difference of a sum of joint weights from one. Beyond it, a viewer that divides by the
-#: sum and one that does not differ by more than a part per thousand of a vertex's position.
+#: Largest difference of a sum of joint weights from one. Beyond it, viewers that divide by the sum
+#: and viewers that do not may differ by more than a thousandth of a vertex's position.
 _WEIGHT_TOLERANCE = 1e-3
 _NO_TRIANGLES = UnreadFeature("points and lines", "are not shown")
 
@@ -148,7 +148,7 @@ def _local_matrix(gltf: Gltf, node: Node) -> Floats:
 
 
 def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Floats:
-    """Return (count, 4, 4) matrices that scale, then turn, then move; None leaves a step out."""
+    """Return (count, 4, 4) matrices that scale, then rotate, then translate; None skips a step."""
     matrices = np.tile(np.eye(4), (count, 1, 1))
     if rotation is not None:
         # trimesh expects w first, glTF stores it last; the quaternion is made a unit quaternion.
@@ -179,7 +179,7 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
         own = _local_matrix(gltf, nodes[number])
         worlds[number] = own if number not in parents else worlds[parents[number]] @ own
         waiting += nodes[number].children
-    # Nodes of a cycle have parents, so that no root leads to them.
+    # Nodes of a cycle all have parents: no root leads to them.
     if len(worlds) < len(nodes):
         raise gltf.error("nodes are their own children")
     return [worlds[number] for number in range(len(nodes))]
@@ -218,7 +218,7 @@ def _instances(gltf: Gltf, node: Node) -> int:
 
 
 def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
-    """Raise InputError where the triangles of all nodes and instances take too much memory."""
+    """Raise InputError if the triangles of all nodes and instances take too much memory."""
 
     def size(primitive: Primitive) -> int:
         # Counts come from the document, before any data is decoded.
@@ -341,7 +341,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
             for name, number in draco.attributes.items()
         }
         faces = np.asarray(mesh.faces, np.uint32).reshape(-1, 1)
-    except Exception as error:  # of any type: DracoPy and its bindings have types of their own
+    except Exception as error:  # untyped: DracoPy and its bindings use their own types
         raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
     if primitive.indices is None or primitive.mode != _TRIANGLES:
         raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")
@@ -379,7 +379,7 @@ def _placing(
 
 
 def _placed(matrices: Floats, local: _Local) -> MeshPart:
-    """Return the triangles of a primitive at each of its places (N, 4, 4) in turn."""
+    """Yield the triangles of a primitive at each of its places (N, 4, 4)."""
     places, count = len(matrices), len(local.points)
     homogeneous = np.column_stack([local.points, np.ones(count)])
     vertices = np.matmul(matrices, homogeneous.T)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
@@ -439,7 +439,7 @@ def _part(
 class _Look:
     """Color of the surfaces of one material."""
 
-    base_color: Floats | None = None  #: (3,) linear RGB, None where white
+    base_color: Floats | None = None  #: (3,) linear RGB, None if white
     texture: str | None = None  #: name of the base color texture
     picture: Any = None  #: Pillow image, opened and not yet decoded
     coordinates: str = "TEXCOORD_0"  #: attribute that places the texture

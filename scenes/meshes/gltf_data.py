@@ -245,8 +245,7 @@ class Tree(_Model):
     extensions_required: tuple[str, ...] = ()
 
 
-#: Relative rounding of numbers printed with six significant digits, the fewest that exporters
-#: write.
+#: Relative rounding of numbers with six significant digits, the fewest that exporters write.
 _PRINTED = 5e-6
 
 _Item = TypeVar("_Item")
@@ -267,7 +266,7 @@ class Gltf:
         return InputError(f"{self.path}: cannot be read as glTF ({reason}); export the mesh again")
 
     def entry(self, table: Sequence[_Item], index: int, what: str) -> _Item:
-        """Return one entry of a table of the document; InputError where there is none."""
+        """Return one entry of a table of the document; InputError if it is missing."""
         if index >= len(table):
             raise self.error(f"{what} {index} of {len(table)} does not exist")
         return table[index]
@@ -290,7 +289,7 @@ class Gltf:
     def stored(self, index: int, *widths: int) -> NDArray[Any]:
         """Return the (count, widths[0]) numbers of an accessor as stored, sparse ones applied.
 
-        It may have one of several widths, of which the first is the smallest.
+        It may have one of several widths; the first is the smallest.
         """
         accessor = self.accessor(index)
         width = _WIDTHS[accessor.type]
@@ -307,7 +306,7 @@ class Gltf:
         shape, sparse = (accessor.count, width), accessor.sparse
         if accessor.buffer_view is not None:
             values = self._elements(accessor.buffer_view, accessor.byte_offset, kind, shape)
-        elif sparse is not None:  # the file has no bytes of most elements
+        elif sparse is not None:  # most elements of a sparse accessor have no bytes in the file
             input_files.check_declared(self.path, 24 * accessor.count * width, f"accessor {index}")
             values = np.zeros(shape, kind)
         else:
@@ -339,7 +338,7 @@ class Gltf:
         return self.stored(index, 1)[:, 0].astype(np.int64)
 
     def check_bounds(self, index: int) -> None:
-        """Raise InputError where `min` and `max` of vectors differ from their data."""
+        """Raise InputError if `min` and `max` of vectors differ from their data."""
         accessor = self.accessor(index)
         stored = self.stored(index, 3)
         # Draco quantizes positions, so that their bounds differ slightly.
@@ -418,7 +417,8 @@ def open_gltf(path: Path) -> Gltf:
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:
         text, binary = _chunks(path, data)
     document = bytes(text).removeprefix(codecs.BOM_UTF8)
-    # pydantic keeps all objects in memory at once; braces in strings only raise the estimate.
+    # pydantic keeps all objects in memory at once: count braces; braces in strings only raise the
+    # estimate.
     objects = document.count(b"{")
     input_files.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
     try:

@@ -1,6 +1,6 @@
 """One mesh file as one object: the reader of its format, and the checks that all formats share.
 
-Faces are numbered by CONVENTIONS.md; nothing that a library makes up is drawn (docs/adr/0007).
+Faces are numbered by CONVENTIONS.md; values that a library invents are not drawn (docs/adr/0007).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _READERS: dict[str, Callable[[Path], MeshContent]] = {
     ".stl_ascii": read_stl,
 }
 
-#: Formats that are known and not read, and what to do with them, by suffixes.
+#: Advice for known formats that are not read, by suffix.
 _EXPORT = "export the mesh as glTF, OBJ, PLY or STL"
 _REFUSED = {
     ".dae .zae": f"COLLADA, which is not read; {_EXPORT}",
@@ -53,8 +53,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     """Read a mesh file as one object, in the mesh's own coordinates.
 
     Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice
-    counted twice. Parts are joined here, for trimesh would pack their textures into an atlas that
-    cannot repeat. Raises InputError where the file is missing, of another type, damaged, without
+    counted twice. Parts are joined here, because trimesh would pack their textures into an atlas
+    that cannot repeat. Raises InputError if the file is missing, of another type, damaged, without
     triangles, or where it holds geometry that the reader does not honour.
     """
     input_files.check_mesh_file(path)
@@ -71,7 +71,7 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         uv = _joined(parts, (part.uv for part in parts), (np.nan, np.nan))
         pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
         if texture_of_triangle is not None and uv is not None:
-            # A triangle with a corner without coordinates shows no texture.
+            # A triangle shows no texture if a corner lacks texture coordinates.
             texture_of_triangle[np.isnan(uv[faces]).any(axis=(1, 2))] = UNTEXTURED
         return SceneObject(
             name=str(path),
@@ -96,7 +96,7 @@ def _without_area(triangles: Floats) -> list[UnreadFeature]:
 
 
 def _reader(path: Path) -> Callable[[Path], MeshContent]:
-    """Return the reader of a file; InputError where its format is not read."""
+    """Return the reader of a file; InputError if its format is not read."""
     suffix = path.suffix.lower()
     if suffix in _READERS:
         return _READERS[suffix]
@@ -110,7 +110,7 @@ def _reader(path: Path) -> Callable[[Path], MeshContent]:
 def _joined(
     parts: Sequence[MeshPart], values: Iterable[Floats | None], otherwise: tuple[float, ...]
 ) -> Floats | None:
-    """Return (V, n) values at the vertices of all parts; None where no part has any."""
+    """Return (V, n) values at the vertices of all parts; None if no part has any."""
     own = list(values)
     if all(value is None for value in own):
         return None
@@ -122,7 +122,7 @@ def _joined(
 
 
 def _check_geometry(path: Path, parts: Sequence[MeshPart]) -> None:
-    """Raise InputError where faces leave their own vertices, or vertices are no points in space."""
+    """Raise InputError if faces refer to missing vertices, or if vertices are not finite."""
     for part in parts:
         ends, count = (int(part.faces.min()), int(part.faces.max())), len(part.vertices)
         for index in ends:

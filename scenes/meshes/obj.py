@@ -37,7 +37,7 @@ from xfrustum.scenes.meshes.text_lines import (
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.representation import counted
 
-#: Statements of surfaces that are no polygons, and of files and commands.
+#: Statements of surfaces that are not polygons, and of files and commands.
 _REFUSED: Final = {
     **dict.fromkeys(("surf", "bzp", "bsp", "cdp"), "a free-form surface; export polygons"),
     **dict.fromkeys(("call", "csh"), "another file or a command; write its content into this file"),
@@ -52,7 +52,7 @@ _CURVES: Final = {
     "curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp",
     "end", "con", "ctech", "stech", "res", "cdc",
 }  # fmt: skip
-#: Names, groups and hints for other renderers, which place nothing.
+#: Names, groups and hints for other renderers: they have no effect on geometry.
 _NAMES: Final = {
     "o", "g", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "maplib",
     "usemap", "mtllib", "usemtl", "s",
@@ -102,7 +102,8 @@ def read_obj(path: Path) -> MeshContent:
     if "s" in named and (polygons.corners[:, _NORMAL] == _ABSENT).any():
         unread += _smoothing(lines, named["s"])
     changes = named.get("usemtl", [])
-    in_use = ["", *(_value(lines, line) for line in changes)]  # from each change on
+    # names: none, then from each change on
+    in_use = ["", *(_value(lines, line) for line in changes)]
     names = list(dict.fromkeys(in_use))
     # The material of a polygon is the last one named before its line.
     used = np.searchsorted(changes, polygons.lines, side="right")
@@ -248,8 +249,8 @@ def _corner_indices(
     before = np.cumsum(slashes, dtype=np.int32) - slashes  # slashes before each byte
     text[slashes] = _BLANK
     numbers = word_starts(text)
-    # A number belongs to the last corner that begins before it, and to the index that follows as
-    # many slashes of this corner.
+    # A number belongs to the last corner that begins before it; the number of slashes in this
+    # corner before it selects the index.
     marks = np.zeros(len(text), np.bool_)
     marks[begins] = True
     corner = np.cumsum(marks, dtype=np.int32)[numbers] - 1
@@ -295,10 +296,10 @@ def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) 
 # Material libraries
 # -------------------------------------------------------------------------------------------------
 
-#: Statements that show a surface in another color, or not at all, and the value that changes
-#: nothing.
+#: Statements that change a surface's color or hide it, and their neutral value.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
-_MAPS: Final = ("bump", "disp", "decal", "refl", "norm")  # beside all whose names begin with map_
+# in addition to all whose names begin with map_
+_MAPS: Final = ("bump", "disp", "decal", "refl", "norm")
 _MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # most arguments of a map option
 
 
@@ -348,7 +349,7 @@ def _read_libraries(
 
 
 def _library(path: Path, name: str) -> dict[str, _Material] | None:
-    """Return the materials of a library beside an OBJ file; None where it cannot be read."""
+    """Return the materials of a library beside an OBJ file; None if it cannot be read."""
     library = file_beside(path, name)
     try:
         content = None if library is None else read_input(library, "material library")

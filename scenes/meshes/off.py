@@ -20,7 +20,7 @@ _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BIN
 
 def read_off(path: Path) -> MeshContent:
     """Read an OFF file; InputError with the line where it is damaged or of a kind not read."""
-    # Letters of the header stand before OFF in this order; without a header the file is plain OFF.
+    # Letters of the header precede OFF in this order; without a header the file is plain OFF.
     data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
     if header is not None and (header[5] or header[6]):

@@ -1,8 +1,8 @@
 """Packages of XML parts in zip archives: 3MF and 3DXML.
 
 3MF is read by its core specification 1.3 and its production extension 1.1: objects, components and
-build items. In 3DXML (Dassault Systèmes) tessellated representations are read, placed by the
-product structure: the finest level of detail of each. Triangles are numbered as by trimesh.
+build items. In 3DXML (Dassault Systèmes) the finest level of detail of each tessellated
+representation is read and placed by the product structure. Triangles are numbered as by trimesh.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _DEEPEST = 100  # levels of instances within instances
 
 _3D: Final = "http://schemas.microsoft.com/3dmanufacturing/"
 _CORE: Final = f"{{{_3D}core/2015/02}}"
-#: Extensions of 3MF that are honoured, or that change looks alone.
+#: Extensions of 3MF that are honoured, or that change only looks.
 _KNOWN: Final = [
     f"{_3D}{name}"
     for name in ("core/2015/02", "production/2015/06", "material/2015/02", "trianglesets/2021/07")
 ]
-#: Elements of an object of 3MF that are read, or that place nothing.
+#: Elements of an object of 3MF that are read, or that have no effect on geometry.
 _READ: Final = ("vertices", "triangles", "trianglesets", "metadatagroup", "mesh", "components")
 _AGAIN: Final = "export the mesh again"
 
@@ -143,7 +143,7 @@ class _Package:
 
 
 def read_3mf(path: Path) -> MeshContent:
-    """Read a 3MF file; InputError where it is damaged or requires an extension that is not read."""
+    """Read a 3MF file; InputError if it is damaged or requires an extension that is not read."""
     package = _Package(path)
     relations, _ = package.read("_rels/.rels")
     kind = f"{_3D}2013/01/3dmodel"
@@ -195,7 +195,7 @@ class _Model:
         """Return build items or components of a part as nodes, in the order of their triangles."""
         groups: dict[tuple[str, str], list[tuple[_Node, Floats]]] = {}
         for reference in references:
-            # Some writers leave out the namespace of the attribute.
+            # Some exporters leave out the namespace of the attribute.
             named = {name.rpartition("}")[2]: path for name, path in reference.attrib.items()}
             key = named.get("path", part).lstrip("/"), named.get("objectid", "")
             child = self._node(*key), self.package.matrix(named.get("transform"), "transform")
@@ -210,7 +210,7 @@ class _Model:
         if element is None:
             raise self.package.error(f"object {number} of {part} is not there")
         if key not in self._nodes:
-            # Noted first, so that a circle ends here; placing refuses it.
+            # Store the node first, so that a cycle ends here; `placed` refuses cycles.
             self._nodes[key] = node = _Node()
             self._read(part, element, node)
         return self._nodes[key]
@@ -239,7 +239,7 @@ class _Model:
         node.children += self.children(part, components)
 
     def _table(self, elements: list[Element], names: tuple[str, str, str]) -> Floats:
-        # A missing attribute becomes a word that is no number, and is refused.
+        # A missing attribute becomes a word that is not a number, and is refused.
         text = " ".join(row.get(name, "?") for row in elements for name in names)
         return self.package.numbers(text, len(names))
 

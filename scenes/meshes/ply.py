@@ -65,7 +65,7 @@ class _Header:
 
 
 def read_ply(path: Path) -> MeshContent:
-    """Read a PLY file; InputError where it is damaged, cut off, or has no polygons."""
+    """Read a PLY file; InputError if it is damaged, cut off, or has no polygons."""
     data = read_input(path, "mesh file").removeprefix(codecs.BOM_UTF8)
     header = _header(path, data)
     # Text has no byte order, and is cast to the machine's own.
@@ -87,7 +87,7 @@ def _header(path: Path, data: bytes) -> _Header:
         raise InputError(
             f"{path}: is damaged: a PLY file begins with 'ply' and has an 'end_header'"
         )
-    # A property belongs to the element declared last before it.
+    # A property belongs to the last element declared before it.
     order, elements, textures = None, list[_Element](), list[str]()
     for number, line in enumerate(
         plain_text(data[: end.start()]).decode("utf-8", "replace").split("\n")
@@ -235,7 +235,7 @@ def _number(path: Path, data: bytes, place: int, kind: str | np.dtype[Any]) -> i
 
 
 def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
-    """Raise InputError at files of other things than polygons, naming them."""
+    """Raise InputError for files without polygons, naming their content."""
     vertex, face = elements.get("vertex"), elements.get("face")
     if vertex is None or not vertex.types.keys() >= {*_POINT}:
         raise InputError(

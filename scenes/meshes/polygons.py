@@ -1,13 +1,13 @@
 """Polygons cut into triangles, in their own plane.
 
-Libraries for it (mapbox_earcut) drop corners on straight edges, and neighbors would meet in cracks:
-here a polygon of n corners always gives n - 2 triangles.
+Libraries (mapbox_earcut) drop corners on straight edges, which would leave cracks between
+neighbors; here a polygon of n corners always gives n - 2 triangles.
 
-However a polygon is cut, signed areas of the triangles add up to its area by Newell's formula. So a
-cut of an outline that does not cross itself is right where no triangle faces against Newell's
-normal: nothing is covered twice or left out. A fan is right, too, where the outline turns by 360
-degrees alone. Ears cut off an outline that crosses itself are not always found out: its ends may
-overlap, like the ends of a ring cut open.
+For any triangulation of a polygon, the signed areas of the triangles add up to its area by Newell's
+formula. The triangulation of an outline that does not cross itself is therefore right if no
+triangle faces against Newell's normal: nothing is covered twice or left out. A fan also needs an
+outline with a total turn of 360 degrees. Ears of an outline that crosses itself are not always
+detected as wrong: its ends may overlap, like the ends of a ring cut open.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def cut_polygons(
 ) -> Indices:
     """Return (T, 3) places in `corners` of the triangles of polygons, polygon by polygon.
 
-    A polygon's fan from its first corner stays wherever it is right; the second triangle of a
+    The fan from a polygon's first corner is kept if it is right; the second triangle of a
     quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are cut
     as seen along Newell's normal; their fan, too, stays where all of it faces that way.
 
@@ -88,7 +88,7 @@ def _mend(
     newell = crosses.sum(axis=1)
     area = np.linalg.norm(newell, axis=1)
     flat = (np.linalg.norm(crosses, axis=2) <= doubt[:, None]).all(axis=1)  # corners on one line
-    # Sizes of zero, and those that are not finite, are for the checks that all formats share.
+    # Skip sizes that are zero or not finite: the checks that all formats share refuse them.
     normals = newell / np.where(area > 0, area, 1.0)[:, None]
     wrong = np.isfinite(doubt) & ~flat & ((area <= doubt) | ~_all_face(crosses, normals, doubt))
     # A concave quadrilateral has exactly one right diagonal.
@@ -154,7 +154,7 @@ def _plane(normal: Floats) -> Floats:
 
 
 def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | None:
-    """Return triangles that face the viewer of a polygon (n, 2); None where it crosses itself."""
+    """Return triangles that face the viewer of a polygon (n, 2); None if it crosses itself."""
     count = len(corners)
     left_over = corners.copy()  # NaN where a corner is cut off
     before, after = (np.roll(np.arange(count), step).tolist() for step in (1, -1))
@@ -168,8 +168,8 @@ def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | No
             return False
         inside = _turn(a, b, left_over) >= -doubt
         inside &= (_turn(b, c, left_over) >= -doubt) & (_turn(c, a, left_over) >= -doubt)
-        # Bridges to holes pass through a corner twice: other corners in the same place are no
-        # obstacle.
+        # Bridges to holes pass through a corner twice: other corners in the same place are not
+        # obstacles.
         return bool((corners[inside, None] == three).all(axis=2).any(axis=1).all())
 
     ears = np.array([is_ear(tip) for tip in range(count)])

@@ -1,4 +1,4 @@
-"""STL in text and in binary: whole files alone."""
+"""STL in text and in binary; incomplete files are refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COSINE = 0.5
 
 
 def read_stl(path: Path) -> MeshContent:
-    """Read an STL file; InputError where its length or its text is damaged."""
+    """Read an STL file; InputError if its length or its text is damaged."""
     data = read_input(path, "mesh file")
     count = int.from_bytes(data[80:_HEADER_BYTES], "little")
     whole = _HEADER_BYTES + count * _FACET.itemsize

@@ -21,7 +21,8 @@ _LINE_FEED = ord("\n")
 #: no number, so that the word is refused.
 _BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, _LINE_FEED: _LINE_FEED}
 _CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
-#: Replacement of a backslash and the line feed after it: as long, and counted by `number`.
+#: Replacement of a backslash and the line feed after it: of the same length, and counted by
+#: `number`.
 _CONTINUED = b" \v"
 
 
@@ -160,7 +161,7 @@ def parse(
     data = text.tobytes()
     if count == 0:
         return np.zeros(0, kind)
-    # NumPy stops at the first word that is no number, so that the count is short.
+    # NumPy stops at the first word that is not a number, and then the count is short.
     with suppress(ValueError):
         numbers = np.fromstring(data, kind, sep=" ")
         if len(numbers) == count:

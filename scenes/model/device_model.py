@@ -74,7 +74,7 @@ class DeviceModel:
         ]
 
     def stored_steps(self, depth: DepthFormat) -> float:
-        """Return within how many steps of a format two equal depths may be stored; 0 for D32F."""
+        """Return the largest difference of two equal depths as stored, in steps; 0 for D32F."""
         low, high = self.stored(depth)
         return high - low
 
@@ -84,7 +84,7 @@ class DeviceModel:
 
     @classmethod
     def read(cls, path: Path) -> DeviceModel:
-        """Read the model of a `device.json`; InputError where it is not one."""
+        """Read the model of a `device.json`; InputError if it is not one."""
         advice = "xfrustum device --out DIR writes DIR/device.json"
         content = read_small(path, "device.json", LARGEST_FILE, advice)
         try:
@@ -111,8 +111,8 @@ H100 = DeviceModel(
     name="NVIDIA H100",
     subpixel_bits=8,
     snaps_depth=True,
-    # A depth is cut off to sixteenths of a step, and half goes down: the next step begins at 9 /
-    # 16.
+    # A depth is truncated to sixteenths of a step, and half is rounded down: the next step begins
+    # at 9 / 16.
     d16=(-0.5 - SIXTEENTH, 0.5),
     rounds_planes=False,
     filter_bits=8,
@@ -126,7 +126,7 @@ SOFTPIPE = DeviceModel(
     name="softpipe",
     subpixel_bits=4,
     snaps_depth=False,
-    # Depths are cut off; in D16 the gradient is, too, by less than a step for each block but a
+    # Depths are truncated; in D16 also the gradient, by less than a step for each block except a
     # span's first.
     d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
     d24=(-1.0, 0.0),
@@ -140,7 +140,7 @@ FEWEST_SUBPIXEL_BITS = 4
 def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
     """Return the model of an unmeasured device, which may store the next lower or higher step.
 
-    It holds where the depth of each pixel is found by itself: not for the D16 of softpipe.
+    It holds if the depth of each pixel is computed independently, unlike the D16 of softpipe.
     """
     wide = -1.0, 1.0
     return DeviceModel(

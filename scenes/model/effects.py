@@ -1,8 +1,7 @@
-"""Effects that a scene calls for, with the facts that decide them.
+"""Effects that a scene needs, with the facts that decide them.
 
-A scene that does not call for an effect has the same picture without it. Surfaces that no image
-shows (`scenes.model.visibility`) call for none, but for light paths: they cast shadows and send
-light.
+A scene that does not need an effect has the same picture without it. Surfaces that no image shows
+(`scenes.model.visibility`) need no effect except light paths: they cast shadows and send light.
 """
 
 from __future__ import annotations
@@ -43,9 +42,9 @@ CAMERAS = frozenset((Effect.C, Effect.C_STAR))
 
 
 class Refusal(StrEnum):
-    """Reason why an effect changes no picture, whatever the objects are."""
+    """Reason why an effect changes no picture, for any objects."""
 
-    CAMERA = "camera"  #: another camera alone draws
+    CAMERA = "camera"  #: only the other camera draws
     NO_ENVIRONMENT = "no-environment"
     BLACK_ENVIRONMENT = "black-environment"
     NO_LIGHT = "no-light"
@@ -57,8 +56,8 @@ class Decision:
 
     effect: Effect
     refusal: Refusal | None = None
-    objects: tuple[int, ...] = ()  #: numbers of objects that call for the effect and may be shown
-    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that call for it and cannot be shown
+    objects: tuple[int, ...] = ()  #: numbers of objects that need the effect and may be visible
+    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that need it but cannot be visible
 
     @property
     def used(self) -> bool:
@@ -74,7 +73,7 @@ class Question:
     apertures: tuple[Aperture, ...] | None = None  #: None for all of the plate
     settings: tuple[
         DoubleFrustum, ...
-    ] = ()  #: none are needed unless a near is tiny, see `Region.from_scene`
+    ] = ()  #: settings are needed only for a tiny near, see `Region.from_scene`
 
 
 def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ...]:
@@ -118,7 +117,7 @@ def _refusal(scene: Scene, effect: Effect, camera: Camera) -> Refusal | None:
 
 
 def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mask | None:
-    """Return (F,) which triangles of an object call for an effect; None for no triangle."""
+    """Return the mask (F,) of an object's triangles that need an effect; None for no triangle."""
     faces, calling = part.faces, None
     if effect in CAMERAS:
         heights = part.vertices[:, 2]
@@ -141,7 +140,7 @@ def needed(scene: Scene, question: Question | None = None) -> frozenset[Effect]:
 
 
 def chosen(scene: Scene, names: str, question: Question | None = None) -> frozenset[Effect]:
-    """Return the effects of a text: `auto`, `all`, or names between commas; else InputError."""
+    """Return the effects of a string: `auto`, `all`, or names between commas; else InputError."""
     if names == "auto":
         return needed(scene, question)
     if names == "all":

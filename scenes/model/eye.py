@@ -1,4 +1,4 @@
-"""Eyes before the plate, the pixels of hogels in their view, and their pictures."""
+"""Eyes in front of the plate, the pixels of hogels in their view, and their pictures."""
 
 import math
 from dataclasses import dataclass
@@ -30,13 +30,13 @@ class Beam(StrEnum):
 class Eye:
     """Eye with the rectangle of the plate as film, row 0 at the top, in equal cells.
 
-    Raises InputError where it lies in or behind the plate, a number is not finite, or there are too
+    Raises InputError if it lies in or behind the plate, a number is not finite, or there are too
     many pixels.
     """
 
     position: tuple[
         float, float, float
-    ]  #: center of the pupil, scene units; z > 0, before the plate
+    ]  #: center of the pupil, scene units; z > 0, in front of the plate
     #: W, H in pixels
     resolution: tuple[int, int] = RESOLUTION
     #: its diameter, scene units; 0 for a pinhole
@@ -73,7 +73,7 @@ class Eye:
         """(N, 2) evenly spread points of the pupil from its center, scene units."""
         if self.pupil == 0:
             return np.zeros((1, 2))
-        # Equal areas: the radius goes as the root of an evenly spread number.
+        # Equal areas: the radius is the square root of an evenly spread number.
         share, turn = additive_recurrence(PUPIL_POINTS).T
         radius, angle = np.sqrt(share) * self.pupil / 2, 2 * np.pi * turn
         return np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
@@ -138,7 +138,7 @@ class EyeImage(SurfaceImage):
     position: Floats
     #: linear RGB, averaged over the pupil and over beams; None if not known
     color: Singles | None = None
-    #: uint8 `Certainty` per pixel; None where nothing was certified
+    #: uint8 `Certainty` per pixel; None if nothing was certified
     certainty: Bytes | None = None
 
     @property

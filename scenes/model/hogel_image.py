@@ -52,10 +52,10 @@ class HogelCamera:
     half_extent: tuple[float, float]  #: t, likewise
     reach: tuple[float, float]  #: toward the viewer and behind the plate, scene units
     scene: str  #: name or path by which the scene can be opened again
-    scene_hash: str  #: proves that it is the same
+    scene_hash: str  #: proves that the scene is the same
     renderer: str  #: with versions or devices, for people
-    settings: DoubleFrustum | None = None  #: those that drew the image; None for other renderers
-    #: per pixel, over which color was averaged; None where none were traced
+    settings: DoubleFrustum | None = None  #: settings that drew the image; None for other renderers
+    #: light paths per pixel over which color was averaged; None if no paths were traced
     light_paths: int | None = None
 
 
@@ -100,8 +100,8 @@ class SurfaceImage(ShortRepr):
 
         Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the
         right, from -1 to 1), and rgb or xyz; numbers of the camera are attributes. `units` names
-        the scene's unit of length (`scene.units`), which images do not store. Raises InputError
-        where xarray is not installed.
+        the scene's unit of length (`scene.units`), which images do not store. Raises InputError if
+        xarray is not installed.
         """
         images, places, attributes = self._labels(units)
         surfaces = {
@@ -135,12 +135,11 @@ class HogelImage(SurfaceImage):
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
     #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
     tied_triangles: Indices | None = None
-    #: computes `overruled` by a float32 tracer; likewise
+    #: computes `overruled` by a float32 tracer; None likewise
     second_opinion: Callable[[], Mask] | None = None
-    #: of the color; None where it is unknown or there is no color
+    #: of the color; None if it is unknown or there is no color
     rendering: Rendering | None = None
-    #: (H, W, 3) how far coordinates may be from those that were written; None as exactly as
-    #: float32.
+    #: (H, W, 3) error bounds of coordinates by their storage; None if they are exact in float32.
     uncertainty: Floats | None = None
     #: name of a file format that changed the pixels, such as "JPEG, lossy"
     storage: str | None = None
@@ -211,7 +210,7 @@ class HogelImage(SurfaceImage):
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
-    """Join bands of rows of decide image, from the top, with the arrays of all bands."""
+    """Join bands of rows of an image, from the top, with the arrays that all bands have."""
     if len(bands) == 1:
         return bands[0]
     names = ("camera", "rendering", "storage")

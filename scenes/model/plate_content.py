@@ -38,7 +38,7 @@ class Channel(StrEnum):
     COLOR = "color"
 
 
-#: Images that a renderer has; certainty is the truth's alone.
+#: Images that a renderer has; only the truth has certainty.
 DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
 
 
@@ -49,7 +49,7 @@ class PlateContent:
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
     ids: bool = False  #: true if the stream has triangle numbers, as with the channel of their name
     channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
-    #: None for those that the scene calls for: the same pictures
+    #: None selects the effects that the scene needs, which give the same pictures
     effects: frozenset[Effect] | None = None
 
     def __post_init__(self) -> None:

@@ -55,7 +55,7 @@ class NormalsMade(StrEnum):
 
 @dataclass(frozen=True)
 class UnreadFeature:
-    """Feature of a mesh file that changes looks alone and is not honoured.
+    """Feature of a mesh file that changes only looks and is not honoured.
 
     A feature that would change geometry or place is refused with InputError instead.
     """
@@ -72,8 +72,8 @@ class SceneObject(ShortRepr):
     """One object of a scene: a triangle mesh in scene coordinates.
 
     Vertex normals, of any length, lie on the side that the winding faces; they are interpolated
-    linearly and then made unit; triangles without one at a corner are flat. Raises InputError where
-    it is no such mesh.
+    linearly and then normalized. A triangle is flat if a corner has no normal. Raises InputError
+    for an invalid mesh.
     """
 
     name: str  #: mesh file or built-in shape that the object came from
@@ -104,7 +104,7 @@ class SceneObject(ShortRepr):
                 f"{self.name}: vertices must be one triple each, (V, 3), not {vertices.shape}"
             )
         indices = np.asarray(self.faces)
-        # Fractions are refused, not rounded.
+        # Fractional indices are refused, not rounded.
         if indices.dtype.kind not in "iu" and indices.size:
             raise InputError(
                 f"{self.name}: faces must be whole numbers, (F, 3), not of type {indices.dtype}"
@@ -226,7 +226,7 @@ class Scene(ShortRepr):
         screen = self.frustum.screen
         if screen is not None:
             lengths += [abs(screen.height), *screen.size, *(abs(c) for c in screen.center if c)]
-            # The farthest that a line runs aside on its way from an aperture to the screen.
+            # Largest lateral distance of a line on its way from an aperture to the screen.
             extents = zip(screen.center, screen.size, self.plate.size, strict=True)
             aside = max(abs(center) + size + plate for center, size, plate in extents)
             if aside > STEEPEST * abs(screen.height):
@@ -288,8 +288,8 @@ class Scene(ShortRepr):
     @cached_property
     def height_ranges(self) -> Floats:
         """(2, F) lowest and highest z of each triangle."""
-        # Corner by corner: NumPy is several times slower along rows of three numbers. So it is
-        # below.
+        # Work corner by corner, here and below: NumPy is several times slower along rows of three
+        # numbers.
         z = self.vertices[:, 2][self.faces.T]
         return read_only(np.stack((reduce(np.minimum, z), reduce(np.maximum, z))))
 
@@ -353,7 +353,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """One material per object; the default where an object names none."""
+        """One material per object; the default if an object names none."""
         return tuple(self.appearance.material(part.material) for part in self.objects)
 
     @cached_property
@@ -370,7 +370,7 @@ class Scene(ShortRepr):
 
 
 def look_hash(scene: Scene) -> str:
-    """Return the SHA-256 of all that color depends on besides `Scene.content_hash`."""
+    """Return the SHA-256 of all inputs of color that `Scene.content_hash` does not contain."""
     appearance, surface = scene.appearance, scene.surface
     environment = appearance.environment
     digest = hashlib.sha256()
@@ -389,7 +389,7 @@ def look_hash(scene: Scene) -> str:
         *surface.textures,
     ]
     for array in arrays:
-        # The shape goes before the content, so that different lists of arrays never give the same
+        # Hash the shape before the content, so that different lists of arrays never give the same
         # bytes.
         digest.update(json.dumps(None if array is None else array.shape).encode())
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())

@@ -31,7 +31,8 @@ SMALLEST_NEAR_SHARE = 2.0**-16
 FAR_ROUNDINGS = 16
 #: Factor by which a drawn image may reach too far. With `standard` and `gl` depth w - z = n (f - w)
 #: / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a
-#: share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
+#: share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all roundings together move it by a sixteenth; the
+#: factor allows twice that.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
 #: Margin of lateral bounds, share of the largest term: a transform in float32 is off by at most
 #: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times
@@ -45,7 +46,8 @@ PLATE_ROUNDING = 2.0**-24
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
 INDEX_MARGIN = 1e-6
 
-CHUNK_TRIANGLES = 1 << 12  #: triangles tested together: most objects show one among the first
+#: triangles tested together: most objects have a visible one among the first
+CHUNK_TRIANGLES = 1 << 12
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
 #: apertures, and smaller triangles give tighter rectangles.
@@ -127,7 +129,8 @@ def _apertures_of(
     sign = np.where(np.where(valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     x, toward_a = x * sign, np.abs(toward_a)
     aside = half_extents(frustum)[axis] * np.abs(s) + widened
-    # At the screen itself every aperture sees a point, or none does: any number, or no corner.
+    # At the screen, either all apertures see a point or none does: the bound is infinite, or the
+    # corner is left out.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         low, high = (x - aside) / toward_a, (x + aside) / toward_a
     low = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
@@ -149,13 +152,14 @@ def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
     lowest, highest = scene.height_ranges
     some = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
     corners, valid = _parts(some, 0.0, 0.0)
-    # A triangle meets the plate in a segment: from one of its points to the farthest other.
+    # A triangle meets the plate in a segment: from one of the meeting points to the farthest other
+    # one.
     places = np.where(valid[..., None], corners[..., :2] - [aperture.x, aperture.y], np.nan)
     first = np.take_along_axis(places, valid.argmax(axis=1)[:, None, None], axis=1)
     apart = np.nan_to_num(np.abs(places - first).sum(axis=-1), nan=-1.0).argmax(axis=1)
     last = np.take_along_axis(places, apart[:, None, None], axis=1)
     middle, end = (first + last)[:, 0] / 2, (last - first)[:, 0] / 2
-    # A segment meets a rectangle unless an axis, or the segment's own normal, separates them.
+    # A segment meets a rectangle unless an axis, or the segment's normal, separates them.
     meets = (np.abs(middle) <= window + np.abs(end)).all(axis=1)
     across = np.abs(middle[:, 0] * end[:, 1] - middle[:, 1] * end[:, 0])
     return bool((meets & (across <= np.abs(end) @ window[::-1])).any())
@@ -183,8 +187,8 @@ class Region:
     ) -> Region:
         """Return the region of drawn images of some apertures with their cells; None for all.
 
-        It holds for every near from `SMALLEST_NEAR_SHARE` of the reach up; smaller ones need their
-        settings.
+        It holds for every near from `SMALLEST_NEAR_SHARE` of the reach up; for a smaller near, give
+        the settings.
         """
         unbounded = any(loses_far_plane(scene, choice) for choice in settings)
         margin = math.inf if unbounded else FAR_MARGIN
@@ -210,7 +214,7 @@ class Region:
         return cls(frustum=scene.frustum, apertures=(x, y), reach=scene.frustum.reach)
 
     def holds(self, triangles: Floats, heights: Interval | None = None) -> Mask:
-        """Return (F,) which triangles may have a part in the region, and between two heights.
+        """Return the mask (F,) of triangles that may be partly in the region, between two heights.
 
         False is certain.
         """
@@ -236,7 +240,7 @@ class Region:
 
 
 def _widened(scene: Scene, step: float) -> Interval:
-    """Return by how much lines of a camera that steps back lie farther aside, along x and y.
+    """Return how much farther lines of a camera that steps back run to the side, along x and y.
 
     A camera at a step has half a film of the step more on each side, and with pivot `camera` its
     shear; float32 rounds the sum of all terms.
@@ -314,11 +318,11 @@ def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
 
 
 def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
-    """Return whether any of some apertures may see an object; False is certain."""
+    """Return whether any of the apertures may see an object; False is certain."""
     first = next(iter(apertures), None)
     if first is None:
         return True
-    # Most often the first aperture answers: a plate of millions is never listed.
+    # Usually the first aperture decides: do not list a plate of millions of apertures.
     here = ((first.x, first.x), (first.y, first.y))
     region = Region(frustum=scene.frustum, apertures=here, reach=scene.frustum.reach)
     if any(region.shows(part) for part in scene.objects):
@@ -366,7 +370,7 @@ def areas(triangles: Floats) -> Floats:
 
 
 def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
-    """Return the share of an object's surface within the reach; None where it has no area."""
+    """Return the share of an object's surface within the reach; None if it has no area."""
     toward, back = frustum.reach
     whole = within = 0.0
     # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
@@ -422,7 +426,7 @@ class ObjectExtent:
     triangles: int
     low: Point  #: corners of the bounding box
     high: Point
-    share_in_reach: float | None  #: share of its surface; None where the surface has no area
+    share_in_reach: float | None  #: share of its surface; None if the surface has no area
     sight: Sight
 
     @property
@@ -482,7 +486,7 @@ class DepthBin:
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
-    """Return the bins with content, from behind the plate to before it, for apertures' cells."""
+    """Return the bins with content, from behind the plate to the front, for apertures' cells."""
     region = Region.from_cells(scene, apertures)
     bins = []
     for behind, reach in ((True, scene.frustum.reach[1]), (False, scene.frustum.reach[0])):
@@ -516,7 +520,8 @@ def _held(
     low_z, high_z = (-far, -near) if behind else (near, far)
     distances = triangles[..., 2] * (-1 if behind else 1)
     least, most = distances.min(axis=1), distances.max(axis=1)
-    # A flat one between two bins belongs to the inner one; one in the plate, to both sides.
+    # A triangle that lies flat between two bins belongs to the inner bin; in the plate, to both
+    # sides.
     outer_end = np.where(least == most, least <= far, least < far)
     inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
     inside = triangles[outer_end & inner_end]

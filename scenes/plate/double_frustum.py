@@ -59,7 +59,7 @@ class Fit(StrEnum):
 
 
 class Camera(StrEnum):
-    """The cameras that draw: both, or one alone (paper, figure 7)."""
+    """The cameras that draw: both, or only one (paper, figure 7)."""
 
     BOTH = "both"
     C = "c"
@@ -92,11 +92,11 @@ class DoubleFrustum:
     camera: Camera = Camera.BOTH
     pivot: Pivot = Pivot.APERTURE
     offset: Offset = Offset.PLATE
-    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the
-    #: first slab where there are slabs, else for the angle.
+    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None selects the far end of
+    #: the first slab if there are slabs, else the angle.
     fit: Fit | float | None = None
-    #: Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
-    #: plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
+    #: Heights |z| at which both frusta are cut, ascending. Every slab except the first has its own
+    #: near plane, and cameras exactly at the aperture; `fit` and `offset` apply to the first.
     slabs: tuple[float, ...] = ()
     cull: Cull = Cull.NONE
 
@@ -128,7 +128,7 @@ class DoubleFrustum:
             settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
-        """Raise InputError where these settings make no sense for a frustum."""
+        """Raise InputError if these settings make no sense for a frustum."""
         if not self.near < frustum.longest_reach:
             raise InputError(
                 f"near {self.near} must be smaller than the reach, {frustum.longest_reach}; "

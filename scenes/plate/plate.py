@@ -59,7 +59,7 @@ class Plate:
         settle(self, size=size, hogels=hogels)
 
     def aperture(self, column: int, row: int) -> Aperture:
-        """Return the aperture in a column and row; InputError where it lies outside the plate."""
+        """Return the aperture in a column and row; InputError if it lies outside the plate."""
         (columns, rows), index = self.hogels, f"{column},{row}"
         column, row = whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
@@ -75,7 +75,7 @@ class Plate:
         return Aperture(column=column, row=row, x=x, y=y)
 
     def apertures(self) -> ApertureBlocks:
-        """Return all apertures, row by row from the top left, as a sequence that is no list."""
+        """Return all apertures, row by row from the top left, as a lazy sequence."""
         columns, rows = self.hogels
         return ApertureBlocks(self, ((range(columns), range(rows)),))
 
@@ -86,7 +86,7 @@ class Plate:
 
     @property
     def corners(self) -> tuple[Aperture, Aperture]:
-        """Top left and bottom right corner, where a recentered frustum shears most."""
+        """Apertures at top left and bottom right, where a recentered frustum shears most."""
         return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)
 
 
@@ -95,7 +95,7 @@ Block = tuple[range, range]  #: columns and rows of a block
 
 @dataclass(frozen=True, eq=False)
 class ApertureBlocks(Sequence[Aperture]):
-    """Apertures of rectangles, each once, row by row from the top left, and never listed."""
+    """Apertures of rectangles, each once, row by row from the top left, as a lazy sequence."""
 
     plate: Plate
     blocks: tuple[Block, ...]
@@ -122,7 +122,7 @@ class ApertureBlocks(Sequence[Aperture]):
     @overload
     def __getitem__(self, index: slice) -> list[Aperture]: ...
     def __getitem__(self, index: int | slice) -> Aperture | list[Aperture]:
-        """Return an aperture by its place; a single block computes it, several are gone through."""
+        """Return an aperture by its index: computed for one block, by iteration for several."""
         if isinstance(index, slice):
             return [self[place] for place in range(*index.indices(len(self)))]
         place = index + len(self) if index < 0 else index
@@ -220,10 +220,10 @@ class Frustum:
 
     @property
     def recentered(self) -> bool:
-        """Shear from aperture to aperture (paper, section 5)."""
+        """True if the shear changes from aperture to aperture (paper, section 5)."""
         return self.screen is not None
 
     @property
     def longest_reach(self) -> float:
-        """The larger reach of both sides, which is the reach where no side is named."""
+        """The larger reach of both sides, which is meant where no side is named."""
         return max(self.reach)

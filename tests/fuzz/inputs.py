@@ -73,7 +73,7 @@ class Seed:
 
     name: str  #: unique among all seeds; names of findings begin with it
     files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
-    mutated: str  #: name of the file that is mutated; empty where the command line itself is
+    mutated: str  #: name of the file that is mutated; empty if the command line itself is
     line: str  #: arguments of `xfrustum`, quoted as for a shell
     left: str = ""  #: outputs that may be left at exit status 0 or 1, between spaces
     share: int = 1  #: number of inputs of this seed for each input of a seed of share 1

@@ -44,7 +44,7 @@ class Row:
 
     product: Side
     second: Side
-    difference: str | None  #: None where the readings are equal, or both refuse
+    difference: str | None  #: None if the readings are equal, or both refuse
 
 
 def product_triangles(path: Path) -> Floats:

@@ -28,7 +28,7 @@ class Reading:
     polygons: list[Floats] = field(default_factory=list)  #: (n, 3) each, n >= 3, double precision
     #: Bound on the rounding of a coordinate; 0 where the file states the coordinates themselves.
     rounding: float = 0.0
-    #: False where the specification leaves the winding open: joints that mirror.
+    #: False if the specification leaves the winding open: joints that mirror.
     oriented: bool = True
 
     def add(self, vertices: Floats, corners: list[int], least: int = 3) -> None:

@@ -25,7 +25,7 @@ class ExactPixel:
     Attributes
     ----------
     winners
-        All triangles met there, in ascending order; empty where it meets none.
+        All triangles met there, in ascending order; empty if it meets none.
     s
         The s at which the line meets them; NaN where it meets none.
     """

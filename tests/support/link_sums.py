@@ -22,7 +22,7 @@ class LinkSum:
 
     @property
     def ratio(self) -> float | None:
-        """Measured over predicted, None where nothing is predicted."""
+        """Measured over predicted, None if nothing is predicted."""
         return self.surface / self.predicted if self.predicted else None
 
 

@@ -142,7 +142,7 @@ class Outcome:
 
     @property
     def explained(self) -> float | None:
-        """Share of the wrong pixels that correction removes; None where nothing is wrong."""
+        """Share of the wrong pixels that correction removes; None if nothing is wrong."""
         return 1 - self.residual / self.wrong if self.wrong else None
 
     def named(self, names: Iterable[str]) -> bool:

@@ -39,7 +39,7 @@ class Commands(click.Group):
         return [*MODULES, *(name for name, entry in self.commands.items() if not entry.hidden)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of a name, None where there is none."""
+        """Return the command of a name, None if there is none."""
         # A renamed command fails with its new name and never runs it: options differ.
         if cmd_name in REPLACED:
             instead = REPLACED[cmd_name]

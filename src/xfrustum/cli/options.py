@@ -358,7 +358,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
 
 
 def settings_of(**values: Any) -> DoubleFrustum | None:
-    """Return the settings that options name; None where none does."""
+    """Return the settings that options name; None if none does."""
     named = present(**values)
     # Without near no pair of cameras is defined, and a lone setting would silently have no effect.
     if named and "near" not in named:
@@ -369,7 +369,7 @@ def settings_of(**values: Any) -> DoubleFrustum | None:
 
 
 def settings_options(*, required: bool = False) -> Any:
-    """Return the options of the two cameras: a DoubleFrustum, or None where they are left out."""
+    """Return the options of the two cameras: a DoubleFrustum, or None if they are left out."""
     return group(settings_of, **settings_members(required=required))
 
 

@@ -73,7 +73,7 @@ def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
 def expected_pixel(
     scene: Scene, eye: Eye, column: int, row: int
 ) -> tuple[int, int, int, int] | None:
-    """Return hogel and pixel that a ray takes, in rationals; None where it takes none."""
+    """Return hogel and pixel that a ray takes, in rationals; None if it takes none."""
     start, target = exact_ray(scene, eye, column, row)
     slope = [(target[axis] - start[axis]) / start[2] for axis in range(2)]
     size, hogels = [Fraction(s) for s in scene.plate.size], scene.plate.hogels

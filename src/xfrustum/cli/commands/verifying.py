@@ -75,7 +75,7 @@ def _tolerance(text: str) -> Any:
 
 
 def _baseline(baseline: Path | None, **request: Any) -> dict[str, Any] | None:
-    """Return the options of a baseline, its folder included; None where there is none."""
+    """Return the options of a baseline, its folder included; None if there is none."""
     if baseline is not None:
         return {"folder": baseline, **request}
     # Options of a baseline without its folder would have no effect.
@@ -162,7 +162,7 @@ class _Verify(options.Measured):
     )
 
     def verified(self, scene: Scene) -> Verification | None:
-        """Judge in this process or by workers; None where other parts are not finished yet."""
+        """Judge in this process or by workers; None if other parts are not finished yet."""
         from xfrustum.reports.verification.jobs import verify_on
         from xfrustum.reports.verification.request import VerifyOptions
         from xfrustum.reports.verification.verification import verify
