@@ -211,7 +211,7 @@ def _ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
-    ticks: list[float] = (step * np.arange(np.ceil(low / step), high // step + 1)).tolist()
+    ticks: list[float] = (step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)).tolist()
     return ticks
 
 

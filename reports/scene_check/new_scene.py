@@ -252,19 +252,24 @@ def _fitted(
 ) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
-    turn, in_file = Up(request.up).rotate_deg, np.ptp(box(part), axis=0).tolist()
+    turn, in_file = Up(request.up).rotate_deg, box(part)
     part = placed(part, placement(1.0, turn)) if any(turn) else part
     low, high = np.array(box(part))
-    own = high - low
-    if not max(own) > 0:
-        raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
+    with np.errstate(over="ignore"):  # lengths that overflow are refused
+        own, lengths = high - low, np.ptp(in_file, axis=0).tolist()
+    if not max(own[:2]) > 0:
+        line = "in one point, or on one line through the plate"
+        raise InputError(f"{mesh}: all vertices lie {line}; a scene cannot be fitted to it")
     scale = 1.0
     if size is not None:
-        scale = size / max(own)
+        scale = size / float(max(own))
     elif display.plate:
         pairs = zip(display.plate, own[:2], strict=True)
         scale = min(side / (ROOM * mine) for side, mine in pairs if mine > 0)
     scale = float(f"{scale:.6g}")
+    if not (0 < scale < math.inf and max(own) < math.inf):
+        reason = "so small or large that no scale fits it; scale the mesh itself"
+        raise InputError(f"{mesh}: is {max(own):.3g} long, {reason}")
     width, height, depth = (own * scale).tolist()
     flat = depth <= PLATE_ROUNDING * max(width, height)
     place = Place(request.place or (Place.BEHIND if flat else Place.THROUGH))
@@ -281,7 +286,7 @@ def _fitted(
     plate, hogels = display.fit(max(width, longest / 4), max(height, longest / 4))
     written = NewScene(
         path=out,
-        mesh=tuple(in_file),
+        mesh=tuple(lengths),
         scale=scale,
         translate=(x, y, z),
         size=(width, height, depth),

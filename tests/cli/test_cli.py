@@ -13,6 +13,7 @@ import pytest
 from tests.support.commands import Command
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
+from xfrustum.cli.options import engine_of
 from xfrustum.scenes.library import builtin
 
 SCENE = (
@@ -336,3 +337,9 @@ def test_a_command_called_from_python_leaves_the_programs_own_signals_alone() ->
             assert (main(["scenes"]), pool.submit(main, ["scenes"]).result()) == (0, 0)
         handlers.append(signal.getsignal(signal.SIGTERM))
     assert handlers == [own, signal.SIG_DFL]
+
+
+def test_a_part_of_a_job_array_has_one_process_unless_more_are_stated() -> None:
+    alone, pair = engine_of((1, 3)), engine_of((1, 1), workers=2)
+    assert alone is not None and pair is not None and engine_of(workers=None) is None
+    assert (alone.workers, alone.part.number, pair.workers) == (1, 1, 2)

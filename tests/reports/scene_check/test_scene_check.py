@@ -173,6 +173,21 @@ def test_new_refuses_nonsense(keywords: dict[str, object], message: str) -> None
     assert not Path("a.toml").exists()
 
 
+@pytest.mark.parametrize(
+    ("corners", "size", "message"),
+    [
+        ("v 0 0 0\nv 0 0 1\nv 0 0 2\n", None, "on one line through the plate"),
+        ("v 0 0 0\nv 1e-320 0 0\nv 0 1e-320 0\n", 100.0, "so small or large"),
+    ],
+)
+def test_new_refuses_a_mesh_without_a_width_or_of_extreme_lengths(
+    corners: str, size: float | None, message: str
+) -> None:
+    Path("part.obj").write_text(corners + "f 1 2 3\n")
+    with pytest.raises(InputError, match=message):
+        xfrustum.new_scene("part.obj", size=size)
+
+
 PLATES = {
     # Cells that an eye sees from nearer than the pitch / 1'.
     "--plate 60cm,40cm --viewer 2m": ((600, 400), (1032, 688), ""),
