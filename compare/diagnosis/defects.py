@@ -33,6 +33,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     smallest_named,
 )
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.representation import counted
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
@@ -182,7 +183,7 @@ def _of_hogels(model: RendererModel) -> Iterator[Defect]:
     for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
         hogels = tuple(entry for entry in model.shows if entry[0] in chosen)
         if hogels:
-            yield Defect(fault=name, value=float(len(hogels)), unit="hogels", hogels=hogels)
+            yield Defect(fault=name, value=counted(len(hogels), "hogel"), hogels=hogels)
 
 
 def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
