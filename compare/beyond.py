@@ -1,7 +1,7 @@
 """Definition of a hogel beyond a tolerance, shared by every command that judges hogels.
 
-A hogel is beyond where the 99th percentile of its displacements exceeds the tolerance or is
-undefined, or where more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`,
+A hogel is beyond the tolerance if the 99th percentile of its displacements exceeds it or is
+undefined, or if more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`,
 "Beyond").
 """
 
@@ -25,8 +25,8 @@ MAX_UNDEFINED = 1 - PERCENTILE / 100
 def displacement_p99(numbers: ComparisonNumbers) -> float:
     """Return a hogel's 99th percentile of displacement, pixels; 0 for a drawing without surface.
 
-    Infinite where the percentile is undefined: where all surfaces lie in the plate itself, or where
-    those that do fill more than `MAX_UNDEFINED` of the judged pixels.
+    Infinite if the percentile is undefined: if all surfaces lie in the plate itself, or if surfaces
+    in the plate fill more than `MAX_UNDEFINED` of the judged pixels.
     """
     spread = numbers.displacement_px
     if numbers.at_plate > MAX_UNDEFINED * numbers.judged or (numbers.at_plate and spread is None):
@@ -42,7 +42,7 @@ def is_beyond(
 ) -> bool:
     """Return whether a hogel is beyond a tolerance.
 
-    A displacement of None or NaN is undefined, and beyond.
+    A displacement of None or NaN is undefined and counts as beyond.
     """
     if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
         return True

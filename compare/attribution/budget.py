@@ -23,7 +23,7 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 
-#: value in a map of charges of a pixel that is right in the end, or not judged
+#: value in a map of charges for pixels that end right or are not judged
 RIGHT = -1
 
 
@@ -31,9 +31,9 @@ RIGHT = -1
 class CauseNumbers:
     """Effect of one link of the chain, measured and predicted; None if nothing is displaced."""
 
-    #: judged pixels charged to it that show the wrong surface
+    #: judged pixels charged to the link that show the wrong surface
     surface: int
-    #: and another triangle
+    #: judged pixels charged to the link that show another triangle
     triangle: int
     displacement_rms_px: (
         float | None
@@ -90,10 +90,10 @@ Size = tuple[float | None, float | None]
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the size of steps (H, W) where known; None stands for steps that are all 0."""
+    """Return the size (H, W) of steps at known pixels; None represents steps that are all 0."""
     if not known.any():
         return None, None
-    # A link without effect has zero length wherever the others are defined.
+    # A link without effect has length zero wherever the other links are defined.
     if steps is None:
         return 0.0, 0.0
     with np.errstate(invalid="ignore"):
@@ -104,12 +104,12 @@ def _size(steps: Floats | None, known: Mask) -> Size:
 class ChainStart(ShortRepr):
     """Images T0 to R0 of a chain, and the results that depend on them alone.
 
-    Settings that differ in their depth buffers alone share them.
+    Settings that differ only in their depth buffers share them.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    #: that drew R0
+    #: settings that drew R0
     device: DeviceModel
     #: (H, W) pixels whose truth is not a tie
     judged: Mask
@@ -177,7 +177,7 @@ class ChainStart(ShortRepr):
             steps=steps,
             known=known,
             sizes=tuple(_size(step, known) for step in steps),
-            # The last traced model and R0 differ by rounding alone.
+            # The last traced model and R0 differ only by rounding.
             rounding=explain(reference.scene, images[-2], drawn, device),
         )
 
@@ -251,9 +251,9 @@ class Budget(ShortRepr):
 
     @property
     def numbers(self) -> BudgetNumbers:
-        """The numbers alone, without the images."""
+        """Only the numbers, without the images."""
         counts = self.explanation.counts()
-        # Right in the end although some link changed them.
+        # Pixels that end right although some link changed them.
         cancelled = self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)
         links = tuple(
             LinkNumbers(**vars(cause), pixels=cause.triangle, prediction_reasons=link.reasons)
@@ -292,10 +292,10 @@ def charged(
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
     by_depth = wrong & (drawn.triangle != exact.triangle)
     charge = np.where(wrong, np.where(by_depth, np.int8(depth), start.charge), np.int8(RIGHT))
-    # A pixel that R0 shows rightly goes wrong by depth, whatever the images before it show.
+    # A wrong pixel that is right in R0 is charged to depth, for any images before R0.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     surface_charge = np.where(errors.surface, by_surface, np.int8(RIGHT))
-    # Pixels that R0 changed but depth changed again are charged to depth, and explained there.
+    # Pixels that depth changed again after R0 are charged to depth, and explained there.
     rounding = start.rounding
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
     # R0 and R1 share cameras and edges: only depth can exchange their triangles.
@@ -340,7 +340,7 @@ def explain(
     device: DeviceModel,
     pixels: Indices | None = None,
 ) -> Causes:
-    """Find the causes of a change by rounding, at pixels (N,) or wherever the images differ."""
+    """Find the causes of a change by rounding, at pixels (N,) or at all pixels that differ."""
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
     cameras = drawing_cameras(scene, raster, device) if len(pixels) else []

@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
 In the chain's own links, from near offset to depth, the surface points of every image are shaded as
-the true frustum shows them. So each link has the cost of *showing another point*, and the bend of
-the eye vector, which belongs to a point and not to a pixel, is counted once:
+the true frustum shows them. Each link then has only the cost of *showing another point*. The bend
+of the eye vector belongs to a point, not to a pixel, and is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
@@ -49,7 +49,7 @@ MAX_CHAIN_PIXELS = 1 << 22
 class RadianceChange:
     """Change of linear radiance over a link or the whole chain; None without such pixels."""
 
-    #: over all judged pixels, like the next two
+    #: over all judged pixels, as the next two fields
     mean: float | None
     rms: float | None
     max: float | None
@@ -94,7 +94,7 @@ class RadianceBudget(ShortRepr):
 
     @property
     def numbers(self) -> RadianceNumbers:
-        """The numbers alone, without the images."""
+        """Only the numbers, without the images."""
 
         def sizes(change: Floats) -> tuple[float | None, float | None]:
             if not len(change):
@@ -166,7 +166,8 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         colors = np.concatenate((averaged, drawn.color[None].astype(np.float64)))
         links.append(AVERAGING)
     if scene.sampling.aperture > 1:
-        # Band limiting comes before the geometry: it changes the question, not the cameras.
+        # Band limiting comes before the geometry, because it changes the definition of the truth
+        # and not the cameras.
         links.insert(0, BAND_LIMITING)
         converged = Reference(scene).converged(aperture)
         done()
@@ -178,7 +179,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) 
         errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
         links.insert(0, TRANSPORT)
         colors = np.concatenate((colors[:1] + left_out.mean, colors))
-    # Output clips first and rounds then, as the display does.
+    # Output first clips and then rounds, as the display does.
     clipped = np.clip(colors[-1:], 0.0, 1.0)
     colors = np.concatenate((colors, clipped, through_8_bits(clipped)))
     judged, numbers = judged_pixels(truth), np.stack([image.triangle for image in chain.images])

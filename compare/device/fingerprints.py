@@ -58,14 +58,14 @@ class Within:
     """Stored depths of a device between the bounds of a model."""
 
     pixels: int
-    #: that lie between the bounds
+    #: number of depths between the bounds
     within: int
     #: median ratio of the tolerances to the tolerances of an unmeasured device
     share_of_safe: float
 
     @classmethod
     def from_ratio(cls, inside: Mask, ratio: Floats | float) -> Within:
-        """Count pixels (N,) inside of the bounds; the share is 1 without pixels."""
+        """Count pixels (N,) inside the bounds; the share is 1 if there are no pixels."""
         share = float(np.median(ratio)) if len(inside) else 1.0
         return cls(pixels=len(inside), within=int(inside.sum()), share_of_safe=share)
 
@@ -109,7 +109,7 @@ class Measured:
 
     @cached_property
     def model(self) -> DeviceModel:
-        """The model of the device, by measurement alone."""
+        """The model of the device, only by measurement."""
         fixed = {depth.value: self.stored_range(depth) for depth in FIXED}
         return DeviceModel(
             name=self.fingerprint.device["renderer"],
@@ -122,7 +122,7 @@ class Measured:
 
     @cached_property
     def known(self) -> DeviceModel:
-        """The known model of the device; the measured one where it is not known."""
+        """The recorded model of the device; the measured model if none is recorded."""
         names = (name for name in KNOWN if name in self.fingerprint.device["renderer"])
         return next((KNOWN[name] for name in names), self.model)
 
@@ -137,12 +137,12 @@ class Measured:
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Wrong pixels for each way to round corners to the grid, by the best rule of ties."""
+        """Wrong pixels for each way to round corners to the grid, by the best tie rule."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property
     def ties(self) -> dict[str, int]:
-        """Wrong pixels by each of the best rules of ties, with corners rounded in the best way."""
+        """Wrong pixels by each of the best tie rules, with corners rounded in the best way."""
         counts = self._differs(
             self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__)
         )
@@ -152,11 +152,11 @@ class Measured:
     def cut_from_px(self) -> float | None:
         """Least distance from the middle of the window of a corner of a cut triangle, pixels.
 
-        A cut makes corners, which are snapped, so that pixels beside its edges differ from the
+        Cutting makes new corners, which are snapped, so that pixels along the edges differ from the
         whole triangle. None if no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
-        # Only triangles that reach out of the window can be cut there.
+        # Only triangles that extend beyond the window can be cut there.
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
         return float(cut.min()) if len(cut) else None
 
@@ -169,19 +169,17 @@ class Measured:
 
     @cached_property
     def plane_noise(self) -> float:
-        """Roundings of 2^-24 in depths off the plane nearest to the depths of a triangle, median.
+        """Median deviation of a triangle's depths from the plane fitted to them, in 2^-24.
 
-        Corners and gradient have their errors, but they make a plane. A rounding's variance is a
-        twelfth.
+        Errors of corners and gradient still give a plane. The variance of a rounding is a twelfth.
         """
         which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
         off, roundings = self._off_planes(snapped=self.snaps_depth), []
         for number in np.unique(which):
-            # From a half on the spacing of float32 is 2^-24.
+            # From 0.5 to 1 the spacing of float32 is 2^-24.
             here = (which == number) & (stored >= 0.5)
             if (count := int(here.sum())) >= LEAST_OF_PLANE:
-                # Whatever plane the device interpolates is removed by the fit; its rounding
-                # remains.
+                # The fit removes any plane that the device interpolates; the rounding remains.
                 rest = np.linalg.lstsq(points[here], off[here], rcond=None)[1]
                 roundings.append(12 * float(rest.sum()) / (count - 3))
         return float(np.median(roundings)) if roundings else np.inf
@@ -240,7 +238,7 @@ class Measured:
             model.stored(depth),
             safe_model(model.subpixel_bits),
         )
-        # Storing in float32 rounds once more.
+        # Storage in float32 rounds once more.
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
@@ -316,7 +314,7 @@ class Measured:
         from_zero = self.fingerprint.zero_to_one[:, None]
         w, z = corners[..., 3], corners[..., 2]
         value = np.where(from_zero, z, (z + w) / 2)
-        # The recorded clip coordinates are float32 already: they bear these roundings.
+        # The recorded clip coordinates are already float32 and include these roundings.
         moved = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * np.abs(corners)
         return Planes(
             vertices=corners[..., (0, 1, 3)],
@@ -358,7 +356,8 @@ class Measured:
     def stored_range(self, depth: DepthFormat) -> Range:
         """Return the error range of stored float32 depths, to sixteenths of a step.
 
-        The product with the number of steps is rounded in float32 first, which is no part of this.
+        Before that, the product with the number of steps is rounded in float32, which is not
+        included.
         """
         drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
         values: Floats = np.concatenate((self.fingerprint.fragment[..., 0][drawn], wrote))
@@ -379,7 +378,7 @@ class Measured:
         )
 
     def _differs(self, bits: int, rounding: str) -> dict[str, int]:
-        """Return the number of wrong pixels by each rule of ties, for corners snapped in one way.
+        """Return the number of wrong pixels by each tie rule, for corners snapped in one way.
 
         Triangles that reach out of the window are left out: some devices cut them at its border.
         """
@@ -390,9 +389,9 @@ class Measured:
         }
 
     def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
-        """Return the covered pixels (E, 64, 64) by each rule of ties for one way of snapping.
+        """Return the covered pixels (E, 64, 64) by each tie rule for one way of snapping.
 
-        Places are multiples of a grid, and products of them have at most 53 bits, so that all is
+        Places are multiples of a grid, and their products have at most 53 bits: the result is
         exact.
         """
         corners, grid = self.fingerprint.edge_vertices[..., :2].astype(np.float64), 2.0**bits
@@ -408,8 +407,8 @@ class Measured:
             corner, along = places[:, i], (places[:, (i + 1) % 3] - places[:, i]) * turned
             (x, y), (right, up) = corner.T[:, :, None, None], along.T[:, :, None, None]
             side = right * (rows - y) - up * (columns - x)
-            # Counter-clockwise, with rows that count up: left sides go down, and those at the
-            # bottom right.
+            # Triangles are counterclockwise and rows count up: left sides go down, bottom sides go
+            # right.
             for rule in TIES:
                 left, bottom = (up < 0) == ("left" in rule), (right > 0) == ("bottom" in rule)
                 owns = np.where(up != 0, left, bottom)

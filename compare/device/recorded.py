@@ -71,7 +71,7 @@ class Replayed:
     device: str
     #: name of the model by which they were explained
     device_model: str
-    #: unexplained pixels of each frame that has some
+    #: unexplained pixels by frame, for frames that have any
     frames_unexplained: dict[str, int]
 
 
@@ -137,7 +137,7 @@ def replay(
             raise InputError(
                 f"{frame.name} shows triangle {most}, and the scene has {count}: record it anew"
             )
-        # Pictures of exact cameras do not depend on the depth buffer.
+        # Pictures of exact cameras are independent of the depth buffer.
         key = (*opened, settings.near, aperture.index)
         if key not in traced:
             traced[key] = reference.trace_model(aperture, settings, shaded=False)
@@ -169,9 +169,9 @@ def recorded_image(
 ) -> HogelImage:
     """Return a frame as an image with its surface points (H, W, 3), NaN without surface.
 
-    A recording does not name the camera of a pixel. It was C*, which is drawn last, where the
-    triangle covers the pixel as C* sees it; else the camera by which the pixel lies least outside
-    of the triangle.
+    A recording does not name the camera of a pixel. It was C*, which is drawn last, if C* projects
+    the triangle onto the pixel; otherwise it was the camera for which the pixel is least outside
+    the triangle.
     """
     camera = replace(expected.camera, settings=frame.question(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
@@ -192,7 +192,8 @@ def recorded_image(
     first, last = map(drawn.each, film.planes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = plane * drawn.each(side / film.volume)
-        # A surface beyond a cut plane is not drawn: the nearest depth between the planes stands in.
+        # A surface beyond a cut plane is not drawn: use the nearest depth between the planes
+        # instead.
         w = np.clip(1 / inverse, first, last)
         inside = edges * drawn.each(
             side * np.sign(film.volume) / per_pixel(film.lines, film.resolution)

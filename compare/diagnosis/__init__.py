@@ -5,7 +5,7 @@
 
 | module | holds |
 | --- | --- |
-| `diagnosis` | the way from images to findings, and the test on all judged hogels |
+| `diagnosis` | the procedure from images to findings, and the test on all judged hogels |
 | `testset` | images by which candidate models are tested |
 | `encodings` | readings of stored pixels: encoding, channels, offset, transfer, damage |
 | `geometry_fit` | claims of pixels, and the joint fit of conventions and numbers to them |

@@ -1,4 +1,4 @@
-"""Claims: pixels of images and the triangles that they name, and the distance of their failure."""
+"""Claims: pixels of images, the triangles that they name, and the distances of failed claims."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ POINT_SIZE = 2.0**-24
 # give more than `MAX_BOUNDING_CLAIMS`.
 MAX_HOGEL_CLAIMS = 6000
 
-# Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between
-# the near plane, where drawing ends, and the camera, where projection ends.
+# Smallest depth, as a fraction of near, at which a camera counts as seeing a surface: halfway
+# between the near plane, where drawing ends, and the camera, where projection ends.
 MIN_DEPTH_PER_NEAR = 0.5
 
 
@@ -30,8 +30,8 @@ MIN_DEPTH_PER_NEAR = 0.5
 class PixelClaims:
     """Pixels and the triangles that they claim to show.
 
-    Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved
-    or scaled; triangles lie in the nominal scene.
+    Small triangles represent claimed points, which lie in the renderer's moved or scaled scene;
+    claimed triangles lie in the nominal scene.
     """
 
     scene: Scene
@@ -60,7 +60,7 @@ class PixelClaims:
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
     """Collect the claims of images at the outlines of triangles, where small moves show.
 
-    From an image that names no triangles the surface points are taken as claims.
+    If an image names no triangles, its surface points are the claims.
     """
     hogels, pixels, corners, of_points = [], [], [], True
     for image in images:
@@ -69,7 +69,7 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
         if points:
             stated = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
         else:
-            # Pixels that have a neighbor of another triangle or beyond the image's border.
+            # Pixels next to another triangle or to the image's border.
             padded = np.pad(image.triangle, 1, constant_values=NOTHING - 1)
             neighbors = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
             stated = named & np.any([image.triangle != other for other in neighbors], axis=0)
@@ -121,12 +121,12 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
     distance = depth = np.empty(0)
     for side in (1, -1):
         if side < 0 and model.one_pencil:
-            # The same lines, run through the other way: homogeneous coordinates change their sign.
+            # The same lines in the opposite direction: homogeneous coordinates change their sign.
             distance, depth = -distance, -depth
         else:
-            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a
-            # pencil are affine in the aperture's place along the same axis: two pencils determine
-            # all.
+            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a ray
+            # bundle are affine in the aperture's position along the same axis: two bundles
+            # determine all.
             entry, other = (model.bundle(scene, aperture, side) for aperture in two)
             w = side * (entry.center[2] - z)
             x, y = (

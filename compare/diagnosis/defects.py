@@ -51,23 +51,24 @@ class Defect:
     """Difference between a renderer and its nominal model, in codes and numbers."""
 
     fault: str  #: name, a code of `verify --json`
-    value: float | str  #: size as a number, or a code
+    value: float | str  #: size of the defect as a number, or a code
     low: float | None = None  #: ends of the interval of a number; None if unknown
     high: float | None = None
-    unit: str | None = None  #: of `value`, `low` and `high`; None for codes
+    unit: str | None = None  #: unit of `value`, `low` and `high`; None for codes
     alternatives: tuple[str, ...] = ()  #: names of defects that show the same images, or nearly so
     explains: float | None = None  #: share of the wrong pixels that the whole diagnosis explains
-    stated: float | str | None = None  #: nominal value, where it belongs in the sentence
+    stated: float | str | None = None  #: nominal value, if the sentence states it
     #: other values that show the same images, or codes that the sentence states
     details: tuple[str, ...] = ()
-    #: hogels that show others' images, and the apertures of these: several where they are the same
+    #: hogels that show images of other apertures, and these apertures: several if their images are
+    #: equal
     hogels: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     refuted: bool = False  #: whether hogels fail after correction for it
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One discrete defect: name, code, and the fields of `RendererModel` by which it draws."""
+    """One discrete defect: name, code, and the fields of `RendererModel` that it changes."""
 
     fault: str
     value: str
@@ -108,7 +109,7 @@ HYPOTHESES = (
         Hypothesis("culling", str(culled), {"culled": culled})
         for culled in (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)
     ),
-    # Faces of a convex body that turn away from the viewer are the farthest ones; culling is the
+    # On a convex body, the faces turned away from the viewer are also the farthest; culling is the
     # more common mistake.
     Hypothesis("back-farthest", "farthest wins", {"back": Back.FARTHEST}),
     *map(_flipped, FLIPPED),
@@ -120,7 +121,7 @@ HYPOTHESES = (
 def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
     """Return the discrete defects of a candidate."""
     camera = model.one_camera
-    # The near offset of the camera that is right is no defect.
+    # The near offset of the right camera is not a defect.
     plain = replace(model, one_camera=camera and replace(camera, other_near=0.0))
     return [
         hypothesis
@@ -153,7 +154,8 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
             Defect(
                 fault=name,
                 value="no shear" if name == NOT_RECENTERED else str(model.recentering),
-                # A candidate that has this defect too is no alternative to it; so it is below.
+                # A candidate that also has this defect is not an alternative to it; the same holds
+                # below.
                 alternatives=_others(name, names),
                 details=tuple(str(shear) for shear in shears if shear not in known),
             )
@@ -177,7 +179,7 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
 
 
 def _of_hogels(model: RendererModel) -> Iterator[Defect]:
-    """Yield the defects of hogels with another's image: exchanged in pairs, else stale."""
+    """Yield the defects of hogels with another hogel's image: exchanged in pairs, else stale."""
     first = {index: others[0] for index, others in model.shows}
     pairs = {index for index, other in first.items() if first.get(other) == index}
     for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
@@ -192,7 +194,7 @@ def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
-    """Return the name of a candidate's number: of one camera alone it begins with the half."""
+    """Return the name of a candidate's number; it begins with the half if one camera is off."""
     camera = model.one_camera
     if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name
@@ -248,7 +250,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
 
 
 def _instead(own: str, names: Sequence[str]) -> Sequence[str]:
-    """Return the names that replace a number: a ratio a ratio, a length one of the same axis."""
+    """Return names that can replace a number: ratios for a ratio, the same axis for a length."""
     alike = [name for name in names if _is_ratio(name) == _is_ratio(own)] or names
     axis = axis_of(own)
     return [name for name in alike if not axis or axis_of(name) in ("", axis)] or alike

@@ -1,8 +1,8 @@
 """Diagnosis of a renderer: reading of its pixels, candidate models, and their test.
 
-`diagnose` goes one way: decode the images, compare with the nominal model, and where pixels are
-wrong enumerate, fit and test candidates. A candidate that does not explain the wrong pixels of the
-test set is no diagnosis; `with_correction_tested` demands the same of all judged hogels.
+`diagnose` decodes the images, compares them with the nominal model and, if pixels are wrong,
+enumerates, fits and tests candidates. A candidate becomes the diagnosis only if it explains the
+wrong pixels of the test set; `with_correction_tested` demands the same for all judged hogels.
 """
 
 from __future__ import annotations
@@ -44,20 +44,20 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 # and the two symmetries.
 MIN_FITTED_CLAIMS = 100
 
-# Largest number of camera defects that explain all: beside more, other axes are tried, because
-# pictures and hogels in another order make two mistakes as well.
+# Largest number of camera defects that is accepted without trying other axes, because pictures and
+# hogels in another order also look like two defects.
 MAX_CAMERA_DEFECTS = 2
 
-# Factors of the shear of views that are tried, and relative changes of the best one that are tried
-# next. Neighbors differ by one percent, by which a picture moves less than by a pixel where views
-# have a hundred pixels. And the largest failure of a claim that counts, in pixels: claims under
-# wrong factors fail by any distance.
+# Factors of the shear of views that are tried first, then relative changes of the best factor.
+# Neighbors differ by one percent, by which a picture moves less than by a pixel where views have a
+# hundred pixels. Last, the cap on a claim's failure, in pixels: claims under wrong factors fail by
+# any distance.
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
 
 
 class Basis(StrEnum):
-    """Means by which a diagnosis was made."""
+    """Method of a diagnosis."""
 
     NOTHING = "nothing"  # no hogel shows enough of the scene
     RIGHT = "right"  # no pixel of the tested hogels is wrong
@@ -73,7 +73,7 @@ class Evidence:
     basis: Basis = Basis.NOTHING
     hogels: int = 0  #: number of hogels that were used
     claims: int = 0  #: number of claims that were fitted
-    spoiled: int = 0  #: number of hogels that were left out, unlike the others
+    spoiled: int = 0  #: number of hogels that were left out because they differ from the others
     holds: bool = True  #: whether the claims hold under the fit
 
 
@@ -96,7 +96,8 @@ class Diagnosis:
     #: defects of the best candidate that explains too little
     does_not_explain: tuple[Defect, ...] = ()
     evidence: Evidence = Evidence()
-    refutation: Refutation | None = None  #: why the defects are no diagnosis, of all judged hogels
+    #: reason, over all judged hogels, why the defects are only a guess
+    refutation: Refutation | None = None
 
     @property
     def guesses(self) -> tuple[Defect, ...]:
@@ -108,7 +109,7 @@ class Diagnosis:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """Reading of a renderer's images, their diagnosis in it, and the rules by which to judge.
+    """Reading of a renderer's images, their diagnosis under it, and the rules of judgment.
 
     The defects of the diagnosis include the reading's.
     """
@@ -122,8 +123,8 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
     """Find the reading of a renderer's images and the model by which it draws.
 
     A reading is tested together with the diagnosis of the images in it: together they must explain
-    `MIN_EXPLAINED_FRACTION` of the pixels that are wrong as stated. Hogels that were put together
-    from views (`of_views`) may have another shear.
+    `MIN_EXPLAINED_FRACTION` of the pixels that are wrong as stated. Hogels that were assembled from
+    views (`of_views`) may have another shear.
     """
     reference, nominal, judging = test.reference, test.nominal, test.judging
     if of_views and (sheared := _with_view_shear(test)) is not None:
@@ -133,14 +134,14 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
     encoding = find_encoding(reference, test.images, nominal)
     if not encoding.faults:
         stated = diagnosis_of(test)
-        # Only where nothing else explains colors are they read through another curve.
+        # Colors are read through another curve only if nothing else explains them.
         by_color = judging.compared is Compared.COLOR
         if not stated.faults and by_color and test.wrong(nominal):
             encoding = find_transfer(reference, test.images)
         if not encoding.faults:
             return Findings(encoding=encoding, diagnosis=stated, judging=judging)
-    # Step 2: the other reading with the diagnosis of the images in it. Where numbers were stated
-    # and colors are stored, shading was not stated: only geometry counts.
+    # Step 2: the other reading, with the diagnosis of the images under it. Where numbers were
+    # stated and colors are stored, shading was not stated: only geometry counts.
     if encoding.as_colors:
         judging = replace(judging, compared=Compared.GEOMETRY)
     if encoding.reading is not None:
@@ -153,7 +154,7 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
     if share >= MIN_EXPLAINED_FRACTION:
         diagnosis = replace(diagnosis, faults=faults)
         return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)
-    # Step 3: it explains too little, and becomes a guess.
+    # Step 3: if the reading explains too little, it becomes a guess.
     diagnosis = stated or diagnosis_of(test)
     diagnosis = replace(diagnosis, does_not_explain=(*faults, *diagnosis.does_not_explain))
     return Findings(encoding=FoundEncoding(), diagnosis=diagnosis, judging=test.judging)
@@ -163,7 +164,7 @@ def diagnosis_of(test: TestSet) -> Diagnosis:
     """Find the model of a renderer whose pixels are read as stated."""
     nominal = test.nominal
     if test.images and not any(test.of([image]).wrong(nominal) for image in test.images):
-        # Nothing needs an explanation: a candidate that fits a little better fits noise.
+        # Nothing needs an explanation: a slightly better candidate would fit noise.
         evidence = Evidence(basis=Basis.RIGHT, hogels=len(test.tested))
         return _with_shading(test, Diagnosis(model=nominal, evidence=evidence))
     return _with_shading(test, _with_lens(test, _of_wrong(test)))
@@ -194,7 +195,7 @@ def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Dia
         assert hogel.as_found is not None and hogel.corrected is not None
         before += hogel.as_found.all_wrong
         after += hogel.corrected.all_wrong
-        # A correction after which nothing could be wrong explains nothing.
+        # If nothing could be wrong after a correction, the correction explains nothing.
         left += hogel.as_found.all_wrong if hogel.corrected.blind else hogel.left
     share = max(0.0, 1.0 - left / before) if before else 0.0
     refuted = (replace(defect, explains=share, refuted=True) for defect in diagnosis.faults)
@@ -211,7 +212,7 @@ def _explaining(defects: Iterable[Defect], share: float | None) -> tuple[Defect,
 
 
 def _of_wrong(test: TestSet) -> Diagnosis:
-    """Find the model of a renderer some of whose images are wrong."""
+    """Find the model of a renderer with some wrong images."""
     # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
     nominal, whole = test.nominal, test
     fit, evidence = _fitted(test)
@@ -224,8 +225,8 @@ def _of_wrong(test: TestSet) -> Diagnosis:
     explains = share is None or (share >= MIN_EXPLAINED_FRACTION and test.spares(best.model))
     diagnosis = Diagnosis(model=nominal, evidence=evidence)
     if not (explains and (faults or share is None)):
-        # No candidate explains enough: the best fit is reported as doubtful, though fewer defects
-        # may do.
+        # No candidate explains enough: report the best fit as doubtful, although fewer defects may
+        # suffice.
         diagnosis = replace(diagnosis, does_not_explain=faults or _named(test, fit))
     elif share is not None and test.pays(best.model):
         diagnosis = replace(diagnosis, model=best.model, faults=faults)
@@ -236,7 +237,7 @@ def _of_wrong(test: TestSet) -> Diagnosis:
     starts = [best] if diagnosis.faults else [GeometryFit.exact(nominal), best]
     if whole.leaves_outliers(diagnosis.model):
         hogels, objects = with_other_hogels(whole, starts), without_objects(whole, starts)
-        # One mistake that turns everything comes before objects that are left out.
+        # Try one mistake that turns everything before trying missing objects.
         candidates = chain(hogels, with_axes(whole, starts[0]), objects)
         return _with_other_defects(whole, candidates, diagnosis)
     if len(diagnosis.faults) > MAX_CAMERA_DEFECTS:
@@ -271,13 +272,13 @@ def _with_other_defects(
     for fit in candidates:
         others = {name: getattr(fit.model, name) for name in OTHER_FIELDS}
         model, named = replace(test.reduced(fit.model), **others), dict(fit.model.shows)
-        # Hogels that are named by themselves must be explained by themselves too.
+        # Hogels that a defect names singly must also be explained singly.
         odd = [image for image in test.images if image.camera.aperture.index in named]
         of_named = test.of(odd) if odd else test
         if not (test.explains(model) and test.spares(model) and of_named.explains(model)):
             continue
-        # Intervals of a fit that something misled are too wide, and would leave out numbers that
-        # pay.
+        # A misled fit has intervals that are too wide, and would drop numbers that improve the
+        # explanation.
         known = fit if fit.holds else fit.unbounded(test.nominal)
         faults = _named(of_named, replace(known, model=model, alternatives=()))
         fewer = len(faults) < len(diagnosis.faults) and not of_named.pays(diagnosis.model, model)
@@ -289,14 +290,14 @@ def _with_other_defects(
 
 
 def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with equal angles, where these explain pictures that nothing else does.
+    """Return a diagnosis with equal angles if only these explain the pictures.
 
     The fit of geometry has tried them on images that name triangles.
     """
     nominal, named = test.nominal, any((i.triangle != NOTHING).any() for i in test.images)
     if diagnosis.faults or named or not test.images or not test.wrong(nominal):
         return diagnosis
-    # A few hogels choose the lens, which all of them test.
+    # A few hogels choose the lens, and all hogels test it.
     few = test.few()
     model = min((replace(nominal, film=film) for film in LENSES), key=few.wrong)
     if not (test.explains(model) and test.spares(model) and test.pays(model)):
@@ -308,7 +309,7 @@ def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
 def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
     """Return a diagnosis that names the shading of images that have both numbers and colors.
 
-    Numbers of surfaces do not depend on light, so that colors are tested by themselves.
+    Numbers of surfaces do not depend on light: colors are tested separately.
     """
     pictures = [image for image in test.images if image.color is not None]
     if not pictures or not diagnosis.model.plain or {*SHADINGS} & {*hypotheses_in(diagnosis.model)}:
@@ -328,7 +329,7 @@ def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
-    """Return the claims of images where they suffice for a fit, and how many images have some."""
+    """Return the claims of images, if enough for a fit, and the number of images with claims."""
 
     def claiming(image: HogelImage) -> bool:
         named = (image.triangle != NOTHING).any()
@@ -351,7 +352,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
     nominal, recentered = test.nominal, test.reference.scene.frustum.recentered
     model, *others = compositions(test, fit.model)
     if model.one_camera is not None and model.orientation != nominal.orientation:
-        # To turn the picture and one half of it back is to turn the other half alone.
+        # Turning the picture, and one half back, equals turning only the other half.
         turned, *rest = compositions(test, replace(fit.model, orientation=nominal.orientation))
         if test.explains(turned):
             model, others = turned, rest
@@ -371,8 +372,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         # Step 3: nominal numbers and gross mistakes, because other defects may have misled the fit.
         best = test.reduced(min(_unfitted(test, fit, model, shears), key=test.wrong))
         others = equivalents(test, best)
-    # Bounds are known of numbers that were fitted with the same shear and cameras, and of nominal
-    # ones.
+    # Only nominal numbers, and numbers fitted with the same shear and cameras, have known bounds.
     same = (best.recentering, best.one_camera) == (fit.model.recentering, fit.model.one_camera)
     values = best.parameters
     known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)
@@ -383,7 +383,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
 def _unfitted(
     test: TestSet, fit: GeometryFit, model: RendererModel, shears: Sequence[Recentering]
 ) -> list[RendererModel]:
-    """Return candidates with nominal numbers or gross mistakes beside fitted conventions."""
+    """Return candidates with fitted conventions and nominal numbers or gross mistakes."""
     nominal, tried = test.nominal, [model]
     plain = fit.model.with_parameters(nominal.parameters)
     if plain != fit.model:
@@ -392,7 +392,7 @@ def _unfitted(
     if test.explains(plain):
         return tried
     if test.infeasible:
-        # Where too little is seen for a fit, orientation and order may be wrong as well.
+        # If too little is visible for a fit, orientation and order may be wrong as well.
         halves = {name: getattr(nominal, name) for name in ("front", "overlaid", "culled")}
         for way in (nominal, replace(plain, **halves)):
             for size in (replace(way, scene_scale=factor) for factor in MISTAKEN_UNITS):
@@ -401,9 +401,9 @@ def _unfitted(
         # Registration makes pictures larger, as a near offset does at one depth only.
         tried.append(compositions(test, with_near(test, model))[0])
         if nominal not in (model, plain):
-            # Where one half alone is mirrored, registration may have turned the picture to suit it.
+            # If only one half is mirrored, registration may have turned the picture to fit it.
             tried.append(compositions(test, nominal)[0])
-        # Registration moves pictures and makes them larger; it shears none unlike another.
+        # Registration moves and enlarges pictures, but it shears all of them equally.
         ways = dict.fromkeys((plain, nominal))
         tried += [replace(way, recentering=shear) for way in ways for shear in sorted(shears)]
     return tried
@@ -415,7 +415,7 @@ def _with_view_shear(test: TestSet) -> Diagnosis | None:
     An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by
     a factor f of the plate's need registers them at height d (1 - 1/f): there, and not in the
     plate, the lines of one hogel meet. Seen from that plane it shows a plate 1/f times as wide,
-    under a screen 1/f times as high. One number replaces three groups of the fit.
+    under a screen 1/f times as high. This one number replaces three groups of the fit.
     """
     scene, nominal = test.reference.scene, test.nominal
     screen, (claims, claiming) = scene.frustum.screen, _claims(test)

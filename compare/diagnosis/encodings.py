@@ -1,9 +1,8 @@
-"""The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
+"""Decoding of stored pixels, found by trying other readings and comparing with the scene.
 
-Readings are found by trying. Numbers of triangles are judged by the claims that they make
-(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Other readings are
-compared with the stored truth, and with damage of it.
-Another reading is a finding only where it holds and the stated one fails.
+Numbers of triangles are judged by their claims (`xfrustum.compare.diagnosis.geometry_fit`), which
+do not depend on occlusion. Other readings are compared with the stored truth, and with damage of
+it. Another reading is a finding only if it holds and the stated reading fails.
 """
 
 from __future__ import annotations
@@ -60,12 +59,12 @@ ENCODING_FAULTS = (
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
-# The damage that loses number 0 alone, where it is stored like nothing; no defect by itself.
+# Damage that loses only number 0, which is stored like no surface; not a defect by itself.
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-# Orders of the channels, RGB first, then OpenCV's BGR. Where several show the same images, the
-# first is named first.
+# Orders of the channels, RGB first, then OpenCV's BGR. If several give the same images, the
+# earliest is named first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
 # Largest mean distance by which the claims of a right reading fail: about 20 times that by which
@@ -134,15 +133,16 @@ class IdRepair:
 
     kind: str  #: `OVERFLOW`, `RESTARTING`, `RESAMPLED`, `LOSSY` or `FIRST_NUMBER`
     reading: Reading
-    bits: int = 24  #: low bits of each number that `OVERFLOW` has kept
-    first: tuple[int, ...] = ()  #: first number of each object, from which `RESTARTING` counts
+    bits: int = 24  #: number of low bits that `OVERFLOW` has kept
+    #: first triangle number of each object, at which `RESTARTING` begins again
+    first: tuple[int, ...] = ()
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
     nominal: RendererModel = TRUE  #: the renderer by its author's statements
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
-        """Return an image with the truth's number wherever damage explains the stored one."""
+        """Return an image with the truth's number wherever damage explains the stored number."""
         plate, as_read = reference.scene.plate, read_again(image, self.reading)
         index = self.order.index(image.camera.aperture.index, plate.hogels)
         truth = _stated(reference, self.nominal, index)
@@ -167,7 +167,7 @@ def _stated(reference: Reference, nominal: RendererModel, index: tuple[int, int]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _TruthPair:
-    """The stored bytes of an image, upright, beside the truth's numbers and brightness."""
+    """The stored bytes of an image, upright, paired with the truth's numbers and brightness."""
 
     rgb: Bytes  # (h, w, 3)
     triangle: Numbers  # (9, h, w): first the number of the pixel itself, then its neighbors'
@@ -239,12 +239,12 @@ class _TruthPair:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """The way to read a renderer's images; without a reading the stated one holds."""
+    """The reading of a renderer's images; None selects the stated reading."""
 
     faults: tuple[Defect, ...] = ()  #: its differences from the stated one
     reading: Reading | None = None
-    #: puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after
-    #: correction
+    #: restores lost numbers for the figures after correction: all, or only 0, which is stored like
+    #: no surface
     restoring: IdRepair | None = None
 
     @property
@@ -266,7 +266,7 @@ class FoundEncoding:
 def find_encoding(
     reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
 ) -> FoundEncoding:
-    """Find the way to read a renderer's images, where the stated way does not hold.
+    """Find the reading of a renderer's images if the stated reading fails.
 
     `nominal` is the model of the renderer by its author's statements.
     """
@@ -321,7 +321,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
-    """The search for another reading of images that are stated to hold something."""
+    """Search for another reading than the stated one."""
 
     reference: Reference
     images: Sequence[HogelImage]
@@ -360,8 +360,8 @@ class _Search:
             if left <= MAX_HELD_MISFIT_PX:
                 return None
             result = self._by_claims(stated, left) or self._restarting()
-            # Enlarged pictures claim triangles beside the right ones: they fail by less than a
-            # pixel.
+            # Enlarged pictures claim neighbors of the right triangles: these claims fail by less
+            # than a pixel.
             if result is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
             # Numbers that lie where some camera draws their triangles are whole; of few triangles,
@@ -435,7 +435,7 @@ class _Search:
         return self._as_found(colors, ())
 
     def _overflown(self) -> FoundEncoding | None:
-        """Find numbers of which the low bits alone are stored."""
+        """Find numbers of which only the low bits are stored."""
         count, stated = len(self.reference.scene.faces), self.stated
         for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
             if count < 2**bits:
@@ -476,12 +476,11 @@ class _Search:
         return FoundEncoding() if fit.noise_px <= MAX_HELD_MISFIT_PX else None
 
     def _restarting(self) -> FoundEncoding | None:
-        """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
+        """Find triangle numbers that restart with each object, as `gl_PrimitiveID` does."""
         _, first = np.unique(self.reference.scene.object_of_triangle, return_index=True)
         damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
         result, parts = self._best(damage)
-        # The first object has the same numbers either way: the others must show that theirs begin
-        # anew.
+        # The first object has the same numbers either way: the others must show the restart.
         matching = [np.asarray(part.explained(result).any(axis=0)) for part in parts]
         others = np.concatenate(
             [match[part.object[0] > 0] for match, part in zip(matching, parts, strict=True)]
@@ -557,7 +556,7 @@ class _Search:
         orders = CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]
         for channels, offset in itertools.product(orders, (1, 0, 2)):
             plain = replace(start, channels=channels, offset=offset)
-            # Nothing may be stored as the most frequent integer that names nothing in the scene.
+            # No surface may be stored as the most frequent integer without a meaning in the scene.
             packed = np.concatenate(
                 [stored_integers(image, plain).ravel() for image in self.images]
             )

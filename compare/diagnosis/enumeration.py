@@ -76,7 +76,7 @@ EXCHANGED_AXES = (
 # Smallest number of claims that distinguishes axes, or the apertures of one hogel.
 MIN_PART_CLAIMS = 30
 
-# Largest number of objects that are tried to be missing.
+# Largest number of objects for which absence is tried.
 MAX_MISSING_OBJECTS = 4
 
 # Largest share of the hogels that are tried to show others' images: in most of them a rule of the
@@ -94,7 +94,7 @@ MAX_PITCH_DIFFERENCE = 1e-3
 
 
 def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return a candidate with the composition that images agree with best, then its equals.
+    """Return a candidate with the composition that agrees best with images, then equally good ones.
 
     Composition and numbers that add nothing to the explanation are left out.
     """
@@ -108,7 +108,7 @@ def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
 def _best_compositions(
     reference: Reference, model: RendererModel, images: Sequence[HogelImage]
 ) -> list[RendererModel]:
-    # Step 1: nothing is to be enumerated where the right composition explains nearly every pixel.
+    # Step 1: do not enumerate if the right composition explains nearly every pixel.
     right = [_compared(reference, [model], image) for image in images]
     if sum(_differing(made[0], shown) for shown, made in right) < MIN_DIFFERING_PIXELS:
         return [model]
@@ -127,7 +127,7 @@ def _best_compositions(
         reduce(lambda made, hypothesis: hypothesis.of(made), way, model)
         for way in filter(possible, COMPOSITIONS)
     ]
-    # At least one half is there.
+    # At least one half is present.
     ways = [way for way in ways if not (way.back is Back.MISSING and way.front is Front.MISSING)]
     wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for shown, made in (_compared(reference, ways, image) for image in images):
@@ -196,7 +196,8 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
             candidates.append((least, replace(fit, model=replace(fit.model, axes=axes))))
 
     def rank(entry: tuple[float, GeometryFit]) -> tuple[int, float]:
-        # A turned scene in turned pictures shows the same as other axes alone: fewer defects first.
+        # A turned scene in turned pictures looks the same as only other axes: fewer defects come
+        # first.
         misfit, model = entry[0], entry[1].model
         others = (model.orientation != nominal.orientation) + (model.order != nominal.order)
         return others, misfit
@@ -211,7 +212,7 @@ def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Geom
         exists = (image.triangle >= 0) & (image.triangle < len(scene.faces))
         named |= set(np.unique(scene.object_of_triangle[image.triangle[exists]]).tolist())
         named |= set(np.unique(image.object[image.object != NOTHING]).tolist())
-    # Black images name no object: that all are missing would explain any of them.
+    # Black images name no object: they would all be explained by a scene without objects.
     lit = any(image.color is not None and image.color.any() for image in test.images)
     if len(scene.objects) < 2 or not (named or lit):
         return
@@ -239,7 +240,7 @@ def _most_wrong_object(test: TestSet, model: RendererModel) -> int:
 
 
 def with_other_hogels(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[GeometryFit]:
-    """Yield candidates in which few wrong hogels all show images of other apertures."""
+    """Yield candidates in which all wrong hogels, if few, show images of other apertures."""
     most = int(MAX_ODD_HOGEL_FRACTION * len(test.images))
     for fit in fits:
         odd = list(itertools.islice(test.outliers(fit.model), most + 1))
@@ -254,7 +255,7 @@ def with_other_hogels(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Ge
 
 
 def _shown_apertures(alone: TestSet, model: RendererModel) -> tuple[Index, ...]:
-    """Return the apertures whose image one hogel shows, the best first; none without any."""
+    """Return the apertures whose image one hogel shows, the best first; empty if there are none."""
     (image,), scene = alone.images, alone.reference.scene
     index, likely = image.camera.aperture.index, _likely(scene, model, image)
     left = [
@@ -313,7 +314,7 @@ def equivalents(
 def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
     """Yield the twins of moved or scaled scenes of centered frusta.
 
-    An image depends on (P - a) / s alone. Moving the apertures to one side equals moving the scene
+    An image depends only on (P - a) / s. Moving the apertures to one side equals moving the scene
     to the other side, and enlarging the scene equals shrinking the plate by the same factor, except
     for surfaces beyond the reach.
     """
@@ -330,7 +331,7 @@ def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMode
 
 
 def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
-    """Yield scenes and plates that are moved as a shift looks at some depths of the scene."""
+    """Yield moved scenes and plates that look like a shift at some depths of the scene."""
     scene, shift = test.reference.scene, np.asarray(model.shift)
     if scene.frustum.screen is not None:
         shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
@@ -348,8 +349,8 @@ def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[Rendere
 def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
     """Yield candidates that may show the images of a wrong shear, or of a moved screen.
 
-    Where everything visible lies on one side of the plate, images do not show the other camera; in
-    one aperture alone, a missing or reversed shear equals a screen at another place.
+    If everything visible lies on one side of the plate, images do not show the other camera; in a
+    single aperture, a missing or reversed shear equals a screen at another place.
     """
     nominal, scene = test.nominal, test.reference.scene
     screen, right = scene.frustum.screen, model.recentering is nominal.recentering

@@ -1,13 +1,13 @@
 """Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
-A claim (`claims.PixelClaims`): this pixel, of this file, shows this triangle. Whatever lies in
-front, a renderer shows a triangle only where the triangle projects to. Therefore conventions and
-geometry can be found without the visible surface: under the right candidate every claim holds,
-under a wrong one many fail, each by a distance in pixels. First come the discrete conventions under
-which claims fail least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust
-least squares, with as few groups of them off their nominal values as suffice; other sets of groups
-that suffice as well are alternatives. Last comes an interval for each number: all values under
-which no claim fails by more than the rounding of drawing.
+A claim (`claims.PixelClaims`) states that a pixel of a file shows a triangle. With any occlusion, a
+renderer shows a triangle only where it projects. Conventions and geometry can therefore be found
+without deciding visibility: under the right candidate every claim holds; under a wrong one many
+fail, each by a distance in pixels. First come the discrete conventions under which claims fail
+least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust least squares, with
+as few groups of them off their nominal values as suffice; other sets of groups that suffice as well
+are alternatives. Last comes an interval for each number: all values under which no claim fails by
+more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ NOISE_FACTOR = 2.0
 
 # Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
 # left out: ten times the share that may fail under the right candidate. And the largest share of
-# the hogels that may be left out: a rule that holds in fewer than half of them is no convention.
+# the hogels that may be left out: a rule that holds in fewer than half of them is not a convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
 # Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of
@@ -128,8 +128,8 @@ class GeometryFit:
     high: Floats
     noise_px: float = 0.0  #: largest failure of a claim but the worst `MAX_MISPLACED_FRACTION`
     alternatives: tuple[RendererModel, ...] = ()  #: as simple, with other groups off nominal
-    spoiled: frozenset[tuple[int, int]] = frozenset()  #: hogels left out, as files are named
-    by_color: bool = False  #: whether the candidate rests on pictures that were registered
+    spoiled: frozenset[tuple[int, int]] = frozenset()  #: hogels left out, by their file names
+    by_color: bool = False  #: whether the candidate comes from registration of pictures
 
     @classmethod
     def exact(cls, model: RendererModel) -> GeometryFit:
@@ -138,7 +138,7 @@ class GeometryFit:
 
     @property
     def holds(self) -> bool:
-        """True if the claims hold at all."""
+        """True if the claims hold."""
         return self.noise_px <= MAX_NOISE_PX
 
     def unbounded(self, nominal: RendererModel) -> GeometryFit:
@@ -193,8 +193,8 @@ def fit_geometry(
 def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
     """Return the places of the numbers of some groups that images determine.
 
-    Along an axis with a single pixel nothing shows where on the film an outline lies: numbers of it
-    are held.
+    Along an axis with a single pixel, images do not show where on the film an outline lies: its
+    numbers are held fixed.
     """
     held = {axis for axis, count in zip("xy", scene.frustum.resolution, strict=True) if count == 1}
     return [place for place in places(*groups) if NUMBERS[place][1] not in held]
@@ -216,8 +216,7 @@ def _without_spoiled(
 ) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
     """Return the claims of the hogels in which nearly all hold, and the indices of the others.
 
-    Where most hogels would be left out, the candidate is wrong and not the hogels: then all are
-    kept.
+    If most hogels would be left out, the candidate is wrong and not the hogels: then all are kept.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -229,7 +228,7 @@ def _without_spoiled(
 
 
 def _alone(model: RendererModel) -> bool:
-    """Return whether one camera alone has other numbers, its film being mirrored nowhere."""
+    """Return whether only one camera has other numbers, without a mirrored film."""
     entry = model.one_camera
     return entry is not None and not (entry.flip_x or entry.flip_y)
 
@@ -310,7 +309,7 @@ class _Search:
         return [OneCamera(side, other_near=self.nominal.near) for side in (-1, 1)]
 
     def _hypotheses(self, upright: RendererModel, *, several: bool) -> Iterator[RendererModel]:
-        """Yield a candidate with every start value of one group, shear or camera alone."""
+        """Yield a candidate with every start value of one group, of the shear, or of one camera."""
         frustum, nominal = self.scene.frustum, self.nominal
         reach, recentered = frustum.longest_reach, frustum.recentered
         for part in sorted({nominal.near / reach, *START_NEARS[::4]}):
@@ -448,7 +447,7 @@ class _Search:
                 break
         ranked = sorted(passing.values(), key=lambda entry: entry[0])
         turned = [(model.orientation, model.order) for _, model, _ in ranked]
-        # A picture that is mirrored with the other half is the same, and no explanation of its own.
+        # A picture that is mirrored with the other half is the same, not a separate explanation.
         return [
             (model, free)
             for (_, model, free), way in zip(ranked, turned, strict=True)
@@ -515,7 +514,7 @@ class _Search:
 def _interval(
     claims: PixelClaims, model: RendererModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return middle, lowest and highest values (P,) under which claims fail by noise alone.
+    """Return middle, lowest and highest values (P,) under which claims fail only by noise.
 
     Each claim gives an inequality: the distance of the pixel's center from each edge of its
     triangle, counted inward, is at least zero, rounding and noise allowed. After linearizing, the

@@ -207,7 +207,7 @@ def _conventions(
         for image in images:
             mine = orientation.upright(as_gray(image))
             its = truth(model.answers(scene, image.camera.aperture).index)
-            # A uniform picture agrees with none.
+            # A uniform picture agrees with no other.
             if np.ptp(its) > 0:
                 agreement += float(np.corrcoef(mine.ravel(), its.ravel())[0, 1])
         # Pictures of a symmetric scene agree equally well: the first convention, no change, wins

@@ -62,7 +62,7 @@ class TestSet:
     statements: the pixels that are wrong under it need an explanation.
     """
 
-    __test__: ClassVar[bool] = False  # pytest collects no class of this name
+    __test__: ClassVar[bool] = False  # keeps pytest from collecting this class
 
     reference: Reference
     images: Sequence[HogelImage]
@@ -128,10 +128,10 @@ class TestSet:
         """Return the share of the wrong pixels that a candidate explains; None if none is wrong.
 
         A pixel is explained if it is wrong by the nominal model, and right by the candidate or
-        wrong by a cause that is no defect: edge, order, lost. Pixels that only the candidate makes
-        wrong count against it. The smaller of the shares among all pixels and among those in which
-        images show something counts: a candidate under which nothing is visible explains black
-        pixels, but no shown ones.
+        wrong by a cause that is not a defect: edge, order, lost. Pixels that only the candidate
+        makes wrong count against it. The smaller of the shares among all pixels and among those in
+        which images show something counts: a candidate under which nothing is visible explains
+        black pixels, but no shown ones.
         """
         before, after = self.mask(self.nominal), self.mask(model, explained=True)
         if not before.any():

@@ -31,7 +31,7 @@ from xfrustum.scenes.representation import ShortRepr, digits
 #: rows (R, 1) and columns (1, C) of pixels of a picture
 Block = tuple[Indices, ...]
 
-#: parts of hogels' films by column and row
+#: requested parts of films, by column and row of the hogel
 FilmParts = Mapping[tuple[int, int], FilmPart]
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
@@ -376,7 +376,7 @@ def pixels_per_degree(scene: Scene, eye: Eye) -> float:
 def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
     """Return the pixels whose shown point is hidden from the eye."""
     known = np.isfinite(shown.position).all(axis=-1) & (shown.triangle != NOTHING)
-    # A hogel is drawn for any eye: it also shows surfaces beside and behind this one.
+    # A hogel is drawn for all eyes: it also shows surfaces at and above the height of this eye.
     behind: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
     occluded = partial(reference.hidden, shown.eye)
     return behind | hidden_pixels(known & ~behind, shown, reference.scene, occluded)

@@ -6,8 +6,8 @@ P - m (kx, ky, -1) before it, at the distance D = |z| + m from the plate:
 
     D = (|z| + n) zf / (zf + n),   without a fit D = |z| + n,   beyond the first slab D = |z|.
 
-All eyes lie straight before the middle of the plate, at the distance L. Content at the height z is
-at the distance R = L - z from them.
+All eyes lie straight in front of the middle of the plate, at the distance L. Content at the height
+z is at the distance R = L - z from them.
 """
 
 from __future__ import annotations
@@ -70,15 +70,14 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
 #: (docs/noticeable.md, "The viewer")
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
 
-#: Length of the units that are known by name
+#: Length of each known unit
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 
 GREEN_MM = 550e-6  #: a wavelength to which eyes are most sensitive
 
 ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
 
-#: Depths from the nearest to the farthest on a side at which disparity is looked at: it changes
-#: smoothly
+#: Number of depths per side at which disparity is evaluated: it changes smoothly
 DEPTH_SAMPLES = 33
 
 
@@ -105,7 +104,7 @@ def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """A pair of eyes straight before the plate, at a distance from it in scene units.
+    """A pair of eyes straight in front of the plate, at a distance from it in scene units.
 
     InputError if a number is not positive and finite.
     """
@@ -286,9 +285,9 @@ def disparity_changes(
 ) -> Floats:
     """Return the change of disparity of points at some heights, arc seconds, negative for farther.
 
-    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
-    The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as
-    `moved` has it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss
+    The heights z are below the viewer's, scene units; 0.0 is in front of the plate, and -0.0 behind
+    it. The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m),
+    as `moved` has it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss
     behind the plate. The eye e at the height L sees it through that aperture a for which all three
     lie on one line. With K = sigma c/ss and S = L + s + sigma m, the slope of this line falls with
     e as -(1 + K)/(S + L K), and the true slope as -1/(L + s). Both are linear in e: the disparity
@@ -310,7 +309,7 @@ def stereo_change_arcsec(
 ) -> float:
     """Return the largest change of disparity between any two visible points, arc seconds.
 
-    The border of the plate is one of them: it stays.
+    The plate's border is one of the points, and does not move.
     """
     height = content.heights
     if not len(height):

@@ -209,7 +209,7 @@ def _compared_objects(
 ) -> tuple[Mask, Mask]:
     """Return the pixels (H, W) that show something, and those that differ."""
     objects = image.object
-    if not (objects != NOTHING).any():  # OpenEXR files can have triangle numbers alone
+    if not (objects != NOTHING).any():  # OpenEXR files can have only triangle numbers
         objects = scene.object_of_number[existing_triangles(image.triangle, scene)]
     return (truth.object != NOTHING) | (objects != NOTHING), truth.object != objects
 

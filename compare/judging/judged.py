@@ -1,10 +1,10 @@
 """One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
 
 The arithmetic is the same as in `xfrustum.compare.metrics`. `compare_images` has a truth and an
-image of the same question, with surfaces and their points. A foreign image may be turned, may
-name triangles that do not exist, or show colors alone, and its question may be two offset cameras,
-which see the plate, and of which the front one covers the other. Here colors are right or wrong
-within a tolerance; there their error is measured.
+image of the same question, with surfaces and their points. A foreign image may be turned, may name
+triangles that do not exist, or show only colors. Its question may be two offset cameras, which see
+the plate; there the front camera covers the other. Here colors are right or wrong within a
+tolerance; there their error is measured.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> i
     edges = maximum_filter(
         strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1
     )
-    # Edges of another kind lie where outlines are missing as often as anywhere.
+    # Other edges are as frequent at missing outlines as anywhere else.
     alone = float((edges < MIN_EDGE_CONTRAST).mean())
     count = int((strongest_steps(outlines) > 0).sum())
     for fields in COMPOSITIONS if question.plain else ():
@@ -238,7 +238,7 @@ class SurfaceFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class OutlineFigures:
-    """Pixels beside outlines of the truth, and those without an edge in the picture.
+    """Pixels at outlines of the truth, and the pixels among them without an edge in the picture.
 
     They are `missing` where any shading would show the outline (`seen_outlines`), and else
     `unknown`. `untold` is the largest number of pixels that a missing half or a reversed depth test
@@ -304,13 +304,13 @@ class HogelNumbers:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The numbers of an image beside the images they were counted in."""
+    """The numbers of an image, with the images in which they were counted."""
 
     numbers: HogelNumbers
     claimed: int  # shown pixels where the image shows something
     cause_masks: Causes | None
-    answer: HogelImage  # what should be shown,
-    image: HogelImage  # and the image, upright
+    answer: HogelImage  # image that should be shown
+    image: HogelImage  # judged image, upright
     error: Mask  # (H, W) wrong surface or color, or another `by` without surfaces
 
     @property
@@ -365,7 +365,7 @@ def judge(
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
         length = lengths(_shifts(scene, question, seen))
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
-        # A minority of pixels does not stand for all.
+        # A minority of pixels does not represent all.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
             spread, measured_by = Spread.from_values(length[known]), MeasuredBy.POINTS
     else:
@@ -506,7 +506,7 @@ class _Compared:
 
     def causes(self, scene: Scene, question: RendererModel, device: DeviceModel) -> Causes | None:
         """Return the causes of the wrong pixels; None if images name no triangles."""
-        # Nor through a lens: rounding is known of edges that are straight on the film.
+        # Nor through a lens: rounding is modeled only for edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None
         cameras = foreign_cameras(scene, question, self.answer.camera.aperture, device)

@@ -43,7 +43,7 @@ class Outcome(StrEnum):
 
     PASS = "pass"
     FAIL = "fail"  # a limit is exceeded
-    MISSING = "missing"  # there is no image; a plate with such a hogel fails
+    MISSING = "missing"  # the image is missing; a plate with such a hogel fails
     NOT_JUDGED = "not judged"  # nothing that the image shows could exceed a limit
 
 
@@ -144,7 +144,7 @@ class Hogel:
     """Verdict on one hogel: a problem, or figures as found and corrected, and the checks."""
 
     aperture: Aperture
-    problem: str | None = None  #: why there is no image
+    problem: str | None = None  #: reason why the image is missing
     as_found: HogelNumbers | None = None
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
@@ -186,7 +186,7 @@ class Hogel:
 
     @property
     def passed(self) -> bool:
-        """True if it is there and keeps to every limit."""
+        """True if the image exists and keeps every limit."""
         return self.verdict is Outcome.PASS
 
 
@@ -250,12 +250,12 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """True if every hogel is there and keeps to the limits."""
+        """True if every hogel exists and keeps the limits."""
         return all(hogel.passed for hogel in self.hogels)
 
     @property
     def verdict(self) -> Outcome:
-        """The verdict on all hogels: not judged where none is wrong and not all could be judged."""
+        """The verdict on all hogels: not judged if none is wrong and some could not be judged."""
         if self.passed:
             return Outcome.PASS
         outcomes = {hogel.verdict for hogel in self.hogels}

@@ -79,8 +79,8 @@ def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict
 def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dict[str, Any] | None:
     """Return the numbers of wrong pixels, `where` of `verify --json`; None if nothing is wrong.
 
-    `front` is before the plate, drawn by C*. `hogels` has a list for each row of the plate, with
-    None for hogels that were not judged; `shares` is the result of `where_wrong`.
+    `front` is the content in front of the plate, drawn by C*. `hogels` has a list for each row of
+    the plate, with None for hogels that were not judged; `shares` is the result of `where_wrong`.
     """
     shares = where_wrong(scene, hogels)
     if shares is None:

@@ -31,9 +31,9 @@ class Share:
 class SurfaceShare(Share):
     """Number of judged pixels that show the wrong surface."""
 
-    #: of these, those whose point belongs outside the true film, where no pixel shows it
+    #: number of these whose point belongs outside the true film, where no pixel shows it
     outside: int
-    #: those whose true surface culling left out; None if nothing was culled
+    #: number of these whose true surface was culled; None if nothing was culled
     culled: int | None = None
 
 
@@ -82,7 +82,7 @@ class Comparison(ShortRepr, ComparisonNumbers):
 
     @property
     def numbers(self) -> ComparisonNumbers:
-        """The numbers alone, without the images."""
+        """Only the numbers, without the images."""
         return ComparisonNumbers(
             **{part.name: getattr(self, part.name) for part in fields(ComparisonNumbers)}
         )
