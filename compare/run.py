@@ -1,8 +1,9 @@
 """Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates.
 
-The caller's thread traces truths and draws frames, for it owns the OpenGL context. As many threads
-as there are processors judge: a task is submitted when all its images are there, so that no task
-waits for another. Results come in order, and a bounded number of images is ahead of the caller.
+The caller's thread traces truths and draws frames, because it owns the OpenGL context. As many
+threads as there are processors judge: a task is submitted when all its images exist, so that no
+task waits for another. Results come in order, and a bounded number of images is ahead of the
+caller.
 
 The settings of a task differ in their depth buffers alone. They share the traced links of the chain
 (T1 to T4), the frame with linear depth (R0), and the predictions.
@@ -244,7 +245,7 @@ class Evaluator:
     ) -> Generator[JudgedFrame, None, None]:
         """Yield each judged frame, hogel by hogel, frames of the same cameras together.
 
-        Equal settings are drawn once; truths that are there already are not traced again.
+        Equal settings are drawn once; existing truths are not traced again.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")

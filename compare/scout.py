@@ -52,7 +52,8 @@ class CoarseView:
     """Content of the coarse film of one aperture."""
 
     aperture: Aperture
-    #: (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
+    #: (h, w) heights of the first surfaces, NaN without a surface, 0 where the line ends in the
+    #: aperture
     height: Floats
     camera: HogelCamera  #: the true frustum, with the resolution of the scene
     outline_widths: (

@@ -72,7 +72,7 @@ class Session(Protocol):
 
 
 class Job(ABC):
-    """Work in blocks, pickled for workers with its scene; blocks are pickled too."""
+    """A job, divided into blocks; job, scene and blocks are pickled for workers."""
 
     #: whether sessions use OpenGL, which takes one process per GPU
     draws: ClassVar[bool] = True

@@ -69,7 +69,7 @@ class BudgetReport(NotebookRepr):
 
     @property
     def place(self) -> str:
-        """The aperture in words."""
+        """Description of the aperture."""
         return f"aperture {self.aperture.column},{self.aperture.row}"
 
     @property
@@ -110,7 +110,7 @@ class BudgetReport(NotebookRepr):
         return f"{self.scene.name!r}, {self.place} with {settings}: {headline(numbers)}"
 
     def _figures(self) -> Sequence[Figure]:
-        # Pixels without a charge are right, or are no judged pixels.
+        # Pixels without a charge are right or not judged.
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = as_shown(drawn.color, drawn.covered, drawn.height)
         marks = marked(shown, wrong, self.geometry.errors.moved)
@@ -283,7 +283,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
         # A prediction of zero is exact for links without effect.
         if reasons.displacement and link.predicted_displacement_rms_px != 0:
             named.setdefault("moves by", Reason(reasons.displacement))
-        # Few pixels were predicted but many are wrong: chance is no explanation.
+        # Few pixels were predicted but many are wrong: chance does not explain this.
         if reasons.surface == Reason.FEW and link.surface >= MIN_PIXELS:
             # Rounding moves whole regions of a surface that passes through the aperture.
             crosses = numbers.prediction_reasons.displacement == Reason.CROSSES

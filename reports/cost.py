@@ -76,7 +76,7 @@ class Way:
 
     renderer: str
     label: str
-    #: group of options that it belongs to: a depth buffer, or whatever else was varied
+    #: its group of options: a depth buffer, or another varied setting
     family: str
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
@@ -322,7 +322,8 @@ def cost(
         tracers = {name: Reference(scene, tracer=name) for name in TRACERS}
         for name, reference in tracers.items():
             begun = time.perf_counter()
-            # Acceleration structures are built once per scene, and are no part of a picture's time.
+            # Acceleration structures are built once per scene; a picture's time does not include
+            # them.
             reference.build_tracer()
             upload_s[name] = time.perf_counter() - begun
         # Read while the contexts are open.
@@ -330,7 +331,8 @@ def cost(
         ways = {
             place: [*_drawn(scene, place, drawers), *_traced(place, tracers)] for place in apertures
         }
-        # All are judged by their first picture, which is not timed; the first aperture is timed.
+        # At every aperture the first picture is judged and not timed; only the first aperture is
+        # timed.
         timed = ways[apertures[0]]
         pictures = len(timed) * (len(ways) + repeat)
         with progress_bar(pictures, "cost", "picture", shown=progress) as bar:

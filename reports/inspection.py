@@ -269,7 +269,7 @@ class PlateMap:
 
     @property
     def largest(self) -> str:
-        """The largest value in words; empty if no hogel is known."""
+        """Sentence on the largest value; empty if no hogel has a value."""
         if not np.isfinite(self.cells).any():
             return ""
         value = float(np.nanmax(self.cells))

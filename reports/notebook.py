@@ -112,7 +112,7 @@ class Display:
 
     @property
     def first_png(self) -> bytes | None:
-        """The first picture; None if there is none, or it is no PNG."""
+        """The first picture; None if there is none, or it is not a PNG."""
         content = next((figure.content for figure in self.figures), b"")
         return content if content.startswith(b"\x89PNG") else None
 
@@ -125,7 +125,7 @@ class NotebookRepr:
         raise NotImplementedError
 
     def table(self) -> str:
-        """Return the facts as aligned lines, as a command prints them; empty without any."""
+        """Return the facts as aligned lines, as a command prints them; empty if there are none."""
         return ""
 
     def _facts(self) -> str:

@@ -53,7 +53,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     if each > 1:
         parts.append(f"each is the mean of {each:,} {kind}")
     else:
-        # Memory is bounded by one band, whatever the height of the film.
+        # Memory is bounded by one band, for films of any height.
         rows = min(height, max(1, BAND_PIXELS // width))
         memory = in_words(PIXEL_BYTES * rows * width)
         parts.append(

@@ -213,7 +213,7 @@ class JudgedViews(loss.Views):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneView(NotebookRepr):
-    """Pictures, loss maps and numbers of all eyes; no maps of a renderer without one."""
+    """Pictures, loss maps and numbers of all eyes; without a renderer, no maps of it."""
 
     scene: Scene
     views: tuple[JudgedViews, ...]

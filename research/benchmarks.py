@@ -193,7 +193,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
         "certified": lambda: list(reference.decide(aperture)),
         "truth": lambda: reference.trace(aperture),
     }
-    # The scalar variant traces one ray at a time, which is no contest.
+    # The scalar variant traces one ray at a time, which is not comparable.
     if not mitsuba_backend().scalar:
         runs["mitsuba"] = bare_intersection(scene, origins, directions)
     return {name: runs[name] for name in TRUTH_MEANINGS if name in runs}

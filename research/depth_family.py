@@ -30,7 +30,8 @@ SHEAR_PER_SLOPE = 1.0
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 #: Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that
-#: none hides another at any depth; and those before the plate where there are cars on both sides.
+#: none hides another at any depth; then the places in front of the plate if there are cars on both
+#: sides.
 _QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
 #: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a
 #: row of the plate in which its body crosses the plate; and the depth of the screen of

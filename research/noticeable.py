@@ -110,7 +110,7 @@ class Row(Replay, Cell):
     pixels_beyond: float
     #: separation required by `plan` without a viewer
     asked_separation: float
-    #: from the eyes to the nearest surface before the plate, or to the plate
+    #: from the eyes to the nearest surface in front of the plate, or to the plate
     nearest_distance: float
     #: the frustum is recentered, and the pivot is `aperture`
     sheared: bool

@@ -49,7 +49,7 @@ def two_eyes(scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> tuple
 
 
 class ReplayWorkbench:
-    """Two eyes straight before a plate, with their true and their replayed views."""
+    """Two eyes straight in front of a plate, with their true and their replayed views."""
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
         self._scene = scene

@@ -51,7 +51,7 @@ ASKED_SEPARATION = 1e-3
 
 #: along each side of the film of sheets, and of a cell
 SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
-#: heights of a sheet's cells differ so much, so that not all their depths round alike
+#: relative spread of the heights of a sheet's cells, so that their depths round differently
 SHEET_PHASE = 0.05
 SHEET_HEIGHT = FARTHEST / (
     1 + SHEET_PHASE

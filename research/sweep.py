@@ -110,7 +110,7 @@ class Sweep(Job):
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
         key = [self.study, self.origin.decisive, *map(asdict, cells)]
-        # The name holds cells and origin: other libraries measure anew.
+        # The name contains cells and origin: other libraries cause a new measurement.
         digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
         return self.folder / f"{digest[:32]}.parquet"
 
@@ -138,7 +138,7 @@ class Sweep(Job):
         yield self
 
     def make(self, cells: Sequence[Any]) -> None:
-        """Measure a block; its file is there whole or not at all."""
+        """Measure a block; its file is complete or absent."""
         rows, file = list(self.measure(cells)), self.file(cells)
         with Staging(self.folder, (file.name,)) as staging:
             write_rows(self.row, rows, self.origin, staging.folder / file.name)

@@ -172,10 +172,11 @@ class TessellatedCar:
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
-    """Return the car in `polygons` triangles, or one fewer, a share of them reflective.
+    """Return the car with `polygons` triangles, or one fewer; a share of them is reflective.
 
-    Triangles are split in four while that leaves too few, then the largest in three at their
-    centroids. Raises InputError below the built-in car's number, or at a share outside 0 to 1.
+    All triangles are split in four while this does not exceed the number; then the largest are
+    split in three at their centroids. Raises InputError below the built-in car's number, or at a
+    share outside 0 to 1.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:

@@ -133,8 +133,8 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     Labels of which no judged pixel differs have the answer's outlines: they have moved by
     0. So have colors with the answer's contrast to the last bit. Registration would measure less:
     few or straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance
-    are registered, for a dim outline may have moved within it. An answer without an outline, such
-    as soft shading, has nothing that could be seen to move, and what moves into the film from
+    are registered, because a dim outline may have moved within it. An answer without an outline,
+    such as soft shading, has nothing that could be seen to move, and what moves into the film from
     outside is wrong pixels.
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
@@ -311,7 +311,7 @@ class Figures:
     cause_masks: Causes | None
     answer: HogelImage  # image that should be shown
     image: HogelImage  # judged image, upright
-    error: Mask  # (H, W) wrong surface or color, or another `by` without surfaces
+    error: Mask  # (H, W) pixels with a wrong surface or color, or wrong in the property `by`
 
     @property
     def rounded(self) -> int:
@@ -462,7 +462,7 @@ class _Compared:
             uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
             storage=image.storage,
         )
-        # An image without any surface is judged by the property that it could have.
+        # An empty image is judged by the property that its file format would store.
         by = "triangle"
         if not (image.triangle != NOTHING).any():
             if (image.object != NOTHING).any():

@@ -2,8 +2,8 @@
 
 An outline runs between two neighboring pixels, and the place between them is called a step.
 Displacement is measured by registration: the steps of the truth's outlines are moved by every whole
-number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast is looked
-up at their new places. The displacement with the largest mean contrast is the result.
+number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast is read at
+their new places. The displacement with the largest mean contrast is the result.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ MIN_PEAK_RATIO = 1.3
 # average; twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
 
-# Distance from a true outline within which a picture must have an edge, for the outline to be
-# there: the outline runs between two pixels, and rounding puts it on either side of a center.
+# Distance from a true outline within which a picture must have an edge, or else the outline is
+# missing: the outline runs between two pixels, and rounding puts it on either side of a center.
 OUTLINE_TOLERANCE_PX = 1
 
 # Smallest difference between two neighboring pixels that is an edge, of the square root of the
@@ -101,7 +101,7 @@ def strongest_steps(steps: Steps) -> Floats:
 
 
 def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
-    """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
+    """Return the pixels (H, W) at an outline where a picture has no edge near enough."""
     strongest = maximum_filter(strongest_steps(shown), size=2 * OUTLINE_TOLERANCE_PX + 1)
     return np.asarray((strongest_steps(outlines) > 0) & (strongest < MIN_EDGE_CONTRAST))
 
@@ -124,7 +124,7 @@ def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
 
 
 def _normals(scene: Scene, answer: HogelImage) -> Floats:
-    """Return the normals (H, W, 3) of an image's triangles, NaN without one."""
+    """Return the normals (H, W, 3) of an image's triangles, NaN without a triangle."""
     normals = scene.normals.take(answer.triangle, axis=0, mode="clip")
     return np.where((answer.triangle == NOTHING)[..., None], np.nan, normals)
 

@@ -91,10 +91,10 @@ class Limits:
     def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
         """Compare figures with the limits (`compare.beyond`), some wrong pixels `excused`.
 
-        Shares are of the shown pixels, so that an empty film excuses nothing; but a single pixel is
-        no share, unless none may be wrong. Images that show nothing need no displacement, nor do
-        colors where the truth has no outline that a picture could show elsewhere. Any other image
-        of such a truth is not judged.
+        Shares are of the shown pixels, so that an empty film excuses nothing. A single wrong pixel
+        does not count as a share, unless none may be wrong. Images that show nothing need no
+        displacement, nor do colors where the truth has no outline that a picture could show
+        elsewhere. Any other image of such a truth is not judged.
         """
         numbers, checks = figures.numbers, list[Check]()
 
@@ -148,7 +148,7 @@ class Hogel:
     as_found: HogelNumbers | None = None
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
-    places: Places | None = None  #: where its wrong pixels are, as found
+    places: Places | None = None  #: places of its wrong pixels before correction
     left: int = 0  #: wrong pixels that stay when it is corrected, without those by rounding
     mended: bool = True  #: whether it is right when it is corrected
     storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"

@@ -251,7 +251,7 @@ def surface_errors(
     wrong |= in_plate(raster) & ~in_plate(truth)
     # The occlusion test traces a line per point. Points that equal the certified truth need none.
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
-    # A certified point lies on the film by construction, whatever its rounding.
+    # A certified point lies on the film by construction, in spite of its rounding.
     beyond = _beyond_film(points, located, bundle, scene) & ~seen
     outside = np.zeros_like(wrong)
     outside.reshape(-1)[points.pixels[beyond]] = True

@@ -56,7 +56,7 @@ WORST_VIEWS = 4
 #: a 99th percentile to a factor of two at best.
 SUSPECTED_EXCESS, MAX_SUSPECTED = 0.5, 8
 
-#: largest number of plans that are made anew with apertures that joined
+#: largest number of repeated plans with added apertures
 MAX_ROUNDS = 8
 
 #: largest number of apertures that a result lists

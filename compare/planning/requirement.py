@@ -147,7 +147,7 @@ def binding(limits: Iterable[NearLimit]) -> NearLimit | None:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewerRequirement:
-    """Limits of a viewer straight before the plate."""
+    """Limits of a viewer straight in front of the plate."""
 
     viewer: noticeable.Viewer
     display: noticeable.Display
@@ -180,7 +180,7 @@ class ViewerRequirement:
     def limits(self, settings: DoubleFrustum | None = None) -> tuple[NearLimit, ...]:
         """Return the largest unnoticed near of each effect, with the cuts and pivot of settings."""
         low, high = indices_of(self.display.frustum)
-        # Near makes sense up to the first cut, or to less than the reach.
+        # Near must not exceed the first cut, or a number just below the reach.
         cuts = () if settings is None else settings.slabs
         end = cuts[0] if cuts else round_number(high)
         usual = settings or DoubleFrustum(near=end)
@@ -255,7 +255,7 @@ class Requirement:
             "displacement_p99_px": errors.displacement_p99_px / self.tolerance_px,
             "surface_fraction": errors.surface_fraction / MAX_WRONG,
         }
-        # Without a limit in pixels an infinite displacement is no excess either.
+        # Without a limit in pixels, even an infinite displacement is not an excess.
         counted = ratios if self.pixels_count else dict.fromkeys(ratios, 0.0)
         return {**counted, "depth_wrong": errors.depth_wrong / self.max_wrong}
 
@@ -289,7 +289,7 @@ class Requirement:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewZone:
-    """Places along x and y, at a distance before the plate, to which films of hogels send rays.
+    """Places along x and y, at a distance from the plate, to which films of hogels send rays.
 
     Rays leave from the centers of hogels; from the edges of their cells they reach half a pitch
     farther.
@@ -314,7 +314,7 @@ class ViewZone:
 
 
 def _eyes_within(zone: Sequence[Interval]) -> float:
-    """Return the largest distance of two eyes straight before the plate's middle within a zone."""
+    """Return the largest distance of two eyes in front of the plate's middle within a zone."""
     (left, right), (low, high) = zone
     return max(0.0, 2 * min(-left, right)) if low < 0 < high else 0.0
 

@@ -189,7 +189,7 @@ class Views:
         return max((self.separation_in(slab, settings) for slab in every), default=0.0)
 
     def separation_in(self, slab: depth.DepthRange, settings: DoubleFrustum) -> float:
-        """Return the predicted smallest separation at a slab's farthest surface; 0 without any."""
+        """Return the predicted smallest separation at a slab's farthest surface; 0 if empty."""
         ends = [view.farthest(slab.camera, slab.low, slab.high) for view in self.views]
         seen = np.array([end for end in ends if end is not None])
         if not len(seen):

@@ -30,7 +30,7 @@ LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 #: Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference of the share
 #: of the points on one side of a straight line and the share of the box on that side. It was
 #: computed for 2,000 to 6,000 directions, each with every offset, refined about the largest, and
-#: rounded up; a test computes it again. Two points are worse than one.
+#: rounded up; a test computes it again. The value of two points exceeds the value of one.
 DISCREPANCY = MappingProxyType(
     {
         1: 0.5,

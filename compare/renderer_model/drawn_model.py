@@ -92,7 +92,7 @@ def places(*groups: str) -> list[int]:
 def screen_lengths(scene: Scene) -> Floats:
     """Return the move of the film on the screen by a pixel to the right and down, (2,).
 
-    On a screen before the plate the film is mirrored in both axes.
+    On a screen in front of the plate the film is mirrored in both axes.
     """
     screen = scene.frustum.screen
     assert screen is not None

@@ -194,8 +194,7 @@ def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImag
     scene = _with_normals(scene, model.normals)
 
     def radiance(lit: Scene) -> Singles:
-        # To decide which effects the scene calls for takes as long as to draw, and changes no
-        # color.
+        # Deciding which effects the scene needs takes as long as drawing, and changes no color.
         shader, position = Shader(lit, ALL_EFFECTS), answer.position.astype(np.float64)
         return shader.picture(answer.triangle, position, directions).astype(np.float32)
 
@@ -321,7 +320,7 @@ def as_gray(image: HogelImage) -> Floats:
 
 
 def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Floats:
-    """Return the surface points (H, W, 3) that a decoded image shows, NaN without one.
+    """Return the surface points (H, W, 3) that a decoded image shows, NaN without a surface.
 
     They are the image's own where it has them; else they lie where the line that a pixel has by a
     model meets the triangle that it names. Where the line misses that triangle, the point of it

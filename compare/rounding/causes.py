@@ -50,7 +50,7 @@ HEADINGS = ("edge", "order", "lost", "unexplained")
 class Causes(ShortRepr):
     """Pixels that show another triangle than expected, each under one heading.
 
-    A list, for they are few.
+    A list, because there are few.
     """
 
     shape: tuple[int, ...]  #: H, W
@@ -121,11 +121,11 @@ def find_causes(
         order = np.asarray(first.indistinguishable_from(second).any(axis=0))
         lost = first.lost().any(axis=0) & ~order
     # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both
-    # are looked at where nothing else explains the pixel.
+    # are tested only if nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
-    # The marks exclude each other: a pixel without any is left at the last heading.
+    # The marks exclude each other: a pixel without a mark gets the last heading.
     heading = np.full(len(pixels), HEADINGS.index("unexplained"), dtype=np.int8)
     for name, marked in (("edge", edge), ("order", order), ("lost", lost)):
         heading[marked] = HEADINGS.index(name)

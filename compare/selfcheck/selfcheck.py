@@ -57,7 +57,7 @@ COUNTS = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong
 
 @dataclass(frozen=True, kw_only=True)
 class Disagreement:
-    """One pixel that the reference has wrong, with the integers' answer and the reference's."""
+    """One pixel that the reference decides wrongly, with the answers of integers and reference."""
 
     row: int
     column: int

@@ -228,7 +228,7 @@ def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
 
 
 def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 1) -> bytes:
-    """Encode classes of pixels (H, W) as PNG: i has the i-th color, counted from 1, 0 none.
+    """Encode classes of pixels (H, W) as PNG: class i has color i, from 1; 0 is black.
 
     A block shows the largest of its numbers.
     """

@@ -1,8 +1,7 @@
 """The only place that fills in templates: HTML pages, SVG, XML and Markdown.
 
-Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, identified
-by their hashes, and nothing else, whatever text of a scene has found its way into the page; and it
-loads nothing.
+Every HTML page carries a Content-Security-Policy: the browser runs only our own scripts, identified
+by their hashes, even if text of a scene gets into the page, and it loads nothing.
 """
 
 import base64

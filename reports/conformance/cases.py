@@ -145,7 +145,7 @@ def _wavefront(scene: Scene) -> str:
     """Return scene.obj without the line that names its materials.
 
     Every vertex of an object has a texture coordinate and a normal if any has, so that a corner is
-    the same number in each list; corners without one do not refer to it.
+    the same number in each list; corners without a value do not refer to it.
     """
     lines = list[str]()
     first, first_uv, first_normal = 1, 1, 1

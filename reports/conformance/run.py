@@ -54,7 +54,7 @@ class UnsupportedError(Exception):
 
 
 class CaseOutcome(StrEnum):
-    """CaseOutcome of a case."""
+    """Outcome of a case."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -292,7 +292,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
 
 
 def _file(out: Path, index: tuple[int, int]) -> Path:
-    """Return the file of a hogel; Problem without one."""
+    """Return the file of a hogel; a Problem if it is missing."""
     paths = [out / f"hogel_{index[0]}x{index[1]}{suffix}" for suffix in SUFFIXES]
     path = next(filter(Path.exists, paths), None)
     if path is None:

@@ -45,7 +45,7 @@ class Statement:
 
     @property
     def levels(self) -> dict[str, CaseOutcome]:
-        """CaseOutcome of each judged level: pass where no case fails and some case passes."""
+        """Outcome of each judged level: pass if no case fails and at least one passes."""
         # One failed case fails its level; unsupported cases only leave it partly claimed.
         order = (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
         return {

@@ -178,7 +178,7 @@ class Recommendation:
     displacement_p99_px: float
     #: share of judged pixels with a channel off by more than 1/255; None without shading
     radiance_fraction: float | None
-    #: near planes of the same depth buffer that are as good
+    #: equally good near planes of the same depth buffer
     window: Window
     #: aperture with the largest share of wrong surfaces; the largest displacement breaks ties
     aperture: Aperture

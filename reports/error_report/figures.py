@@ -52,7 +52,7 @@ class Quantity:
     is_share: bool = False
 
     def figure(self, groups: Mapping[str, Rows], reach: float) -> Figure | None:
-        """Draw a line for each named group, and closed forms dashed; None without any points.
+        """Draw a line for each named group, and closed forms dashed; None if there are no points.
 
         Zeros of a share are hollow marks at half a pixel, below the smallest measurable share.
         """
@@ -155,7 +155,7 @@ def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Fig
 
 
 def _log_figure(lines: list[Figure], title: str, *, percents: bool = False) -> Figure | None:
-    """Return a figure of lines over near on logarithmic axes; None without any points."""
+    """Return a figure of lines over near on logarithmic axes; None if there are no points."""
     nears, heights = ([at for line in lines for at in line[axis] if at] for axis in "xy")
     if not heights:
         return None

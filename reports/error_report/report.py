@@ -91,7 +91,7 @@ class ReportFiles:
     inspection: Path
     #: best setting with its numbers at the worst aperture
     best: Recommendation
-    #: that setting in words
+    #: description of that setting
     sentence: str
     #: command that draws with it
     command: str
@@ -350,7 +350,7 @@ def recommendation(
     if best.displaced_aperture != best.aperture and best.displacement_p99_px > DISPLACEMENT_TIE_PX:
         parts.append(" (the worst at {},{})".format(*best.displaced_aperture.index))
     parts.append(".")
-    # The gap is no displacement and no wrong surface where it is empty: the errors do not show it.
+    # An empty gap is neither a displacement nor a wrong surface: the errors do not show it.
     if best.settings.offset is Offset.NONE:
         parts.append(
             " The cameras stay in the aperture and clip all that is closer than near: a gap of "

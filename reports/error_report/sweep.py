@@ -388,7 +388,7 @@ class MissedLight:
 class LightReport:
     """Light of a report beside its rows."""
 
-    #: every effect: whether the scene calls for it, and why
+    #: every effect: whether the scene needs it, and why
     decisions: tuple[EffectRow, ...]
     #: truth of equal images, bit by bit, with all effects and with the needed ones
     same_bits: bool

@@ -86,7 +86,7 @@ def write_cameras(
     cameras = cameras_of(scene, settings, apertures or scene.default_apertures())
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
-    # The cameras come first in the result, whatever their name.
+    # The cameras come first in the result, independent of their names.
     with Staging(out, (name, TRIANGLES_FILE)) as staging:
         staging.write(name, written)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)

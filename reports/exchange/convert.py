@@ -59,7 +59,7 @@ class GroupPlate:
 
 
 def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
-    """Return a plate's pixels, by default its colors, else its numbers; InputError without any."""
+    """Return a plate's pixels: its colors by default, else its numbers; else InputError."""
     group = checked_group(place)
     try:
         names = [name for name in PlateArray if name in group]

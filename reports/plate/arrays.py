@@ -42,7 +42,7 @@ ATTRIBUTE = "xfrustum"
 LAYOUT = "layout"
 #: names of arrays for readers
 COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
-#: array over (row, column), 1 where a hogel is there
+#: array over (row, column), 1 where a hogel is stored
 FINISHED = "finished"
 #: name of the description of a group or an array in its folder
 METADATA = "zarr.json"
@@ -333,7 +333,7 @@ def require_arrays(place: Path, arrays: PlateArrays, *, exactly: bool = False) -
 def _difference(
     group: zarr.Group, expected: zarr.Group, arrays: PlateArrays, *, exactly: bool
 ) -> str | None:
-    """Return the first difference of a group from the expected one in words."""
+    """Describe the first difference of a group from the expected group."""
     if group.attrs.get("units") != arrays.units:
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
     for name in expected.array_keys():

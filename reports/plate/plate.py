@@ -132,7 +132,7 @@ def open_source(
         raise InputError(
             "certainty is the truth's alone: leave it out of the channels, or add --truth"
         )
-    # Further effects than the scene calls for change no pixel.
+    # Effects that the scene does not need change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
         # Supersampling and multisampling are drawn hogel by hogel: the plate renderer has one
@@ -366,7 +366,7 @@ def write_plate(
         begun()
 
         def blocks() -> Iterator[Block]:
-            # Made anew for each use: a plate has millions of hogels.
+            # Make a new iterator for each use: a plate has millions of hogels.
             return part.of(job.store.arrays.blocks(requested))
 
         def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:

@@ -121,7 +121,7 @@ class PlateReader:
         self._finished: Any = group[FINISHED]
 
     def finished(self, aperture: Aperture) -> bool:
-        """Return whether a hogel is there."""
+        """Return whether a hogel is stored."""
         try:
             return bool(self._finished[aperture.row, aperture.column])
         except DAMAGE as error:

@@ -1,8 +1,8 @@
 """Writing of a plate: blocks of hogels into shards of its Zarr group.
 
 Zarr writes every file aside and renames it. The array `finished` is written after all others of a
-block, so that hogels that it names are there, whatever ends a process. A killed process may leave
-a file `*.partial`, which the next command on the plate removes.
+block, so that the hogels that it marks are complete, however a process ends. A killed process may
+leave a file `*.partial`, which the next command on the plate removes.
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). Therefore a part
 of a block is read, completed and written under an exclusive lock on the group's description. Whole
@@ -53,7 +53,7 @@ class PlateStore:
     """Stored hogels of one scene, drawn with one choice of settings."""
 
     def __init__(self, out: Path, arrays: PlateArrays) -> None:
-        # The blocks of an existing store stay, whatever a new one would have.
+        # An existing store keeps its blocks, even if a new one would have others.
         side = _stored_side((description_of(out) or {}).get(LAYOUT), arrays.plate)
         self.arrays = arrays if side is None else replace(arrays, side=side)
         self.out, self._place = out, out.resolve()
@@ -235,7 +235,7 @@ def plate_size(
 
 
 def _finished(out: Path, apertures: ApertureBlocks | Sequence[Aperture]) -> int:
-    """Return the number of finished hogels among some; 0 where there is no readable plate."""
+    """Return the number of finished hogels among these; 0 if there is no readable plate."""
     try:
         there = np.asarray(open_group(out)[FINISHED][:]) != 0  # type: ignore[index]
         chosen = np.zeros_like(there)

@@ -57,7 +57,7 @@ NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
 
 class View(StrEnum):
-    """From where a scene is looked at; the viewer's side of the plate is always to the right."""
+    """Viewpoint of a view of a scene; the viewer's side of the plate is always to the right."""
 
     SIDE = "side"
     TOP = "top"
@@ -229,7 +229,7 @@ class ObjectCheck:
     """Facts of one object before it is drawn."""
 
     extent: ObjectExtent
-    #: shading data in words: `normals`, `colors` and `textures`
+    #: descriptions of shading data: `normals`, `colors` and `textures`
     looks: dict[str, str]
 
 

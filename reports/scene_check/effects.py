@@ -1,4 +1,4 @@
-"""Effects that a scene calls for, closed-form errors by depth, and visible effects of near."""
+"""Effects that a scene needs, closed-form errors by depth, and visible effects of near."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ class EffectRow:
     name: str
     used: bool
     reason: str
-    #: numbers of objects that call for it and may be shown
+    #: numbers of objects that need it and may be visible
     objects: tuple[int, ...] = ()
-    #: numbers of objects that call for it and cannot be shown
+    #: numbers of objects that need it but cannot be visible
     out_of_sight: tuple[int, ...] = ()
 
 
@@ -182,7 +182,7 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     ]
 
 
-#: Properties of objects that call for an effect; cameras are called for by places.
+#: Properties of objects that need an effect; cameras are needed by the objects' places.
 _CALLING = {
     Effect.SMOOTH_NORMALS: "normals at vertices",
     Effect.VERTEX_COLORS: "colors at vertices",

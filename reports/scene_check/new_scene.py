@@ -41,7 +41,7 @@ ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 class Place(StrEnum):
-    """Where the object is put: its middle in the plate, or all of it behind or before the plate."""
+    """Placement of the object: its middle in the plate, or all of it behind or in front."""
 
     THROUGH = "through"
     BEHIND = "behind"

@@ -1,12 +1,12 @@
 """Verification by several processes: hogels are judged in blocks, each a Parquet part.
 
-With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are there,
-the verification is merged from them, and equals the verification of one process; the worst
-hogels are judged once more for their pictures. The first process that judges diagnoses the
+With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are
+finished, the verification is merged from them, and equals the verification of one process; the
+worst hogels are judged once more for their pictures. The first process that judges diagnoses the
 renderer, and leaves the question beside the parts: a renderer with noise answers otherwise each
 time. Files are the same as long as their sizes and times are. Dependencies of a command are
-unknown: one that was interrupted goes on, but for hogels without an image; one that was finished is
-begun anew.
+unknown: an interrupted verification continues, except for hogels without an image; a finished one
+starts again.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class VerifyOptions:
     apertures: Sequence[tuple[int, int]] | None = None
     #: offset that the renderer's author states, scene units
     near: float | None = None
-    #: conventions out of `ACCEPTABLE` that are no defects
+    #: conventions in `ACCEPTABLE` that do not count as defects
     accept: Sequence[str] = ()
     #: share of wrong surfaces, colors or outlines of each hogel
     max_wrong: float = MAX_WRONG

@@ -339,7 +339,7 @@ class Command(Source):
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
-            # The name of a temporary file is no help.
+            # The name of a temporary file would not help the user.
             return self.read(out, aperture, "what the command wrote")
         finally:
             # The next hogel must not pass with an old file.

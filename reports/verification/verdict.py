@@ -52,7 +52,7 @@ WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+    """One hogel in pictures, each a data URL, with its error and a description of the error."""
 
     aperture: Aperture
     words: str

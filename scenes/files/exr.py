@@ -228,7 +228,7 @@ def read_image(
     Parameters
     ----------
     camera
-        Camera of files that state none; with `partial` of all files.
+        Camera of files that state none; with `partial`, camera of all files.
     partial
         Whether any of `CHANNELS` suffices; else `id.triangle` or `P.X P.Y P.Z` is required.
     counted

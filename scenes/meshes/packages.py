@@ -293,7 +293,7 @@ def read_3dxml(path: Path) -> MeshContent:
 
 
 def _representation(package: _Package, reference: Element) -> list[MeshPart]:
-    """Return the single part of a tessellated representation; none without faces."""
+    """Return the single part of a tessellated representation; empty if it has no faces."""
     form, name = reference.get("format", ""), reference.get("associatedFile", "").rpartition(":")[2]
     if form != "TESSELLATED":
         reason = f"{name} has the format {form}, which is not read"

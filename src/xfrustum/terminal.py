@@ -10,11 +10,11 @@ _UNPRINTABLE = re.compile(
     # Characters that are invisible, or that change the direction of writing:
     r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
     r"\U000e0000-\U000e0fff"
-    r"\ud800-\udfff"  # halves of characters, among them bytes of names that are no UTF-8
+    r"\ud800-\udfff"  # surrogates, among them bytes of names that are not UTF-8
     "]"
 )
 
-#: Code points that Python puts for the bytes 0x80 to 0xff of a file name that is no UTF-8.
+#: Code points with which Python replaces the bytes 0x80 to 0xff of a file name that is not UTF-8.
 _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 
 
@@ -41,7 +41,7 @@ def printable(text: str) -> str:
     r"""Return text whose control characters are escaped, such as `\x1b`; tabs and line feeds stay.
 
     Characters that are invisible or that change the direction of writing are escaped as well, and
-    bytes of file names that are no UTF-8, as `\xff`.
+    bytes of file names that are not UTF-8, as `\xff`.
     """
     return _UNPRINTABLE.sub(_escaped, text)
 

@@ -148,7 +148,7 @@ def _is_valid(seed: Seed) -> bool:
 
 
 def import_everything() -> None:
-    """Import once what every child would import: forking it costs a hundredth of that.
+    """Import all modules once in the parent: a fork costs a hundredth of the imports.
 
     Nothing is computed here: threads of Dr.Jit and OpenMP do not outlive a fork.
     """

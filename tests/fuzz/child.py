@@ -30,7 +30,7 @@ MEMORY_BYTES = 2 << 30  # memory that no small input may take
 PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
 
 
-BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is no message
+BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is not a message
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -67,7 +67,7 @@ def plain_lines(data: bytes) -> list[bytes]:
 
 
 class Placement:
-    """Affine map (4, 4), with the sums of the absolute values of the terms of each entry."""
+    """Affine map (4, 4); `sizes` sums the absolute values of the terms of each entry."""
 
     def __init__(self, matrix: Any = None, sizes: Any = None) -> None:
         self.matrix: Floats = np.eye(4) if matrix is None else np.asarray(matrix, np.float64)

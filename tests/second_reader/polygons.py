@@ -63,7 +63,7 @@ def _inside(point: Point, a: Point, b: Point, c: Point) -> bool:
 
 
 def is_cut_of(triangles: Floats, corners: Labels, polygon: Floats, outline: Labels) -> bool:
-    """Test whether triangles (T, 3, 3) are a cut of a polygon (n, 3).
+    """Test whether triangles (T, 3, 3) triangulate a polygon (n, 3).
 
     Equal labels mark equal corners: (T, 3) of the triangles, (n,) of the outline. Three conditions:
     n - 2 triangles; their directed edges, less the edges that two triangles share, are the

@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 class Part:
     """One object: its triangles and its material (linear RGB, Phong).
 
-    `hidden` objects are shown by no line; the ray caster leaves them out, and counts them.
+    No line shows `hidden` objects; the ray caster skips them but counts their triangles.
     """
 
     name: str

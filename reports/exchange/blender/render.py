@@ -240,7 +240,7 @@ def encoded(
     pixel's line.
     """
 
-    # (channels, H, W), whatever the view layer is called.
+    # (channels, H, W), for any name of the view layer.
     def named(*channels: str) -> Array:
         ends = (
             next(plane for name, plane in planes.items() if name.endswith(f".{end}"))
@@ -659,7 +659,7 @@ def chosen(plate: Mapping[str, Any], text: str | None) -> list[tuple[int, int]]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Render, and return the exit status: 0 done, 2 problem of the user's, 130 interrupted."""
+    """Render, and return the exit status: 0 done, 2 wrong input, 130 interrupted."""
     arguments = parsed(argv)
     try:
         plate = json.loads((HERE / "plate.json").read_text(encoding="utf-8"))

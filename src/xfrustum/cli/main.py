@@ -1,4 +1,4 @@
-"""The command line as a process: from arguments to an exit status, whatever happens on the way.
+"""The command line as a process: from arguments to an exit status, for all exceptions and signals.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143
 ended by a signal; all but the first two print the reason in one line on standard error. Nothing
@@ -106,13 +106,13 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     """Print an error in one line and return the exit status."""
     import click
 
-    # The class is looked up and not imported: where it is not loaded, nothing has raised it.
+    # Look up the class instead of importing it: if it is not loaded, nothing has raised it.
     errors = sys.modules.get("xfrustum.scenes.errors")
     if isinstance(error, click.ClickException):
         say(f"error: {error.format_message()}")
     elif errors is not None and isinstance(error, errors.InputError):
         say(f"error: {error}")
-    elif isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
+    elif isinstance(error, BrokenPipeError):  # a reader that stops reading is not an error
         return 0
     elif isinstance(error, OSError) and error.errno in ADVICE:
         # Our files have names: a nameless failure is a failure of standard output.

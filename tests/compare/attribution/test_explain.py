@@ -160,7 +160,7 @@ class TestNegativeControls:
 def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
     name: str, near: float, factor: float
 ) -> None:
-    """With a near so small that the mistake moves edges by less than rounding, it is no mistake."""
+    """If near is so small that the mistake moves edges by less than rounding, it has no effect."""
     case = Case(name, near)
     wrong = case.draw(replace(case.settings, near=factor * case.settings.near))
     case.assert_unexplained(replace(wrong, camera=case.drawn.camera))

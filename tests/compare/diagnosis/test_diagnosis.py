@@ -496,7 +496,7 @@ CENTER_X = -26.0  #: of the screen, mm
 def torus_and_sphere(
     folder: Path, hogels: tuple[int, int], resolution: tuple[int, int]
 ) -> Reference:
-    """Return a torus before the plate and a sphere behind it."""
+    """Return a torus in front of the plate and a sphere behind it."""
     text = named("beside", "mm") + (
         f"[plate]\nsize = [30.0, 30.0]\nhogels = {list(hogels)}\n"
         f"[frustum]\nresolution = {list(resolution)}\n"

@@ -40,7 +40,7 @@ CLEAR_PX = 0.5  # Distance from every edge at which rounding explains nothing, p
 
 
 def scene_of_one_triangle() -> Scene:
-    """Return the triangle that C, a unit before the plate, sees at `PLACES`."""
+    """Return the triangle that C, a unit in front of the plate, shows at `PLACES`."""
     w = np.array([21.0, 31.0, 16.0])
     slopes = PLACES * 2 / SIZE - 1
     x, y = CENTER.x + w * slopes[:, 0], CENTER.y - w * slopes[:, 1]

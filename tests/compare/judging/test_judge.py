@@ -33,7 +33,7 @@ def judging_threads() -> list[str]:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "grating"])
 def test_a_stream_has_the_numbers_of_each_hogel_judged_alone(name: str) -> None:
-    """Equal to the last bit, whatever ran at the same time; `grating` has colors to compare."""
+    """Results are bit-identical for any concurrent work; `grating` has colors to compare."""
     scene, shaded = replace(view(name, (32, 24)), sampling=Sampling()), name == "grating"
     apertures = [scene.plate.aperture(*index) for index in INDICES]
     with Evaluator(scene) as judge:

@@ -173,7 +173,7 @@ NEEDING_CUTS = [
 def test_with_one_slab_less_it_does_not_hold(
     name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
-    """Neither the planner's best with one cut less holds, nor the plan without one of its cuts.
+    """Neither the best plan with one cut fewer is valid, nor the plan without any one of its cuts.
 
     A cut is planned only if no near suffices without it.
     """

@@ -138,7 +138,7 @@ def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
 def test_apertures_in_a_surface_that_the_scan_missed_are_left_out(
     columns: tuple[int, ...], share: float
 ) -> None:
-    """A wall before the plate has a slit that each film shows, and no line of the coarse films."""
+    """Each film shows the slit of a wall, but no line of the coarse films hits it."""
     half = 2 * math.atan(0.6)
     # At the wall pixels are 0.25 wide, with centers at 0.125, and lines of the scan pass at 0.5.
     frustum = Frustum(resolution=(96, 96), fov=(half, half), reach=(30.0, 30.0))

@@ -1,4 +1,4 @@
-"""Depth buffers: order, wrongly shown surfaces, and the U of error against near."""
+"""Depth buffers: order, wrong surfaces, and the U-shaped curve of error over near."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ OFF = f"OFF\n4 4 6\n{OFF_POINTS}{OFF_FACES}"
 
 
 def off(kind: str, more: str, points: str = OFF_POINTS) -> str:
-    """Return a file of some kind, with more numbers at each vertex."""
+    """Return an OFF file with a header `kind` and the numbers `more` added to each vertex."""
     return f"{kind}\n4 4 6\n{points.replace(chr(10), f' {more}{chr(10)}')}{OFF_FACES}"
 
 
@@ -403,7 +403,8 @@ end_header
     mesh = load_mesh(written(tmp_path, "a.ply", file))
     assert mesh.uv is not None
     x, y = np.moveaxis(mesh.vertices[mesh.faces], 2, 0)[:2]
-    # The first square has its own place as coordinates; both first halves come first.
+    # Texture coordinates of the first square equal its x and y. The first halves of both squares
+    # precede the second halves.
     first = np.array([[True], [False]] * 2)
     expected = np.stack([np.where(first, x, (2 - x) / 2), np.where(first, y, y / 2)], axis=-1)
     np.testing.assert_array_equal(mesh.uv[mesh.faces], expected)

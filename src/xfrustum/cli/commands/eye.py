@@ -1,4 +1,4 @@
-"""`view`: pictures of eyes before the plate."""
+"""`view`: pictures of eyes in front of the plate."""
 
 from __future__ import annotations
 

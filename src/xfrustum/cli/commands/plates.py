@@ -127,7 +127,7 @@ def plate(request: _Plate) -> None:
         options.note(line)
     written = None if placed is None else placed.write(opened)
     summary: dict[str, Any] = {
-        # A group that was drawn for the files of a layout alone is gone.
+        # A group that was drawn only for the files of a layout is deleted.
         "out": files.out if files.out.exists() else None,
         "drawn": files.drawn,
         "found": files.present,
@@ -245,6 +245,6 @@ def survey(request: _Survey) -> int:
     # A part of a job array leaves no page.
     place = request.out / PAGE if answer.extent.complete else request.out
     request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
-    # The default tolerance describes; only a stated limit can fail.
+    # The default tolerance only describes the plate: the command fails only by a stated limit.
     limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0
