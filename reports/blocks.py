@@ -1,11 +1,11 @@
 """Work in blocks: in this process, in processes of this machine, on a Dask cluster, or part K of N.
 
-The store is the only coordinator. A block is finished when its result has its name, and it gets
-that name when it is whole: any process may die at any time, and the same command goes on with the
-blocks that are missing.
+The store is the only coordinator. A block is finished when its result has its final name, which a
+result gets only when it is complete: any process may die at any time, and the same command
+continues with the missing blocks.
 
 Processes of this machine are spawned, never forked: a process forked from one with an OpenGL
-context hangs. They are joined by pipes, so that nothing listens. A Dask cluster belongs to the
+context hangs. They communicate by pipes, so that no port is open. A Dask cluster belongs to the
 user, with the ports that the user opened (docs/clusters.md).
 """
 
@@ -152,7 +152,7 @@ class Part:
 
     @property
     def everything(self) -> bool:
-        """Truth of the part being the whole work."""
+        """True if the part is the whole work."""
         return self.count == 1
 
     def of(self, blocks: Iterable[Item]) -> Iterator[Item]:
@@ -162,7 +162,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Place of the work: processes of this machine, or the workers of a Dask scheduler."""
+    """Where the work runs: processes of this machine, or the workers of a Dask scheduler."""
 
     #: address of a Dask scheduler
     scheduler: str | None = None
@@ -203,7 +203,7 @@ HERE = Engine(workers=1)
 
 
 class WorkerLostError(InputError):
-    """Repeated death of the process that had a block."""
+    """Error: processes that worked on the same block died repeatedly."""
 
     def __init__(self, message: str, item: object = None) -> None:
         super().__init__(message)
@@ -305,7 +305,7 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
 class _OpenSession(ExitStack):
     """Session of the latest job of a process; leaving it closes the session.
 
-    A process has one session at a time, for OpenGL contexts belong to a thread and tracers keep
+    A process has one session at a time, because OpenGL contexts belong to a thread and tracers keep
     their acceleration structures.
     """
 
@@ -313,7 +313,7 @@ class _OpenSession(ExitStack):
     _session: Any = None
 
     def get(self, key: object, job: Callable[[], Job]) -> Any:
-        """Return the session of the job that an object stands for."""
+        """Return the session of the job that `key` identifies; another job closes the last one."""
         if self._key is not key:
             self._key = self._session = None
             self.close()
@@ -393,8 +393,8 @@ class _Pool(Workers):
     ) -> Future[Answer]:
         if self._job is not job:
             self.end()
-        # The first submission starts the processes; interrupted, it would leave one that nothing
-        # joins, and that finds the semaphores of this process gone.
+        # The first submission starts the processes. An interrupt there would leave a process that
+        # is never joined and whose semaphores disappear with this process.
         with delayed():
             try:
                 return (self._executor or self._start(job)).submit(_in_process, function, item)
@@ -405,7 +405,7 @@ class _Pool(Workers):
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        # An item, and how many workers have died while it was in work.
+        # An item, and the number of workers that died while they worked on it.
         waiting, again = iter(items), deque[tuple[Item, int]]()
         running: dict[Future[Answer], tuple[Item, int]] = {}
         try:
@@ -526,7 +526,7 @@ class _Cluster(Workers):
                         "its workers died; look at their memory and logs", item
                     ) from error
                 yield item, answer
-        except (CancelledError, CommClosedError) as error:  # the latter amid a transfer
+        except (CancelledError, CommClosedError) as error:  # the latter during a transfer
             raise InputError(
                 f"--scheduler {self._address}: is gone; start it again and repeat the command, "
                 "which goes on where it was"
@@ -535,7 +535,7 @@ class _Cluster(Workers):
 
 @cache
 def _drawing_thread() -> ThreadPoolExecutor:
-    """Return the thread of a Dask worker that owns its session: tasks come in other threads."""
+    """Return the thread of a Dask worker that owns its session: tasks arrive in other threads."""
     return ThreadPoolExecutor(1, thread_name_prefix="renderer")
 
 

@@ -64,7 +64,7 @@ class BudgetReport(NotebookRepr):
     geometry: Budget
     #: the error of color, link by link
     radiance: radiance_budget.RadianceBudget
-    #: reason for which the aperture was chosen; empty if it was given
+    #: reason for the choice of the aperture; empty if it was given
     why: str = ""
 
     @property
@@ -75,7 +75,7 @@ class BudgetReport(NotebookRepr):
     @property
     def images(self) -> tuple[str, ...]:
         """Names of the chain's images."""
-        # T5 differs from T4 by culling alone.
+        # T5 differs from T4 only by culling.
         culled = self.settings.cull is not Cull.NONE
         return tuple(name for name in CHAIN if culled or name != "T5")
 
@@ -177,8 +177,8 @@ def budget(
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the
     middle one where None; `progress` draws a bar on standard error; rounding is explained by
-    `device`, None for the known model of the device at hand. InputError if the settings make no
-    sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
+    `device`, None selects the recorded model of the current device. InputError if the settings make
+    no sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")
@@ -259,7 +259,7 @@ def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
             (link.surface, link.predicted_surface),
             (link.displacement_rms_px, link.predicted_displacement_rms_px),
         ):
-            # A prediction of zero has no ratio; the row then shows both numbers alone.
+            # A prediction of zero has no ratio; the row then shows only both numbers.
             ratio = measured / predicted if predicted and measured is not None else None
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
@@ -276,7 +276,7 @@ def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
 
 
 def prediction_notes(numbers: BudgetNumbers) -> list[str]:
-    """Return the predictions of a budget that do not hold, with the reasons."""
+    """Return the predictions of a budget that are not valid, with the reasons."""
     named: dict[str, Reason] = {}
     for link in numbers.links:
         reasons = link.prediction_reasons

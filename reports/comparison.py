@@ -22,15 +22,15 @@ FILES = (
 class FileComparison:
     """Two image files compared."""
 
-    #: its `surface` is None if the scene is not at hand to trace
+    #: its `surface` is None if the scene is not available for tracing
     comparison: Comparison
     #: the truth's longest reach, scene units
     reach: float
     #: both ends of the scale of height errors; see `images.height_range`
     heights: tuple[float, float]
-    #: reason why the scene is not at hand; empty if it is
+    #: reason why the scene is not available; empty if it is
     note: str
-    #: words for a truth that a tracer alone made; empty if it was examined
+    #: note on a truth by an uncertified tracer; empty for a certified truth
     unexamined: str = ""
 
 
@@ -67,14 +67,14 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    # The scene may lie where it is named, or beside the image: a folder of both may have been moved
-    # as one.
+    # Search the scene at its stored path, then next to the image: a folder with both may have been
+    # moved.
     note, moved = "", (folder / camera.scene, folder / Path(camera.scene).name)
     for name in dict.fromkeys((camera.scene, *map(str, moved))):
         try:
             scene = open_scene(name)
         except InputError as error:
-            # The error of a file that exists matters more than a missing file.
+            # Report the error of an existing file rather than a missing file.
             if not note or Path(name).is_file():
                 note = f"scene {camera.scene} cannot be opened ({error})"
             continue

@@ -58,10 +58,10 @@ NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
 
-#: Share of the tolerance with an answer of its own: a tenth of a pixel for half a pixel.
+#: Share of the tolerance for which a second answer is given: 0.1 px for a tolerance of 0.5 px.
 STRICTER_FRACTION = 0.2
 
-#: Displacement at which all smaller ones are drawn: 32-bit positions cannot separate them, and a
+#: Smaller displacements are plotted at this one: 32-bit positions cannot separate them, and a
 #: logarithmic axis has no zero.
 SMALLEST_DRAWN_PX = 1e-4
 
@@ -108,8 +108,8 @@ class Option(Way):
     def beats(self, other: Option) -> bool:
         """Return whether this option is nowhere worse than another, and somewhere better.
 
-        Its time is no worse where its median is not beyond the other's interval, and better
-        where the two times are distinguishable.
+        Its time is not worse if its median does not exceed the other's interval, and better if the
+        two times are distinguishable.
         """
         mine, its = (
             (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
@@ -124,9 +124,9 @@ class Option(Way):
 class FastestWithin:
     """Options within a tolerance that no other option beats in time.
 
-    `fastest` are the options whose timing intervals overlap with the interval of the least
-    median, which comes first; all options within the tolerance where nothing was repeated often
-    enough to rank it (`ranked` is false), and none where nothing keeps it.
+    `fastest` are the options whose timing intervals overlap with the interval of the least median,
+    which comes first; if there were too few repetitions for a ranking (`ranked` is false), they are
+    all options within the tolerance, and they are empty if no option keeps it.
     """
 
     tolerance_px: float
@@ -187,7 +187,7 @@ class CostReport(NotebookRepr):
 
     scene: Scene
     aperture: Aperture
-    #: Apertures at all of which pictures are judged, the worst of which counts; None if it is the
+    #: Apertures at which pictures are judged, if several; the worst one counts. None for a single
     #: one.
     auto: AutoApertures | None
     tolerance_px: float
@@ -295,11 +295,10 @@ def cost(
 ) -> CostReport:
     """Measure error and time of every configuration.
 
-    The picture shows one aperture, the middle one where None. From the choice of
-    `auto_apertures` the first is timed; pictures are judged at each, and the worst counts. A
-    fifth of the tolerance of the 99th percentile of displacement is answered for too. For each
-    configuration `repeat` pictures are timed, after one that warms up. All take turns, so that
-    a slow minute slows all of them down.
+    The picture shows one aperture, the middle one where None. From the choice of `auto_apertures`
+    the first is timed; pictures are judged at each, and the worst counts. There is a second answer
+    for a fifth of the tolerance. For each configuration `repeat` pictures are timed, after one that
+    warms up. All take turns, so that a slow minute slows all of them down.
 
     InputError if the tolerance or the number of repetitions is not positive, the aperture sees
     nothing of the objects, or there is no usable OpenGL.
@@ -378,7 +377,7 @@ def _errors(
             image = made.image if isinstance(made, Drawn) else made
             judged = compare_images(truth, image, reference, radiance=False)
             assert judged.surface is not None, "the reference has the scene at hand"
-            # Tracers draw exact lines: their errors are wrong surfaces alone.
+            # Tracers draw exact lines: their only errors are wrong surfaces.
             p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
             worst, wrong = errors[number]
             # Both maxima may come from different apertures: each is a bound for the plate.

@@ -1,4 +1,4 @@
-"""`xfrustum device`: rounding of the OpenGL device at hand, as table, page and `device.json`."""
+"""`xfrustum device`: rounding of the current OpenGL device, as table, page and `device.json`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ FILES = PAGE, DATA = "index.html", "device.json"
 def measure_device() -> DeviceRecord:
     """Draw and measure the fingerprint of the device of EGL; InputError without OpenGL 3.3.
 
-    A device that is not known is kept (`kept_at`), so that other commands explain by its measured
-    model.
+    The measured model of an unknown device is stored (`kept_at`), and other commands then use it to
+    explain pixels.
     """
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
@@ -42,7 +42,7 @@ def measure_device() -> DeviceRecord:
     # Devices of the shipped table keep their reviewed model.
     if measured.known == measured.model:
         kept = kept_at(names)
-        # Without a folder to keep it in, other commands take the model that holds for any device.
+        # If it cannot be stored, other commands use the model that holds for any device.
         with suppress(OSError, InputError):
             kept.parent.mkdir(parents=True, exist_ok=True)
             write_file(kept, json.dumps(json_object(record)).encode())

@@ -36,13 +36,13 @@ LABEL = "#1b1f24"
 
 
 def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
-    """Look through apertures all over a plate, and choose the middle one and the worst."""
+    """Scan apertures all over a plate, and choose the middle one and the worst."""
     with progress_bar(None, "scout", "aperture", shown=progress) as bar:
         return AutoApertures.from_scan(scout(scene, bar.update))
 
 
 def why(choice: ChosenAperture, units: str) -> str:
-    """Return the reason for which an aperture was chosen."""
+    """Return the reason for the choice of an aperture."""
     view = choice.view
     if view is None:
         return "the middle of the plate; nothing seen"
@@ -178,8 +178,8 @@ def plate_map(
             "tickvals": ticks,
             "ticktext": [digits(float(10**tick)) for tick in ticks],
         }
-    # Labels and color bars take room of their own: equal scales keep a square plate square beside
-    # them.
+    # Labels and color bars take additional room: equal scales of both axes keep a square plate
+    # square.
     same = {
         "scaleanchor": "x",
         "scaleratio": height / rows / (width / columns),
@@ -199,7 +199,7 @@ def plate_map(
 def mark(
     figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int
 ) -> None:
-    """Ring some apertures on a map, with words to hover on, and label the first of them."""
+    """Mark apertures on a map by rings with hover text, and label the first of them."""
     points = {
         "x": [column for (column, _), _ in marks],
         "y": [row for (_, row), _ in marks],

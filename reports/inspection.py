@@ -22,7 +22,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.representation import digits, percent
 
 PAGE = "inspect.html"
-#: text of every page of this program
+#: text in every page of this program, which identifies them
 MARK = '<p class="kicker">xfrustum'
 
 MAX_HOGELS = 12

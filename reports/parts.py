@@ -1,8 +1,8 @@
 """Results in blocks: a folder of Parquet files, one for each block, each whole or absent.
 
-A part is written aside and renamed when it is on the disk, so that a part that exists is a finished
-block. Its pages have checksums (Parquet's own): a part that fails them counts as missing. The
-folder has a description of the work, and is not continued with other work.
+A part is written under a temporary name and renamed when it is on the disk: an existing part is a
+finished block. Its pages have checksums (Parquet's own): a part that fails them counts as missing.
+The folder has a description of the work, and is not continued with other work.
 """
 
 import io
@@ -32,7 +32,7 @@ MAX_NAMED_VALUES, MAX_VALUES_CHARACTERS = 3, 80
 
 
 #: Key of the metadata of a part, with its number of rows and its schema: Parquet's checksums cover
-#: the pages alone, and a bit that flips in the footer could rename a column.
+#: only the pages, and a flipped bit in the footer could rename a column.
 ROWS_AND_SCHEMA = b"xfrustum:rows"
 
 
@@ -113,7 +113,7 @@ class ParquetParts:
         return read_parquet(self.path(number)) is not None
 
     def damaged(self, number: int) -> bool:
-        """Return whether something else is in the place of a block's part."""
+        """Return whether something else exists at the path of a block's part."""
         return os.path.lexists(self.path(number)) and not self.finished(number)
 
     def tell_damaged(self, numbers: Iterable[int], note: Callable[[str], object]) -> None:

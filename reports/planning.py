@@ -192,7 +192,7 @@ class PlanReport(NotebookRepr):
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Commands that draw by the plan, and that confirm it for a plate; none without a plan."""
+        """Commands that draw by the plan, and that confirm it for a plate; empty without a plan."""
         settings, requirement = self.plan.settings, self.plan.requirement
         if settings is None:
             return ()
@@ -377,9 +377,9 @@ def plan(
     apertures
         Apertures of which the worst counts; None for the whole plate.
     requirement
-        Limits of the plan; by default the usual ones, or with a `viewer` the viewer's limits alone.
+        Limits of the plan; by default the usual ones, or with a `viewer` only the viewer's limits.
     viewer
-        Eyes before the plate that must not notice near; for whole plates only.
+        Eyes in front of the plate that must not notice near; for whole plates only.
     sample
         Random hogels of the plate at which the plan is measured.
     progress

@@ -462,7 +462,8 @@ class _Compared:
             uncertainty=None if image.uncertainty is None else upright(image.uncertainty),
             storage=image.storage,
         )
-        # An empty image is judged by the property that its file format would store.
+        # An image without triangles is judged by objects, else by coverage, else by colors if it
+        # has any.
         by = "triangle"
         if not (image.triangle != NOTHING).any():
             if (image.object != NOTHING).any():

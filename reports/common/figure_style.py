@@ -10,7 +10,8 @@ INK = "#80868f"
 _GRID = "rgba(128, 134, 143, 0.22)"
 
 _LEAST_WRITTEN_OUT = (
-    1e-4  #: axes that go below it write 1.5e-5 where 0.000015 would be wider than the margin
+    #: axes with smaller values use labels such as 1.5e-5, because 0.000015 is wider than the margin
+    1e-4
 )
 
 Figure = dict[str, Any]
@@ -27,9 +28,9 @@ def look(place: int) -> tuple[str, str]:
 def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) -> dict[str, Any]:
     """Return a logarithmic axis, labeled at powers of ten where the values span that ratio or more.
 
-    So few powers of ten as there are below it label little or nothing: 1, 2 and 5 times each, which
-    plotly writes as a bare 2 or 5 unless a format is given. Over less than one step from 1 to 5,
-    plotly's own choice, of about that number of labels.
+    Smaller ranges contain too few powers of ten: label 1, 2 and 5 times each, which plotly writes
+    as a bare 2 or 5 unless a format is given. Ranges of less than one such step get plotly's own
+    choice, of about that number of labels.
     """
     if not values or max(values) >= ratio * min(values):
         return {"type": "log", "dtick": 1, "exponentformat": "power"}
@@ -41,7 +42,7 @@ def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) ->
 def styled(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
     """Return a figure with ink and grid for light and dark paper.
 
-    Titles of axes may be plain texts.
+    Titles of axes may be plain strings.
     """
     axis = {
         "gridcolor": _GRID,

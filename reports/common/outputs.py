@@ -1,6 +1,7 @@
 """Outputs of a command: JSON, files that are whole or absent, and progress bars.
 
-Files are probed before the work, written aside, and renamed at the end.
+Output paths are tested before the work; files are written under temporary names and renamed at the
+end.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from xfrustum.scenes.disk import durable
 
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types: dataclasses are objects, NaN and infinity None."""
-    # NumPy's warnings, which the command line does not load for its complaints.
+    # NumPy's scalars. The command line must not load NumPy to print errors.
     if hasattr(value, "tolist"):
         value = value.tolist()
     elif isinstance(value, Path | StrEnum):
@@ -52,18 +53,18 @@ def json_object(record: Any) -> dict[str, Any]:
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
     """Return a bar of `total` units, None if unknown; the caller updates it."""
-    # A log keeps every line that a terminal would overwrite, so it gets few of them.
+    # A log keeps every line that a terminal would overwrite: update the bar rarely there.
     shown = shown and sys.stderr is not None
     seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
     return tqdm(total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)
 
 
 class Staging:
-    """A folder that fills up out of sight and takes its place in one step; a context manager.
+    """A temporary folder that is renamed to its final name in one step; a context manager.
 
-    Entering it proves that the place can be written, before any work is spent, and removes what
-    processes that were killed have left there. `commit` moves the files to `out` when they are on
-    the disk; leaving without it removes every trace.
+    Entering it tests before any work that the target can be written, and removes leftovers of
+    killed processes. `commit` moves the files to `out` when they are on the disk; leaving without
+    it removes them.
 
     The folder `out` may exist: then files of the same name are replaced one by one, each
     atomically, and others stay. Targets of links of the same name are replaced. `names` are the
@@ -72,7 +73,7 @@ class Staging:
     full.
     """
 
-    #: aside, to which the files are written
+    #: temporary folder, to which the files are written
     folder: Path
 
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
@@ -81,7 +82,7 @@ class Staging:
         self._aside: durable.TempPath | None = None
 
     def __enter__(self) -> Self:
-        # Beside its place and on the same file system, else the rename would be a copy.
+        # Next to the target and on the same file system, because otherwise renaming would copy.
         host = self.out
         if not host.exists():
             place = self._place if self.out.is_symlink() else self.out.absolute()
@@ -98,10 +99,10 @@ class Staging:
         with refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
-            # Where a run has put them that found no folder.
+            # The paths of a run that found no existing folder.
             durable.remove_abandoned(self._place.parent)
             self._aside = durable.TempPath(host, folder=True)
-            # With the permissions of new folders; the folder aside is private.
+            # Set the permissions of new folders, because the temporary folder is private.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
         return self
@@ -121,7 +122,7 @@ class Staging:
             files = sorted(self.folder.iterdir())
             if not durable.put_folder(self.folder, self._place):
                 for file in files:
-                    # An existing folder may hold files of others: it is never replaced as a whole.
+                    # An existing folder may contain other files: it is never replaced as a whole.
                     durable.put(file, self._place / file.name)
                 durable.sync_folder(self._place)
         return tuple(self.out / file.name for file in files)
@@ -184,7 +185,7 @@ def refused(what: str, advice: str = "free some space or choose another place") 
     try:
         yield
     except OSError as error:
-        # Libraries that raise such errors give no reason of the system's own.
+        # Such errors, if raised by libraries, have no reason from the operating system.
         reason = error.strerror or " ".join(str(error).split())
         raise InputError(f"{what} ({reason}); {advice}") from error
 

@@ -93,16 +93,16 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
 
     Errors below the lower end are white. This end is the largest error that rounding alone may make
     in a 32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the
-    scene's largest coordinate if that is larger and the scene is at hand, rounded up to 1, 2 or 5
-    of its power of ten.
+    scene's largest coordinate if that is larger and the scene is available, rounded up to 1, 2 or 5
+    times a power of ten.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
     if scene is not None:
         rounding = max(rounding, largest_tolerance(scene) / reach)
     power = math.floor(math.log10(rounding))
     low = next(end for digit in (1, 2, 5, 10) if (end := float(f"{digit}e{power}")) >= rounding)
-    # A far vertex could make a scale of less than a decade: the lower end stays a tenth of the
-    # upper one.
+    # A far vertex could make a scale of less than a decade: limit the lower end to a tenth of the
+    # upper.
     return min(low, LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 
 
@@ -181,7 +181,8 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
 def displacement_map(length: Floats, reduction: int = 1) -> bytes:
     """Encode (H, W) lengths of displacements as PNG, transparent where undefined.
 
-    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
+    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; values beyond its ends get the end
+    colors.
     """
 
     def index(values: NDArray[np.floating]) -> Floats:
@@ -228,7 +229,7 @@ def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
 
 
 def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 1) -> bytes:
-    """Encode classes of pixels (H, W) as PNG: class i has color i, from 1; 0 is black.
+    """Encode classes of pixels (H, W) as PNG: class i has color i, from 1; 0 is transparent.
 
     A block shows the largest of its numbers.
     """
@@ -237,13 +238,13 @@ def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 
     encoded = Image.fromarray(index)
     encoded.putpalette(_palette(tuple(colors)))
     buffer = io.BytesIO()
-    # Noise and long runs: looking for runs alone makes files as small as level 6, in a third of the
-    # time.
+    # The data are noise and long runs: searching only for runs makes files as small as level 6, in
+    # a third of the time.
     encoded.save(buffer, "PNG", transparency=0, compress_type=zlib.Z_RLE)
     return buffer.getvalue()
 
 
-# To read the colors takes as long as to draw with them.
+# Parsing the colors takes as long as drawing with them.
 @cache
 def _palette(colors: tuple[str, ...]) -> bytes:
     return np.rint([(0, 0, 0), *(rgb(color) for color in colors)]).astype(np.uint8).tobytes()
@@ -270,7 +271,7 @@ def _error_map(
 
 
 def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> Floats:
-    """Return where values lie on a logarithmic scale, from 0 to `steps` at its ends."""
+    """Return places of values on a logarithmic scale, from 0 to `steps` at its ends."""
     low, high = np.log10(ends)
     with np.errstate(divide="ignore"):
         level: Floats = (np.log10(values) - low) / (high - low) * steps

@@ -77,12 +77,12 @@ def settings_words(settings: DoubleFrustum) -> list[str]:
 
 
 def _number(value: float) -> str:
-    """Write a number as people do, and with all its digits where six are not it."""
+    """Write a number with up to six digits if these are exact, else with all its digits."""
     short = f"{value:g}"
     # A printed command must give the same settings, bit for bit.
     return short if float(short) == value else repr(value)
 
 
 def unexamined_truth(tracer: str) -> str:
-    """Return the note on a truth by one tracer alone, such as `embree`."""
+    """Return the note on a truth by an uncertified tracer, such as `embree`."""
     return f"truth: {tracer.capitalize()} alone, not examined"

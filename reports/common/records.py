@@ -18,7 +18,7 @@ from xfrustum.reports.common.outputs import json_ready
 _SCALARS = ((bool, pa.bool_()), (int, pa.int64()), (float, pa.float64()), (str, pa.string()))
 """Types of single values and of their columns; the first match counts: a bool is an int."""
 
-#: both forms in which Python names a type that may be one of several
+#: both types that Python uses for unions
 _UNIONS = (Union, UnionType)
 
 
@@ -43,10 +43,10 @@ def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     """Return the columns of some records of one dataclass, in the order of its fields.
 
     A field that is a dataclass itself is a group, which has a column for each of its fields; these
-    columns exist, and are null, also where a row has no such group. A mapping has a column or a
-    group for each of its keys. Any other field has one column: enumerations and texts are strings,
-    tuples and lists are lists, and what may have several types is written as text. TypeError where
-    no column can have the field's type.
+    columns also exist, with nulls, for rows without the group. A mapping has a column or a group
+    for each of its keys. Any other field has one column: enumerations and texts are strings, tuples
+    and lists are lists, and values of union types are written as text. TypeError if no column can
+    have the field's type.
     """
     hints = get_type_hints(kind)
     columns: list[Column] = []

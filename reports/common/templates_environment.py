@@ -25,7 +25,7 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.scenes.representation import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
-#: none but the filters of every template
+#: no filters besides those that every template has
 NO_FILTERS: Filters = MappingProxyType({})
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
@@ -41,12 +41,12 @@ def html_page(
     values: Mapping[str, Any],
     filters: Filters = NO_FILTERS,
 ) -> str:
-    """Return a page that needs nothing else, online or offline; all text of the values is escaped.
+    """Return a self-contained page, which works offline; all text of the values is escaped.
 
-    Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the
-    element with plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of
-    templates, one after the other; and `data(ID, VALUE)`, an element with JSON that scripts can
-    read.
+    In addition to the values, templates can use `policy()`, to be put first in the head;
+    `plotly()`, the element with plotly.js; `script(NAME, ..)`, an element with scripts out of the
+    folder of templates, one after the other; and `data(ID, VALUE)`, an element with JSON that
+    scripts can read.
     """
     sources: list[str] = []
 
@@ -67,7 +67,7 @@ def html_page(
         "policy": lambda: Markup(
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'
         ),
-        # The package's own function for it imports all of plotly.
+        # Plotly's own function for this would import the whole package.
         "plotly": lambda: element(
             (get_data("plotly", "package_data/plotly.min.js") or b"").decode()
         ),
@@ -131,11 +131,11 @@ def script_json(value: Any) -> Markup:
     text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
     for letter in "<>&":
         text = text.replace(letter, f"\\u{ord(letter):04x}")
-    # U+2028 and U+2029 are escaped already, as all that is not ASCII.
+    # U+2028 and U+2029 are already escaped, like all other non-ASCII characters.
     return Markup(text)
 
 
-# An environment remembers the templates that it has compiled.
+# An environment caches its compiled templates.
 @cache
 def _environment(
     filters: tuple[tuple[str, Callable[..., Any]], ...], *, autoescape: bool = True

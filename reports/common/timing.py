@@ -28,10 +28,10 @@ so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the narrowest interval of order statistics that holds the median with `CONFIDENCE`.
 
-    Whatever the distribution, the i-th smallest of n values lies above its median with the
-    probability of fewer than i heads in n throws of a coin (David and Nagaraja, Order Statistics,
-    section 7.1). With fewer than six values it is the interval from the lowest to the highest, of
-    less confidence.
+    For any distribution, the i-th smallest of n values lies above the median with the probability
+    of fewer than i heads in n tosses of a coin (David and Nagaraja, Order Statistics, section 7.1).
+    With fewer than six values it is the interval from the lowest to the highest, of less
+    confidence.
     """
     ordered, count = sorted(values), len(values)
     outside, beyond = 0, 0
@@ -53,8 +53,7 @@ class Timing:
     highest: float
     #: after the warm-up
     repetitions: int
-    #: Ends of the median's interval where it is narrower than from `lowest` to `highest`, else
-    #: None.
+    #: Ends of the median's interval if it is narrower than from `lowest` to `highest`, else None.
     low: float | None = None
     high: float | None = None
 
@@ -79,7 +78,7 @@ class Timing:
         return low, self.highest if self.high is None else self.high
 
     def told_below(self, other: Timing) -> bool:
-        """Return whether it is less than another: intervals are apart, repetitions enough."""
+        """Return whether it is less than another: disjoint intervals, enough repetitions."""
         enough = min(self.repetitions, other.repetitions) >= FEWEST_REPETITIONS
         return enough and self.interval[1] < other.interval[0]
 

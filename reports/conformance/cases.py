@@ -126,7 +126,7 @@ def write_case(case: Case, scene: Scene, folder: Path) -> None:
     }
     text = _wavefront(scene)
     if textures:
-        # The file of materials names textures alone; the other properties are in case.json.
+        # The file of materials names only textures; the other properties are in case.json.
         materials = "\n".join(f"newmtl {name}\nmap_Kd {name}.png\n" for name in textures)
         (folder / "scene.mtl").write_text(materials, encoding="utf-8")
         text = f"mtllib scene.mtl\n{text}"
@@ -218,7 +218,7 @@ Truths = Callable[[Case, Scene], list[HogelImage]]
 
 
 def traced(case: Case, scene: Scene) -> list[HogelImage]:
-    """Trace the truth of each hogel of a case; RuntimeError where one differs from the suite's."""
+    """Trace the truth of each hogel of a case; RuntimeError if one differs from the suite's."""
     reference = Reference(scene)
     truths = [trace(case, reference, aperture) for aperture in case.apertures(scene)]
     if not is_frozen(case, truths):
@@ -285,7 +285,7 @@ def export(cases: Sequence[Case], out: Path, done: Callable[[], object] = lambda
 
             add("suite.json", json.dumps({"suite": SUITE, "digest": suite_digest()}).encode())
             for case in cases:
-                # Entries are sorted and dated alike: equal suites give equal archives.
+                # Entries are sorted and have equal dates, so that equal suites give equal archives.
                 scene = case.open()
                 with TempPath(scratch_folder(), folder=True) as folder:
                     write_case(case, scene, folder.path)

@@ -1,6 +1,6 @@
 """A renderer run through the conformance suite: it gets each case, and its images are judged.
 
-Verdicts rest on the frozen truth and the bounds of rounding alone; `verify` names the cause of a
+Verdicts rest only on the frozen truth and the bounds of rounding; `verify` names the cause of a
 failed case.
 """
 
@@ -37,7 +37,7 @@ from xfrustum.scenes.model.device_model import DeviceModel
 
 #: file with the reason, in place of images
 UNSUPPORTED_FILE = "unsupported"
-#: size of such a file
+#: largest size of such a file, bytes
 MAX_REASON_BYTES = 1 << 16
 SUFFIXES = (".png", ".exr")
 
@@ -81,7 +81,7 @@ class Verdict:
     cause: str | None = None
     #: sentences about the failure
     words: tuple[str, ...] = ()
-    #: by fault, others that explain the same images: the level decides (`agreed`)
+    #: by fault, other faults that explain the same images; the whole level decides (`agreed`)
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     #: judged hogels, >= 0
     hogels: int = 0
@@ -155,7 +155,7 @@ class CaseRenderer:
     def draw(self, case: Case, scene: Scene, scratch: Path) -> Path:
         """Draw a case in a scratch folder, and return the folder of its images.
 
-        Raises Problem where that fails, UnsupportedError where the renderer does not claim it.
+        Raises Problem if drawing fails, UnsupportedError if the renderer does not claim the case.
         """
         if self.images is not None:
             allowed, out = Path(self.images), Path(self.images, case.name)
@@ -188,13 +188,15 @@ class CaseRenderer:
                 drawn = np.asarray(self.function()(folder, question, index))
             except NotImplementedError as error:
                 raise UnsupportedError(str(error) or "not claimed") from error
-            except Exception as error:  # any exception of foreign code is a result of the case
+            # any exception of the renderer's code is a result of the case
+            except Exception as error:
                 raise Problem(f"{self.python} raised {type(error).__name__}: {error}") from error
             if drawn.shape != shape:
                 raise Problem(
                     f"{self.python} returned an array of shape {drawn.shape}, not {shape}"
                 )
-            # Three bytes hold no fraction, no NaN and no larger number, and must not wrap one.
+            # Three bytes cannot hold fractions, NaN or larger numbers: refuse them instead of
+            # wrapping.
             if not case.colored and not (
                 drawn.dtype.kind in "iu" and 0 <= drawn.min() <= drawn.max() < 1 << 24
             ):
@@ -234,7 +236,7 @@ def encoded_truth(case: Case, truth: HogelImage) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Means by which the images of a renderer are judged."""
+    """Settings by which the images of a renderer are judged."""
 
     truths: Truths = traced
     #: model by whose roundings wrong pixels are explained
@@ -273,7 +275,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         except UnsupportedError as reason:
             return replace(verdict, verdict=CaseOutcome.UNSUPPORTED, cause=str(reason))
         except Problem as problem:
-            # The scratch folder has another name in each run, and statements must not differ.
+            # The scratch folder has another name in each run, but statements must be equal.
             text = str(problem).replace(f"{scratch.path}/", "")
             return replace(verdict, cause=Failure.MISSING, words=(text,))
         pixels = Pixels()

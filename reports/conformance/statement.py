@@ -100,7 +100,7 @@ class Statement:
         """Return badge.json, in the form that badge services read."""
         levels = self.of_outcome(CaseOutcome.PASS)
         message = " ".join(level + ("*" if level in self.partly else "") for level in levels)
-        # Passed levels beside failed ones: neither green nor red would be honest.
+        # Some levels passed and some failed: neither green nor red would be honest.
         color = "brightgreen" if self.passed else "yellow"
         if not message:
             nothing = ("nothing claimed", "lightgrey") if self.passed else ("no level", "red")
@@ -126,7 +126,7 @@ class Statement:
 
 
 def counted_pixels(pixels: Pixels) -> str:
-    """Return numbers of pixels in words."""
+    """Describe numbers of pixels."""
     counts = asdict(pixels)
     shown, wrong = counts.pop("shown"), counts.pop("wrong")
     causes = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)

@@ -75,7 +75,7 @@ class RowNumbers:
     parts_s: Mapping[str, Mapping[str, float]] = field(metadata=named_columns("time_{}_s"))
     #: links of the budget; None for all without causes
     causes: Mapping[str, CauseNumbers | None] = field(metadata=named_columns("cause_{}"))
-    #: scene, versions and devices behind the numbers
+    #: scene, versions and devices that produced the numbers
     made_by: Mapping[str, str] = field(metadata=named_columns("{}"))
 
 
@@ -225,7 +225,7 @@ def _displaced(rows: Sequence[Measurement]) -> float:
 
 
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings than which no measured setting is better.
+    """Return the settings for which no measured setting is better.
 
     Settings are chosen in three steps. The first keeps settings that are not worse than the setting
     with the fewest wrong surfaces. The second does the same for wrong colors, where the scene is
@@ -254,8 +254,8 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     A window is a run of measured near planes of one depth buffer and one camera geometry that all
     are `equally_good`. Where windows are equally wide, the window with the larger nears is taken,
     and where these are equal too, the geometry and the depth buffer that come first. Its middle, by
-    ratio, is farthest both from nears so large that they bend the picture and from nears so small
-    that they starve it of depth; of two middles the larger near is taken.
+    ratio, is farthest both from nears that are large enough to bend the picture and from nears that
+    are too small for the depth buffer; of two middles the larger near is taken.
     """
     good, windows = equally_good(rows), []
     settings = dict.fromkeys(row.settings for row in rows)
@@ -295,6 +295,6 @@ def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
 
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
-    """Return whether there is a pixel that some setting could show wrongly."""
+    """Return whether any setting could show any pixel wrongly."""
     shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
     return shown and any(row.comparison.judged for row in rows)

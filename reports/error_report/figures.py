@@ -67,7 +67,7 @@ class Quantity:
             floors = [
                 0.5 / max(row.comparison.judged, 1) if self.is_share else 0 for _, row in rows
             ]
-            # Curves that coincide stay visible: each lies thinner on the curve before it.
+            # Coinciding curves stay visible: each is thinner than the curve below it.
             below = len(groups) - 1 - place
             marks = [symbol if value else f"{symbol}-open" for value in values]
             lines.append(
@@ -175,7 +175,7 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
     groups = by_depth([item for item in rows if any(counts[item[0]].values())])
     if not groups:
         return None
-    # The legend lists causes that occur somewhere in the figure only.
+    # The legend lists only causes that occur in the figure.
     occurring = [name for name in CAUSE_COLORS if any(here.get(name) for here in counts.values())]
     areas: list[Figure] = []
     layout: Figure = {"annotations": []}

@@ -213,7 +213,7 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         sentence = f"{sentence.removesuffix('.')} ({note})."
     numbers = [{**json_object(row), "aperture": row.aperture.index} for row in rows]
     for row, source in zip(numbers, measured.rows, strict=True):
-        # Columns of the table alone, or in another form there.
+        # Columns that only the table has, or that have another form there.
         del row["made_by"], row["causes"]
         row["causes"] = source.causes
     record = {
@@ -238,7 +238,7 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         "best_per_depth": list(map(recommended, best_per_depth(measured.rows))),
         "best_per_geometry": list(map(recommended, best_per_geometry(measured.rows))),
         "rows": numbers,
-        # Where a tracer alone made the truths, there is nothing to compare it with.
+        # If an uncertified tracer made the truths, there is nothing to compare it with.
         "tracers_alone": [
             {"aperture": aperture.index, **json_object(truth.alone)}
             for aperture, truth in zip(measured.apertures, measured.truths, strict=True)
@@ -286,7 +286,7 @@ def geometry_names(geometries: Sequence[DoubleFrustum]) -> dict[DoubleFrustum, s
 
     A single geometry is named by its unusual parts, such as `pivot camera, no offset`, if any.
     """
-    # Any near will do: only the geometry is compared.
+    # Any near serves, because only the geometry is compared.
     usual = DoubleFrustum(near=1.0)
     compared = geometries if len(geometries) > 1 else (*geometries, usual)
     varied = [name for name in GEOMETRY if len({getattr(each, name) for each in compared}) > 1]
@@ -311,7 +311,7 @@ def recommendation(
     """Return the recommendation: the best near planes and depth buffer, with their errors.
 
     `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
-    frustum that is not recentered, hence not sheared, changes nothing and is not named.
+    frustum without recentering, and therefore without shear, has no effect and is not named.
     """
     # Unique indices in the order of measurement.
     indices = dict.fromkeys(row.aperture.index for row in rows)
@@ -401,7 +401,7 @@ def near_range(window: Window, unit: float = 1.0) -> str:
 
 
 def _notes(measured: Sweep) -> dict[str, str]:
-    """Return sentences beside the recommendation, empty where they do not apply."""
+    """Return additional sentences for the recommendation; empty where they do not apply."""
     scene, rows, notes = measured.scene, measured.rows, {}
     count, hogels = len(measured.apertures), math.prod(scene.plate.hogels)
     notes["coverage"] = notes["left_out"] = notes["equally_good"] = ""

@@ -102,7 +102,7 @@ class ReportOptions:
     decided_by: str = alone.CERTIFIED
     #: predict errors, and charge wrong pixels to causes
     causes: bool = True
-    #: model that explains rounding; None for the known model of the device at hand
+    #: model that explains rounding; None selects the recorded model of the current device
     device: DeviceModel | None = None
     #: show a progress bar on standard error
     progress: bool = False
@@ -150,7 +150,7 @@ def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrust
     return geometries_of(
         DoubleFrustum(near=1.0, pivot=pivot, fit=fit, offset=offset, slabs=tuple(cuts))
         for pivot, fit, offset, cuts in product
-        # The own centers of cameras without an offset are the aperture.
+        # Cameras without an offset have their centers in the aperture.
         if not (both and pivot is Pivot.CAMERA and offset is Offset.NONE)
     )
 
@@ -161,10 +161,10 @@ def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrust
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """Picture of the truth of an aperture, and the errors of each ray tracer alone."""
+    """Picture of an aperture's truth, and the errors of each uncertified ray tracer."""
 
     picture: bytes
-    #: None if a tracer alone made the truth
+    #: None if an uncertified tracer made the truth
     alone: AloneNumbers | None
 
 
@@ -336,7 +336,7 @@ def _row(
             off = np.abs(comparison.colors.error).max(axis=-1) > STEP
         wrong["radiance"] = PixelSet.from_mask(off)
     if budget is not None:
-        # Links of a chain with culling are not numbered as the palette is: places translate.
+        # Chains with culling number their links differently from the palette: convert the numbers.
         palette = list(pictures.CAUSE_COLORS)
         places = np.array([palette.index(name) for name in budget.links], dtype=np.int8)
         charge = np.where(budget.surface_charge >= 0, places[budget.surface_charge], -1)
@@ -380,13 +380,13 @@ class MissedLight:
     numbers: LeftOutNumbers
     #: encoded truth with shadows and interreflection
     picture: bytes
-    #: encoded difference from the truth without
+    #: encoded difference from the truth without light transport
     difference: bytes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightReport:
-    """Light of a report beside its rows."""
+    """Light of a report, in addition to its rows."""
 
     #: every effect: whether the scene needs it, and why
     decisions: tuple[EffectRow, ...]
@@ -404,7 +404,7 @@ def measure_light(
     settings: Sequence[DoubleFrustum],
     options: ReportOptions,
 ) -> LightReport:
-    """Measure the light of a report beside its rows, of a scene with materials or lights.
+    """Measure the light of a report, for a scene with materials or lights.
 
     Light that is missed is measured at all apertures of the report, everything else at the first
     one.

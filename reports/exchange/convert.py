@@ -165,7 +165,7 @@ class Conversion:
     resolution: tuple[int, int]
     #: of Zarr groups, the number of hogels
     files: int
-    #: data that the layout cannot store; none where every bit was kept
+    #: data that the layout cannot store; empty if every bit was kept
     losses: tuple[str, ...]
     #: expectations of readers that the files do not meet
     notes: tuple[str, ...]
@@ -297,7 +297,7 @@ def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) 
     suffix = suffix or (".exr" if plate.floating else ".png")
     if suffix not in (".png", ".exr"):
         raise InputError(f"files that end in {suffix} are not written; choose .png or .exr")
-    # The part of a quilt's name behind _qs is its own.
+    # The part of a quilt's name after _qs is generated.
     stem = out.stem.partition("_qs")[0] if name == "quilt" else out.stem
     form = layouts.Target(
         layout=layout,
@@ -329,7 +329,7 @@ DRAWING_SUFFIX = ".drawing.zarr"
 
 @dataclass(frozen=True, kw_only=True)
 class LaidOutPlate:
-    """Places of a plate that is drawn into NAME.zarr and laid out in NAME-LAYOUT, or alone."""
+    """Paths of a plate that is drawn into NAME.zarr and written as files of a layout."""
 
     out: Path
     layout: str

@@ -105,7 +105,7 @@ class ImageArray:
 
     name: str
     dtype: np.dtype[Any]
-    #: value of hogels that are not there
+    #: value of missing hogels
     fill: Any
     #: of one image
     shape: tuple[int, ...]
@@ -265,7 +265,7 @@ def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple
 
 
 class _RegularFiles(LocalStore):
-    """Folder that is read from regular files alone: a pipe would keep its reader waiting."""
+    """Folder store that reads only regular files: reading a pipe would block."""
 
     async def get(
         self,
@@ -374,7 +374,7 @@ def shard_file(place: Path, array: Any, column: int, row: int) -> Path:
 def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]) -> zarr.Group:
     """Make an empty group: a chunk for each hogel, and a shard for each block of several."""
     columns, rows = arrays.side
-    # The unit of lengths is an attribute of the group too, for xarray prints these alone.
+    # The unit of lengths is also an attribute of the group, because xarray prints only these.
     attributes = {"coordinates": "x y", "units": arrays.units, ATTRIBUTE: dict(description)}
     group = zarr.create_group(store, attributes=attributes)
     for array in arrays.images:

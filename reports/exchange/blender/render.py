@@ -236,7 +236,7 @@ def encoded(
     """Return the file of a hogel from the passes of Cycles, by the names of their channels.
 
     The encoding `triangle-id` gives PNG, `exr` OpenEXR; `to_plate` maps the world to the plate's
-    frame. Surfaces beyond the reach are left out: no other surface can lie before them on the
+    frame. Surfaces beyond the reach are left out: no other surface can lie in front of them on the
     pixel's line.
     """
 
