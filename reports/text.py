@@ -37,7 +37,7 @@ SENTENCES = {
 
 
 def sentences(reasons: Reasons) -> Reasons:
-    """Return reasons in words."""
+    """Describe reasons."""
     words = {name: reason and SENTENCES[Reason(reason)] for name, reason in vars(reasons).items()}
     return Reasons(**words)
 
@@ -66,7 +66,7 @@ def displacement_words(displacement_p99_px: float) -> str:
 
 
 def pixels(value: float) -> str:
-    """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
+    """Write a displacement with two digits, at least `DISPLACEMENT_TIE_PX`."""
     # Rounding first: 99.6 is printed as 100, by the rule of large values.
     rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
     return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")

@@ -35,7 +35,7 @@ class TraceRecord:
     decided_by: str
     #: pixels by class
     certainty: dict[str, int]
-    #: judged pixels, and errors of each tracer alone
+    #: judged pixels, and errors of each uncertified tracer
     alone: dict[str, int] | None
 
 
@@ -89,7 +89,7 @@ def trace_to_file(
 ) -> TraceRecord:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    `compared` counts the errors of each tracer alone, too. InputError if the file cannot be
+    `compared` also counts the errors of each uncertified tracer. InputError if the file cannot be
     written: it appears complete, or not at all.
     """
     alone = TracersAlone(reference.scene) if compared else None
@@ -124,8 +124,8 @@ def trace_transported(
 ) -> None:
     """Trace the truth of an aperture, color it by light paths, and write it as EXR.
 
-    Surfaces come from the certified truth. The color is a mean, whose variance goes into channels
-    of its own, and the number of light paths into the camera. InputError if the file cannot be
+    Surfaces come from the certified truth. The color is a mean, whose variance goes into separate
+    channels, and the number of light paths into the camera. InputError if the file cannot be
     written: it appears complete, or not at all.
     """
     scene = reference.scene

@@ -125,7 +125,7 @@ def stored_plate(path: Path, scene: Scene) -> Source:
 
 
 def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -> Source:
-    """Return files by any renderer, as in `verify`; {i} in a name is the column, {j} the row."""
+    """Return hogels from files of any renderer, as in `verify`; {i} is the column, {j} the row."""
     files = Files(pattern=pattern, reference=Reference(scene), encoding=encoding)
 
     def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
@@ -141,7 +141,7 @@ def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -
                     f"{files.path(aperture)}: names a triangle that the scene does not have; "
                     "`xfrustum verify` detects how its numbers were stored"
                 )
-            # A picture of colors names no surface anywhere.
+            # A picture of colors names no surfaces.
             named = image.color is None or bool(
                 ((image.triangle != NOTHING) | (image.object != NOTHING)).any()
             )
@@ -248,7 +248,7 @@ class SceneView(NotebookRepr):
         ]
 
     def table(self) -> str:
-        """Return the numbers as lines for a terminal."""
+        """Return the numbers as lines of text."""
         values = {"sentences": self.sentences(), "eyes": self.record.eyes}
         return plain_text("view.txt.j2", values).removesuffix("\n")
 
@@ -269,7 +269,7 @@ def view(
     Raises
     ------
     InputError
-        Without eyes, for an eye that sees the plate too small, and for unreadable hogels.
+        There are no eyes, the plate is too small in an eye's view, or hogels are unreadable.
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")

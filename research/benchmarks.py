@@ -176,11 +176,11 @@ def _mitsuba() -> str:
 
 
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
-    """Return the contestants that there are here, by the names in `TRUTH_MEANINGS`.
+    """Return the contestants that this machine has, by the names in `TRUTH_MEANINGS`.
 
     Acceleration structures are built, and rays aimed, here or at the first call, which no clock
-    should count. The certified truth has no such thing: each call begins with the triangles. There
-    is no `mitsuba` where it has only its scalar variant, one ray at a time.
+    should count. The certified truth has no such structure: each call begins with the triangles.
+    `mitsuba` is missing if only its scalar variant is available, which traces one ray at a time.
     """
     # Rays are aimed once, before any clock.
     origins, directions = film_rays(scene, aperture)
@@ -216,7 +216,8 @@ def benchmark_truth(
     ) as bar:
         for film in scenes:
             (width, height), rates = film.frustum.resolution, {}
-            # One at a time, so that none pays for what another leaves behind in caches and heap.
+            # Run one contestant at a time, so that none is slowed by the caches and heap of
+            # another.
             for name, run in truth_contestants(film, film.plate.middle).items():
                 rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
                 bar.update()

@@ -1,4 +1,4 @@
-"""Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
+"""Scenes that differ only in depth: the same picture on the film, from shallow to deep.
 
 For C* objects are reflected through the aperture: no point moves on the film, but C keeps the
 nearest surface of a line and C* the farthest.
@@ -21,8 +21,8 @@ REACH = 1000.0
 FARTHEST = 0.999 * REACH
 #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
 CAR_RATIO = 1.5
-#: Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that
-#: come nearer than about this lie beside the film of the middle aperture.
+#: Shift of the aperture off the middle, along both axes, as a share of the reach: cars nearer than
+#: about this distance lie outside the film of the middle aperture.
 SHIFT_PER_REACH = 0.05
 #: Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an
 #: aperture over a corner of the screen.

@@ -39,7 +39,7 @@ def as_moved(image: EyeImage, moved: MovedScene) -> EyeImage:
     middle = moved.scene.triangles[..., 2].mean(axis=1)
     number = np.full(image.triangle.shape, NOTHING, dtype=np.int32)
     for before in (False, True):
-        # All parts of a triangle on one side lie in one plane: any of them stands for it.
+        # All parts of a triangle on one side lie in one plane: use any of them.
         parts = np.flatnonzero((middle > 0) == before)
         part_of = np.full(int(moved.number.max()) + 2, NOTHING, dtype=np.int32)
         part_of[moved.number[parts]] = parts

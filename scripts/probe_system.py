@@ -1,6 +1,6 @@
 """Print the missing ones of `atomic`, `opengl`, `llvm`, one word per line.
 
-Runs before anything is installed, hence the standard library alone.
+Runs before anything is installed, and therefore uses only the standard library.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def loads(library: str) -> bool:
 
 
 def has_opengl() -> bool:
-    """Return whether an EGL device starts without a display; a library alone is not enough."""
+    """Return whether an EGL device starts without a display; an installed library is not enough."""
     egl_name, gl_name = find_library("EGL"), find_library("GL")
     if not (egl_name and gl_name and loads(egl_name) and loads(gl_name)):
         return False
@@ -54,7 +54,7 @@ def has_opengl() -> bool:
 
 
 def llvm_candidates() -> list[str]:
-    """Return names of LLVM libraries for the loader, the chosen one alone if set."""
+    """Return names of LLVM libraries for the loader; only the chosen one if set."""
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         return [chosen]
@@ -70,7 +70,7 @@ def llvm_candidates() -> list[str]:
 
 
 def llvm_version(name: str) -> int:
-    """Return the major version of an LLVM library, 0 where it does not load or is older than 16."""
+    """Return the major version of an LLVM library, 0 if it does not load or is older than 16."""
     if not loads(name):
         return 0
     library = ctypes.CDLL(name)

@@ -45,7 +45,7 @@ FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
 A share of the depth, and a multiple of the rounding by storage coarser than float32, which moves
 points off slanted surfaces along their lines."""
 SNAPPED_PX = (
-    0.25  #: pixels by which an edge may be drawn beside its place; 4 subpixel bits snap by 0.05
+    0.25  #: largest displacement of a drawn edge by snapping, pixels; 4 subpixel bits snap by 0.05
 )
 Places = tuple[Floats, Floats]
 """Columns and rows (N,) of points on a film; centers of pixels are integers, rows count down."""
@@ -131,7 +131,7 @@ class DrawnPoints:
     pixels: Indices
     #: (3, N) scene units
     coordinates: Floats
-    #: (N,) as the image has them
+    #: (N,) triangle numbers of the image
     triangle: Numbers
     #: (N, 3) error bounds of the stored coordinates; None as float32
     doubt: Floats | None = None
@@ -168,7 +168,7 @@ class DrawnPoints:
 
 def film_places(image: HogelImage, camera: HogelCamera) -> Floats:
     """Return column and row of every shown point on the true film, (2, H, W); NaN in the plate."""
-    # Selecting the covered pixels first takes longer than computing the whole film.
+    # Selecting covered pixels first would take longer than computing the whole film.
     x, y, z = (np.asarray(image.position[..., axis], dtype=np.float64) for axis in range(3))
     z = np.where(image.off_plate, z, np.nan)
     return np.stack(places_off_center(x, y, z, true_lines(camera)))
@@ -235,7 +235,7 @@ def surface_errors(
     is in front of that point on its own true line. The true frustum sees a point in the plate only
     in the aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so
     that a picture displaced by less shows nothing from outside. `places` are the `film_places` of
-    the raster, where they are at hand.
+    the raster, if already computed.
     """
     scene, bundle = reference.scene, true_lines(truth.camera)
     points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
@@ -246,8 +246,7 @@ def surface_errors(
         located = columns, rows
     # Flat numbers need rows that are contiguous in memory.
     wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
-    # Points in the plate have no line of their own: they are right only where the truth shows one,
-    # too.
+    # A point in the plate does not determine a line: it is right only if the truth also shows one.
     wrong |= in_plate(raster) & ~in_plate(truth)
     # The occlusion test traces a line per point. Points that equal the certified truth need none.
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
@@ -277,7 +276,7 @@ def covered_by(image: HogelImage) -> Mask:
 def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
     """Return the pixels (H, W) with an unexpected, a missing or another object's surface.
 
-    Where an image names neither object nor triangle, the expected object stands for its own.
+    If an image names neither object nor triangle, it is taken to show the expected object.
     """
     # Without any name the expected object is assumed: then only hits and misses are compared.
     objects = np.where(shown.object != NOTHING, shown.object, expected.object)
@@ -297,7 +296,7 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
     same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
     same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
     same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
-    # With a larger near hardly a point is left after its height alone.
+    # With a larger near, the test of heights already excludes nearly all points.
     height = truth.height.reshape(-1)[points.pixels]
     some = np.flatnonzero(
         same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene))
@@ -348,9 +347,9 @@ def floating_pixels(
     """Return the pixels of a mask (H, W) with a point without a surface at or close behind it.
 
     Positions in other units may lie on the right lines, in front of everything. A point is moved
-    away along its line by `FLOATING_SHARE` of its depth: where nothing hides it there, nor
-    `SNAPPED_PX` beside it, as rasterizers snap edges, it was on no surface. Points as close to
-    the answer are on a surface.
+    away along its line by `FLOATING_SHARE` of its depth: if nothing hides it there, nor
+    `SNAPPED_PX` to the side, because rasterizers snap edges, it was not on a surface. Points as
+    close to the answer are on a surface.
     """
     floating = np.zeros_like(mask)
     points = DrawnPoints.from_image(shown, np.flatnonzero(mask))
@@ -412,7 +411,7 @@ class ErrorMaps(ShortRepr):
     judged: Mask
     #: pixels that show the wrong surface; None without the scene
     surface: Mask | None
-    #: of these, pixels whose point belongs outside the true film
+    #: pixels among these whose point belongs outside the true film
     outside: Mask | None
     #: pixels that show another triangle number
     triangle: Mask
@@ -504,7 +503,7 @@ def _updated_errors(
     judged = cached.judged.reshape(-1)[pixels][None]
     places = film_places(after, truth.camera)
     errors = surface_errors(before, after, reference, places) if reference else None
-    # The places are on the whole film, the images hold single rows of pixels.
+    # The places refer to the whole film; the images have single rows of pixels.
     row, column = np.divmod(pixels, cached.judged.shape[1])
     shift = cached.shift.copy()
     shift.reshape(2, -1)[:, pixels] = places[:, 0] - (column, row)
@@ -556,7 +555,8 @@ def differing_pixels(first: HogelImage, second: HogelImage) -> Indices:
     """Return the flat numbers of the pixels at which two images show different things."""
     differs = (first.triangle != second.triangle) | (first.object != second.object)
     if first.position.dtype == second.position.dtype == np.float32:
-        # Compared bit by bit, for NaN equals NaN here. Zeros of two signs are merely judged again.
+        # Compare bit by bit, because NaN must equal NaN here. Zeros of different sign are only
+        # judged again.
         for axis in range(3):
             mine, its = (image.position[..., axis].view(np.int32) for image in (first, second))
             differs |= mine != its
@@ -577,9 +577,7 @@ def judged_pixels(truth: HogelImage) -> Mask:
 # ---------------------------------------------------------------------------------------
 
 
-CONFIDENCE = (
-    0.95  #: probability that no picture among those compared is called worse than another by chance
-)
+CONFIDENCE = 0.95  #: probability that no comparison of pictures finds a difference by chance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -610,7 +608,7 @@ def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, do not
     count; if neither picture were worse, each other pixel would be wrong in either picture with
     equal chances. Pixels along one contour change together, so that the test detects differences
-    too soon: callers require a smallest difference besides. `CONFIDENCE` holds for all
+    too soon: callers therefore also require a smallest difference. `CONFIDENCE` holds for all
     `comparisons` with the other picture together (Bonferroni).
     """
     if only_here <= only_there:

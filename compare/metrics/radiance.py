@@ -49,7 +49,7 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 STEP = 1 / 255
 """One level of 8-bit output in linear radiance: allowed difference of two shaded answers."""
 
-#: function that is called when a part of the work is done
+#: function called after each part of the work
 Done = Callable[[], object]
 
 
@@ -58,9 +58,9 @@ class NoiseNumbers:
     """Numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
     A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is
-    the chance that some pixel lies as far out as the farthest does, if the picture is the limit
-    of the reference: exact for independent tests, an upper bound where they depend on each
-    other, as channels of a pixel do.
+    the chance of a deviation as large as the largest one, if the picture is the limit of the
+    reference: exact for independent tests, an upper bound where they depend on each other, as
+    channels of a pixel do.
     """
 
     agrees: bool
@@ -96,8 +96,8 @@ def compare_with_noise(
     `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less
     than 1 - (level of one test)^(1 / samples): chance may miss it in all samples, and then neither
     mean nor variance shows it. `rounding` is the radiance by which picture and mean may differ for
-    other reasons than noise, such as rounding to float32. It alone decides where samples do not
-    vary.
+    other reasons than noise, such as rounding to float32. Where samples do not vary, only
+    `rounding` decides.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
@@ -106,7 +106,7 @@ def compare_with_noise(
     # Rounding is subtracted from the difference before noise is tested.
     excess = np.sign(difference) * np.maximum(np.abs(difference) - allowed, 0.0)
     noisy = variance > 0
-    # Where no sample varies any excess is infinitely significant.
+    # If no sample varies, any excess is infinitely significant.
     scaled = np.where(excess == 0, 0.0, np.copysign(np.inf, excess))
     np.divide(excess, np.sqrt(variance), out=scaled, where=noisy)
     # Two-sided: a picture may be too dark or too bright.
@@ -141,11 +141,11 @@ class LeftOutNumbers:
 
     shadows: bool
     interreflection: bool
-    #: per pixel of one of the two truths
+    #: samples per pixel of one of the two truths
     light_paths: int
-    #: that change beyond noise
+    #: number of pixels that change beyond noise
     pixels: int
-    #: of these, on the mean of their channels
+    #: numbers of these pixels, by the sign of the change of their channels' mean
     darker: int
     brighter: int
     #: change of radiance over pixels and channels
@@ -153,7 +153,7 @@ class LeftOutNumbers:
     mean_of_image: (
         float | None
     )  #: over the mean radiance of the image without them; None if that is 0
-    #: of the change, from which the noise is taken off
+    #: root mean square of the change, with the noise subtracted
     rms: float
     rms_noise: float
     #: level of the test of pixels against noise, for the whole picture
@@ -307,7 +307,7 @@ class RadianceNumbers(RadianceSpread):
 
     away_from_edges: (
         RadianceSpread | None
-    )  #: over those pixels that the function of that name returns
+    )  #: over the pixels that the function of this name returns
     #: None unless requested, like the next two
     flip: float | None
     ssim: float | None

@@ -41,19 +41,19 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 from xfrustum.tolerances import MAX_WRONG
 
-#: largest number of samples: each further one follows one that disproved a plan
+#: largest number of samples: a further sample is drawn only after one that disproved a plan
 MAX_SAMPLES = 3
 
-#: Confidence of the bound of each sample, for all to hold together: they are independent (Sidak
-#: 1967).
+#: Confidence of the bound of each sample, chosen so that all hold together: samples are independent
+#: (Sidak 1967).
 EACH = CONFIDENCE ** (1 / MAX_SAMPLES)
 
-#: number of worst scanned apertures from which a plan is first made
+#: number of worst scanned apertures for the first plan
 WORST_VIEWS = 4
 
-#: Scanned displacement, in tolerances, from which on an aperture is traced in full before it is
-#: trusted, and how many at a time, the worst first: one line in a hundred of 576 is six, which give
-#: a 99th percentile to a factor of two at best.
+#: Scanned displacement, in tolerances, above which an aperture is traced in full, and the number of
+#: apertures traced at once, the worst first. A scan has 576 lines: the six largest values give the
+#: 99th percentile only to a factor of two.
 SUSPECTED_EXCESS, MAX_SUSPECTED = 0.5, 8
 
 #: largest number of repeated plans with added apertures
@@ -233,8 +233,8 @@ def plan_apertures(
 class PlateViews:
     """Traced apertures of a plate that some near fits, and the apertures that none fits.
 
-    An aperture that no near fits is either excluded before a sample is drawn, which then speaks for
-    all other hogels, or a hogel of a sample, which counts in the share of its sample.
+    An aperture that no near fits is either excluded before a sample is drawn, which then represents
+    all other hogels, or it belongs to a sample and counts in the sample's share.
     """
 
     views: Views
@@ -250,7 +250,7 @@ class PlateViews:
 
     @property
     def known(self) -> frozenset[Index]:
-        """Apertures for which a sample need not speak."""
+        """Apertures that a sample need not represent."""
         return _indices(self.views.views) | self.excluded
 
     @property
@@ -282,7 +282,7 @@ class PlatePlanner:
             results = self._sampled(chosen, made.settings, sample)
             missed = [result.aperture for result in results if self.requirement.missed_by(result)]
             joining, infeasible = self._traced(missed)
-            # Kept from sample to sample: a later one need not have these hogels.
+            # Keep these between samples: a later sample need not contain these hogels.
             chosen = replace(chosen, sampled=chosen.sampled | infeasible)
             if not joining or last:
                 made = self._measured(made, chosen, results)
@@ -292,7 +292,7 @@ class PlatePlanner:
         return with_limits(made, chosen.views, self.scan)
 
     def first_views(self) -> PlateViews:
-        """Trace the middle, the worst apertures, and those that see farthest, where a near fits.
+        """Trace the middle, the worst apertures, and apertures with the farthest surfaces.
 
         The next worst follow until a surface is visible through one of them.
         """

@@ -1,7 +1,7 @@
 """Limits that a plan must keep: of pixels, of depth buffers, and of a viewer's eyes.
 
-Lengths of a plan have three digits, so that they can be read and typed; a plan is then also the
-same for meshes that differ by rounding alone, such as a refined one.
+Lengths of a plan have three digits, so that they can be read and typed; a plan is then also equal
+for meshes that differ only by rounding, such as a refined mesh.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 #: default separation of ordered sheets, share of the longest reach
 SEPARATION_PER_REACH = 1e-3
 
-#: Smallest near and cut, share of the longest reach: float32 rounds a smaller n to nothing beside
-#: it.
+#: Smallest near and cut, share of the longest reach: in sums with the reach, float32 would round a
+#: smaller n away.
 SMALLEST_PER_REACH = 1e-8
 
 #: Names of visible effects of near: change of disparity, and the crack at the plate.
@@ -62,7 +62,7 @@ def round_number(index: int) -> float:
 def index_below(length: float, *, strictly: bool = False) -> int:
     """Return the index of the largest length of three digits up to a positive one, or below it."""
     decade = math.floor(math.log10(length))
-    # Logarithms and quotients round: begin above, and come down.
+    # Logarithms and quotients are rounded: begin above, then decrease.
     index = decade * 900 + int(length / float(f"1e{decade}") * 100) - 98
     while round_number(index) > length or (strictly and round_number(index) == length):
         index -= 1
@@ -100,7 +100,7 @@ class Errors:
     displacement_p99_px: float
     #: share of judged pixels with the wrong surface
     surface_fraction: float
-    #: share whose wrong surface is charged to depth, by the unluckiest order
+    #: share with a wrong surface charged to depth, for the worst draw order
     depth_wrong: float
 
     def beyond(self, tolerance_px: float) -> bool:
@@ -120,8 +120,8 @@ class Quality(Errors):
 
     #: share of pixels that show the wrong one of two sheets a separation apart
     misordered: float
-    #: smallest separation of which at most `MAX_MISORDERED_FRACTION` is wrong, scene units; 0
-    #: where no two surfaces can be misordered
+    #: smallest separation at which at most `MAX_MISORDERED_FRACTION` of the pixels are wrong, scene
+    #: units; 0 if no two surfaces can be misordered
     separation: float
 
 
@@ -207,13 +207,13 @@ class Requirement:
 
     #: largest 99th percentile of displacement, pixels
     tolerance_px: float = TOLERANCE_PX
-    #: whether displacement and wrong surfaces limit near, or eyes alone
+    #: whether displacement and wrong surfaces limit near; otherwise only eyes do
     pixels_count: bool = True
     #: distance of ordered sheets, scene units; None for `SEPARATION_PER_REACH` of the reach
     separation: float | None = None
     #: largest share of judged pixels that are wrong by depth
     max_wrong: float = MAX_DEPTH_WRONG
-    #: device that draws; None for the one at hand
+    #: device that draws; None selects the current device
     device: DeviceModel | None = None
     #: limits of a viewer's eyes
     viewer: ViewerRequirement | None = None
@@ -242,7 +242,7 @@ class Requirement:
 
     @property
     def limit_px(self) -> float:
-        """Tolerance of displacement, pixels; infinite where eyes alone limit near."""
+        """Tolerance of displacement, pixels; infinite if only eyes limit near."""
         return self.tolerance_px if self.pixels_count else math.inf
 
     def separation_in(self, frustum: Frustum) -> float:
@@ -339,7 +339,7 @@ def view_zone(scene: Scene, distance: float) -> ViewZone:
 
 
 def seen_content(scan: PlateScan) -> noticeable.Content:
-    """Return the depths that a plate shows, as a scan has seen them."""
+    """Return the depths that a plate shows, according to a scan."""
     heights = np.concatenate([look.height.ravel() for look in scan.looks])
 
     def depths(side: float) -> Interval | None:

@@ -52,8 +52,8 @@ MAX_CUTS = 16
 #: bytes of a depth value
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 
-#: Margin beyond which more is worth nothing. Apertures that no scan has traced take little of it:
-#: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605
+#: Margin beyond which more has no benefit. Apertures that no scan has traced use little of it: of
+#: all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605
 #: scanned.
 ENOUGH_MARGIN = 10.0
 
@@ -78,7 +78,7 @@ class Attempt:
 
     @property
     def excess(self) -> float:
-        """Largest ratio of an error to its limit; at most 1 where the attempt holds."""
+        """Largest ratio of an error to its limit; at most 1 if the attempt is valid."""
         return max(self.near_excess, self.depth_excess)
 
     @property
@@ -101,15 +101,15 @@ class Attempt:
 class Outcome:
     """Result of a search."""
 
-    #: whether any depth buffer orders the required separation, however it is cut
+    #: whether any depth buffer orders the required separation with any cuts
     able: bool
-    #: depth buffers that hold with the fewest cuts
+    #: depth buffers that are valid with the fewest cuts
     holding: int = 0
     #: cheapest attempt with the largest margin
     best: Attempt | None = None
-    #: largest near that holds with the cuts and buffer of `best`
+    #: largest valid near with the cuts and buffer of `best`
     largest_near: float | None = None
-    #: failed attempt nearest to holding, with one cut less, or with the most cuts where none holds
+    #: best failed attempt with one cut fewer, or with the most cuts if no attempt is valid
     failed: Attempt | None = None
 
 
@@ -124,7 +124,7 @@ class Search:
         self._reaches = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
         self.judged = cache(self._judged)
         self._near_holds = cache(self._holds_in_closed_form)
-        # Offset cameras round nothing: their traces hold for every depth buffer.
+        # Offset cameras are traced without rounding: their traces serve every depth buffer.
         self._traced = cache(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
@@ -209,7 +209,8 @@ class Search:
                 if trial.holds:
                     return trial
             failures.append(trial)
-            # Shallower outer slabs help pixels wrong by depth alone, at the cost of the first slab.
+            # Shallower outer slabs reduce only pixels that are wrong by depth, and enlarge the
+            # first slab.
             if trial.predicted.depth_wrong <= self.requirement.max_wrong:
                 break
             target *= TARGET_RATIO
@@ -227,9 +228,9 @@ class Search:
         )
         if index is None:
             return judged(round_number(self.lowest))
-        # Offset cameras cover more beside the film than the truth: rarely, a smaller near is
-        # needed. The search proceeds by octaves, since depth alone makes wrong surfaces at much
-        # smaller nears.
+        # Offset cameras cover more outside the film than the truth: rarely, a smaller near is
+        # needed. The search proceeds by octaves, because at much smaller nears depth is the only
+        # cause of wrong surfaces.
         above = index
         while index > self.lowest and judged(round_number(index)).near_excess > 1:
             above, index = index, max(index - INDICES_PER_OCTAVE, self.lowest)
@@ -260,9 +261,9 @@ class Search:
     def _with_margin(self, largest: Attempt) -> Attempt:
         """Return the attempt with the largest near whose errors are a tenth of their limits.
 
-        Where depth would then be worse off, it is the near at which both have the same
-        margin. With limits of eyes alone, near stays: they hold for all hogels, scanned or
-        not.
+        If errors of depth then have a smaller margin, it is the near at which both margins are
+        equal. If only eyes limit near, it is unchanged, because their limits hold for all hogels,
+        scanned or not.
         """
         if not self.requirement.pixels_count:
             return largest

@@ -52,7 +52,7 @@ class PlateOptions:
     block: tuple[int, int] | None = None
     #: trace every hogel too, and store its measures as arrays
     judge: bool = False
-    #: read every stored hogel in full, and draw it again where it is damaged
+    #: read every stored hogel in full, and draw damaged ones again
     check: bool = False
     engine: Engine = HERE
     #: show a progress bar on standard error
@@ -94,7 +94,7 @@ class HogelSource:
     ) -> Iterator[Tile]:
         """Yield the requested hogels of blocks; `done` takes the number of new hogels.
 
-        All blocks are one stream of hogels, so that the renderer is never idle between them.
+        All blocks form one stream of hogels, so that the renderer is never idle between them.
         """
         # The renderer reads ahead: blocks wait here until their hogels arrive.
         begun: deque[Block] = deque()
@@ -106,7 +106,7 @@ class HogelSource:
 
         hogels = iter(self.hogels(apertures()))
         for hogel in hogels:
-            # Hogels arrive in the order of request: the oldest open block is theirs.
+            # Hogels arrive in the order of requests: they belong to the oldest open block.
             block = begun.popleft()
             tile = Tile.empty(block, arrays)
             for some in chain([hogel], islice(hogels, len(block.apertures) - 1)):
@@ -119,7 +119,7 @@ class HogelSource:
 def open_source(
     scene: Scene, settings: DoubleFrustum | None, content: PlateContent, *, judge: bool = False
 ) -> Iterator[HogelSource]:
-    """Open the renderer of a plate: rasterized with settings, traced without."""
+    """Open the renderer of a plate: a rasterizer if settings are given, else the reference."""
     if settings is None:
         if judge:
             raise InputError(
@@ -156,13 +156,13 @@ def open_source(
 
 
 def _traced(scene: Scene, content: PlateContent) -> HogelSource:
-    """Return certified truths; their colors are means of light paths where the scene has any."""
+    """Return certified truths; colors are means of light paths if the scene requests any."""
     by_paths = scene.transport.simulated
     tracer = "mitsuba" if by_paths else "embree"
     reference = Reference(scene, tracer=tracer, effects=content.effects)
 
     def colored(aperture: Aperture) -> HogelImage:
-        # Geometry stays certified, of single lines; light paths replace the color alone.
+        # Geometry stays certified, with single lines; light paths replace only the color.
         image = reference.trace(aperture, Sampling())
         mean = transported(scene, aperture, scene.transport).mean
         return replace(image, color=mean.astype(np.float32))
@@ -187,7 +187,7 @@ def _judged(
 ) -> Iterator[PlateHogel]:
     """Draw and judge hogels; the images equal a plate that is only drawn, bit for bit."""
     scene = evaluator.scene
-    # Pixels are stored with color even where the scene gives no colors to compare.
+    # Pixels are stored with color even if the scene has no colors to compare.
     request = FrameRequest(color=True, colored_truths=is_shaded(scene), radiance=is_shaded(scene))
 
     def stored(frame: JudgedFrame) -> JudgedPlateHogel:
@@ -255,9 +255,9 @@ class PlateFiles:
     out: Path
     #: hogels
     drawn: int
-    #: hogels that were there
+    #: number of hogels that were already stored
     present: int
-    #: drawn hogels that had been there, and were damaged
+    #: number of drawn hogels that had been stored, but were damaged
     damaged: int
     #: sentences for the user
     notes: tuple[str, ...]
@@ -277,11 +277,11 @@ class PlateJob(Job):
 
     @cached_property
     def store(self) -> PlateStore:
-        """Store as this process reads it, opened once a session has made it."""
+        """The store, opened for reading by this process after a session has created it."""
         return PlateStore(self.out, self.arrays)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Every process opens the store for itself.
+        # Every process opens the store separately.
         return {name: value for name, value in vars(self).items() if name != "store"}
 
     def finished(self, block: Block) -> bool:
@@ -298,7 +298,7 @@ class PlateJob(Job):
 
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
-        """Open the renderer and the store, or make it; InputError at a store of another device."""
+        """Open the renderer, and open or create the store; InputError if another device drew it."""
         options = self.options
         with open_source(self.scene, self.settings, options.content, judge=options.judge) as source:
             free = options.block is None
@@ -342,15 +342,15 @@ def write_plate(
     options: PlateOptions | None = None,
     begun: Callable[[], object] = lambda: None,
 ) -> PlateFiles:
-    """Draw apertures of a plate that are missing in its store, block by block, a shard each.
+    """Draw apertures that are missing in a plate's store, block by block, one shard per block.
 
-    Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn
-    in the order in which their apertures are named. Killed at any moment it loses no finished
-    block; called again it goes on with the others and ends with the arrays of a run that was not
-    disturbed. `begun` is called once the store is open, before the first hogel is drawn.
+    Without settings, truths are traced; without apertures, the whole plate is drawn. Blocks are
+    drawn in the order in which their apertures are named. A kill at any moment loses no finished
+    block; the next call continues with the other blocks and ends with the arrays of an undisturbed
+    run. `begun` is called once the store is open, before the first hogel is drawn.
 
-    InputError: see `open_source` and `open_store`; or the block is none, no scheduler answers, or a
-    worker has another device than the command that began the plate.
+    InputError: see `open_source` and `open_store`; or the size of blocks is invalid, no scheduler
+    answers, or a worker has another device than the command that began the plate.
     """
     options, out = options or PlateOptions(), Path(out)
     engine, part, check = options.engine, options.engine.part, options.check

@@ -1,4 +1,4 @@
-"""Reading of plates that `xfrustum plate` has drawn: nothing that the files declare is trusted."""
+"""Reading of plates that `xfrustum plate` has drawn; all declarations of the files are checked."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class _Description:
     scene: _Scene
     content: _Content
     renderer: _Renderer
-    #: None of a plate of truths
+    #: None for a plate of truths
     settings: DoubleFrustum | None = None
 
 
@@ -155,7 +155,7 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     """Return the crossed frustum of a hogel of a plate, in full double precision.
 
     The line of film coordinates u, v is (x, y, 0) + s (kx + u tx, ky + v ty, -1), with the aperture
-    x, y, the shear k and the half-extent t. It has the settings that the plate was drawn with. The
+    x, y, the shear k and the half-extent t. The frustum names the settings that drew the plate. The
     store is a folder, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
 
     InputError if there is no plate, or no such hogel on it.

@@ -6,7 +6,7 @@ leave a file `*.partial`, which the next command on the plate removes.
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). Therefore a part
 of a block is read, completed and written under an exclusive lock on the group's description. Whole
-blocks are written under a shared lock, for every process has the same bytes of them.
+blocks are written under a shared lock, because all processes write the same bytes.
 """
 
 from __future__ import annotations
@@ -147,10 +147,11 @@ def open_store(
     expected = json.loads(json.dumps({**description, LAYOUT: {"block": arrays.side}}))
     if not out.exists():
         try:
-            # Zarr writes from a thread of its own, which would go on after an interrupt.
+            # Zarr writes from its own thread, which would continue after an interrupt.
             with Staging(out) as staging, delayed():
                 make_group(LocalStore(staging.folder), arrays, expected)
-                # Fails where another process was faster: it replaces no folder with files.
+                # This fails if another process was faster, because renaming does not replace a
+                # folder with files.
                 staging.folder.rename(out.resolve())
         except InputError:
             if not (out / METADATA).is_file():
@@ -158,7 +159,7 @@ def open_store(
     stored = description_of(out)
     if stored is None:
         raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place")
-    # The place of the scene stays as it was, so that folders can move and bytes do not change.
+    # Keep the stored path of the scene, so that folders can be moved and bytes do not change.
     scene = stored.get("scene")
     if isinstance(scene, dict) and SOURCE in scene:
         expected["scene"][SOURCE] = scene[SOURCE]
@@ -188,7 +189,7 @@ IGNORING_OPTION = "--ignore-disk-space"
 
 @dataclass(frozen=True, kw_only=True)
 class PlateSize:
-    """Size of the hogels still to be drawn, and the room on the disk."""
+    """Size of the hogels still to be drawn, and the free space on the disk."""
 
     place: Path
     hogels: int
@@ -221,9 +222,9 @@ def plate_size(
     *,
     files: bool = False,
 ) -> PlateSize:
-    """Return the size of some hogels of a plate without the finished ones.
+    """Return the size of the given hogels of a plate, without finished ones.
 
-    With `files`, one image of each is written once more, in a layout of files.
+    With `files`, one image of each hogel is written a second time, in a layout of files.
     """
     hogels = len(apertures) - _finished(out, apertures)
     per_hogel = arrays.hogel_bytes + 8 * len(arrays.measures)

@@ -38,12 +38,12 @@ from xfrustum.scenes.representation import counted
 #: Place and size of the part of the picture that shows space, pixels.
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 
-#: Shown around everything, as a share of it; and size on the picture below which an object gets a
-#: ring.
+#: Margin around all content, as a share of its size; and size in the picture below which an object
+#: gets a ring.
 MARGIN, SMALL_PX = 0.04, 7.0
 
 #: Distance beyond the reach, or from the plate's sides, share of the whole reach, from which
-#: objects are named and not drawn: one mesh in other units must not shrink all others to a dot.
+#: objects are named and not drawn: a mesh in wrong units must not shrink all others to a dot.
 FARTHEST = 0.75
 
 #: largest number of objects that are drawn: as many as the template has colors
@@ -135,14 +135,14 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]
         corners = frame.place(triangles[..., [2, view.axis]]) * FINER
         low, high = corners.min(axis=1), corners.max(axis=1)
         within = ((high >= 0) & (low <= size)).all(axis=1)
-        # A triangle no larger than a cell is drawn by its corners alone, each cell once.
+        # Triangles no larger than a cell are drawn only by their corners, each cell once.
         tiny = (high - low).max(axis=1) <= 1
         cells = np.unique(corners[within & tiny].reshape(-1, 2).astype(np.int64), axis=0)
         draw.point(cells.ravel().tolist(), fill=1)
         # Clipping to Pillow's coordinate range is exact: points far outside stay outside.
         for triangle in np.clip(corners[within & ~tiny], -1e6, 1e6).reshape(-1, 6).tolist():
             draw.polygon(triangle, fill=1, outline=1)
-    # A border, so that outlines that leave the frame are closed along it.
+    # Add a border, so that outlines that leave the frame are closed along it.
     rings = []
     for contour in find_contours(np.pad(np.asarray(mask, np.float64), 1), 0.5):
         # Points within a straight run are left out; their halves are exact.
@@ -152,16 +152,16 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]
 
 
 def draw_view(scene: Scene, view: View) -> str:
-    """Return one view of a scene as an SVG document that needs nothing else.
+    """Return one view of a scene as a self-contained SVG document.
 
-    Plate, reach and frusta are drawn where they are, to one scale in both directions, and objects
-    as the outlines of all their triangles. Objects too far away for that are named.
+    Plate, reach and frusta are drawn in one scale in both directions, and objects as outlines of
+    all their triangles. Objects that are too far away are only named.
     """
     frame, frustum, axis = PictureFrame.from_scene(scene, view), scene.frustum, view.axis
     toward, back = frustum.reach
     frusta = []
     middle, *corners = shown_apertures(scene)
-    # The middle one last.
+    # Draw the middle aperture last.
     for aperture in (*corners, middle):
         for end in (-back, toward):
             low, high = aside_of_frusta(frustum, [aperture], axis, (end, end))
@@ -181,7 +181,7 @@ def draw_view(scene: Scene, view: View) -> str:
         shape = {
             "name": f"{number} {Path(part.name).name}",
             "ring": ring,
-            # Outside the picture.
+            # The label would be outside the picture.
             "away": "" if shapes else heights(lowest[2], highest[2], scene.units),
             "path": "".join(f"M{path}Z" for path in paths),
         }
@@ -207,7 +207,7 @@ def draw_view(scene: Scene, view: View) -> str:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return some five round numbers between two."""
+    """Return about five round numbers between two limits."""
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)

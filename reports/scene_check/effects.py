@@ -31,10 +31,10 @@ from xfrustum.tolerances import TOLERANCE_PX
 
 Sections = tuple[tuple[float, float], ...]  #: two heights |z| of each slab of one side
 
-#: near offset where none is stated, share of the longest reach
+#: default near offset, share of the longest reach
 DEFAULT_NEAR_PER_REACH = 1e-3
 
-#: Numbers of sub-apertures whose errors are listed: the middle alone, and affordable ones.
+#: Numbers of sub-apertures whose errors are listed: 1 for the middle, and affordable numbers.
 EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
 
 
@@ -221,7 +221,7 @@ def effect_reason(scene: Scene, decision: Decision, camera: Camera = Camera.BOTH
 
 
 def default_near(scene: Scene) -> float:
-    """Return the near offset where none is stated."""
+    """Return the default near offset."""
     return DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach
 
 
@@ -301,11 +301,12 @@ def _points(count: int | None) -> str:
 
 
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
-    """Return the limits of a display for a viewer at a distance, and whether near is seen there.
+    """Return a display's limits for a viewer at a distance, and whether near is noticed there.
 
     All surfaces within the reach count, hidden or not; InputError if one lies behind the viewer.
     """
-    # Deferred: measures of eyes load the ray tracers, and `check` without a viewer needs none.
+    # Import late: measures of eyes load the ray tracers, which `check` without a viewer does not
+    # need.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415
     from xfrustum.compare.planning.requirement import (  # noqa: PLC0415
         CRACK,

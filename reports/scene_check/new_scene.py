@@ -32,8 +32,8 @@ FOV_DEG, RESOLUTION = 60.0, 512
 #: the least margin of plate and reach, a factor.
 HOGELS, ROOM = 61, 1.1
 
-#: Deviation from a whole number of cells, and from the distance of a viewer, that counts as none:
-#: quotients of lengths in other units have a few roundings of doubles.
+#: Tolerated deviation from a whole number of cells, and from the distance of a viewer: quotients of
+#: lengths in other units have a few roundings of doubles.
 WHOLE = 1e-9
 
 #: Mantissas of lengths in a new scene file, times a power of ten: rounded up by at most 4/3.
@@ -72,7 +72,7 @@ class NewSceneOptions:
     #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`:
     #: no other mesh file names its unit.
     units: str | None = None
-    #: of the longest side; by default its own, or to fit `plate`
+    #: length of the longest side; by default the mesh's own, or a length that fits `plate`
     size: Length | None = None
     place: Place | str | None = None
     #: width and height
@@ -142,9 +142,8 @@ def new_scene(
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
 
-    Fields of `NewSceneOptions` may be given by name. Where no place is given, a mesh is put through
-    the plate, or behind it where it is flat and would lie in the plate, where displacement is
-    undefined.
+    Fields of `NewSceneOptions` may be given by name. By default a mesh is centered in the plate; a
+    flat mesh that would lie in the plate, where displacement is undefined, is put behind it.
 
     InputError if the mesh cannot be read or has no size, a length is not positive or has an unknown
     unit, the pitch is larger than the plate, the file exists already or cannot be written.
@@ -238,7 +237,8 @@ class _Display:
                 f"the mesh ends {length(top)} {units} before the plate, behind a viewer at "
                 f"{length(self.viewer)} {units}; give a smaller --size, or --behind"
             )
-        # A stated plate is a real one: its cells are seen from the stated distance, or from any.
+        # A stated plate exists: its cells are visible from the stated distance, or else from any
+        # distance.
         seen = bool(self.plate) and self.pitch is None
         if self.viewer is not None:
             seen = self.viewer < written.cells_within * (1 - WHOLE)

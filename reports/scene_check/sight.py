@@ -96,7 +96,7 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
 def facing_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object most of whose visible pixels show back faces.
 
-    The middle aperture and the plate's corners are traced by a tracer alone: nothing is certified.
+    An uncertified tracer traces the middle aperture and the plate's corners.
     """
     from xfrustum.compare.metrics.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
     from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
@@ -130,7 +130,7 @@ def _first(messages: list[str]) -> tuple[str, ...]:
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
-    """Return with sizes why apertures see nothing of an object: beyond the reach, or aside."""
+    """Return, with sizes, why apertures do not see an object: beyond the reach, or to the side."""
     (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
     share = share_in_reach(part, scene.frustum)
     if share is None:
@@ -187,7 +187,7 @@ def _size(low: Point, high: Point) -> str:
 
 
 def _percent(share: float) -> str:
-    """Write a share as percent that is neither none nor all unless it is."""
+    """Write a share as percent; only exact 0 and 1 are written as 0 % and 100 %."""
     if 0 < share < 0.001:
         return "less than 0.1 %"
     return "more than 99.9 %" if 0.999 < share < 1 else f"{100 * share:.3g} %"

@@ -32,7 +32,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 WORST_HOGELS = 6
 #: columns that rank the worst hogels
 P99, SURFACE = "displacement_px_p99", "surface_fraction"
-#: columns of all counts but maps
+#: columns that all counts except maps need
 COUNTED = ("column", "row", "setting", "beyond", "covered", P99, SURFACE)
 
 #: Smallest displacement in the distribution, far below the resolution of 32-bit positions; and
@@ -77,8 +77,8 @@ class Device:
 class SurveyRow:
     """One hogel drawn with one setting: the measures of `report`, and the error by depth.
 
-    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement does not show depth
-    fighting or a lost object, for every visible point may be where it belongs.
+    `beyond` (`compare.beyond`) also counts wrong surfaces: displacement does not show depth
+    fighting or a lost object, because every visible point may be in its place.
     """
 
     column: int
@@ -123,7 +123,7 @@ class SurveyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class WorstHogel:
-    """Hogel by its badness: beyond the limits, then displacement, then wrong surfaces."""
+    """Hogel ranked by its errors: beyond the limits, then displacement, then wrong surfaces."""
 
     #: column and row
     aperture: tuple[int, int]
@@ -175,7 +175,7 @@ class SettingStats:
         places = np.stack([_numbers(rows, name) for name in ("column", "row")], -1).astype(np.int64)
         beyond, moved = _numbers(rows, "beyond") > 0, _numbers(rows, P99)
         columns = places.tolist(), moved.tolist(), _numbers(rows, SURFACE).tolist(), beyond.tolist()
-        # One after the other: a plate has millions of hogels, of which few are kept.
+        # Process rows one by one: a plate has millions of hogels, of which few are kept.
         worst = (
             WorstHogel(
                 aperture=(column, row),

@@ -49,8 +49,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     `compare.beyond`; `tracer` gives the truth a second opinion. Hogels are judged by `engine`, by
     default in one process per processor; `note` takes notes, a sentence each.
 
-    A survey that was stopped goes on where it was, with the rows of a run that was not disturbed
-    but for the index of `device`, which names the device of the worker.
+    A stopped survey continues where it was. Its rows equal those from an undisturbed run, except
+    the index of `device`, which names the worker's device.
 
     InputError if the scene, settings or folder are not usable, or the folder holds another survey.
     """
@@ -94,7 +94,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         progress_bar(sum(map(job.size, own)), job.name, job.unit, shown=progress) as bar,
     ):
         for look in range(sample.looks):
-            # The parts of a job array have but one.
+            # Parts of a job array have only one look.
             if look:
                 grown = PathApertures(plate, sample.new_places(look))
                 own = blocks = blocks_of(grown, size, blocks[-1].number + 1)

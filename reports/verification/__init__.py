@@ -3,7 +3,7 @@
 | module | holds |
 | --- | --- |
 | `request` | options of the user, and the validated request |
-| `verification` | the way from images to the verification |
+| `verification` | the procedure from images to the verification |
 | `sources` | images: files, a layout, a program, or a function |
 | `verdict` | the record, its pictures, JSON object, page and JUnit file |
 | `words` | sentences about defects, figures and verdicts |

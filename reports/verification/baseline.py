@@ -118,14 +118,14 @@ class Stated:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureChange:
-    """One measure of a hogel beside the accepted one."""
+    """One measure of a hogel and its accepted value."""
 
     measure: str
     aperture: Place
     accepted: float | None
     #: largest value that is not worse; None if nothing is accepted
     limit: float | None
-    #: None if it cannot be measured any more
+    #: None if it can no longer be measured
     now: float | None
     change: Change
 
@@ -202,7 +202,7 @@ class Baseline:
     #: hogels that were not accepted before and exceed the limits
     new_beyond_limits: int
     not_judged_hogels: int
-    #: accepted runs of this scene where none is of this renderer, device and way of judging
+    #: accepted runs of this scene, if none has this renderer, device and way of judging
     others: tuple[str, ...] = ()
 
     @property
@@ -368,7 +368,7 @@ def _changes(
             before["wrong_pixels"] = None
         for name, now in present.items():
             was = before.get(name)
-            # A missing hogel counts once, and not once more for each of its other measures.
+            # A missing hogel counts once, not again for each of its other measures.
             if now is None and (was is None or present["missing"]):
                 continue
             limit, change = None, Change.NEW

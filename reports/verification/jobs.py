@@ -3,10 +3,10 @@
 With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are
 finished, the verification is merged from them, and equals the verification of one process; the
 worst hogels are judged once more for their pictures. The first process that judges diagnoses the
-renderer, and leaves the question beside the parts: a renderer with noise answers otherwise each
-time. Files are the same as long as their sizes and times are. Dependencies of a command are
-unknown: an interrupted verification continues, except for hogels without an image; a finished one
-starts again.
+renderer, and stores the diagnosed models next to the parts, because a renderer with noise gives
+other images each time. Files count as unchanged while their sizes and times are. Dependencies of a
+command are unknown: an interrupted verification continues, except for hogels without an image; a
+finished one starts again.
 """
 
 from __future__ import annotations
@@ -141,9 +141,9 @@ def verify_on(
 ) -> Verification | None:
     """Judge the hogel images of a renderer by several processes, with `verify`'s result.
 
-    Stopped at any moment and called again with the same folder it goes on where it was. Parts are
-    kept in `out`, None for a folder of this machine's that is gone afterwards; `note` takes notes
-    in words. Returns None if other parts of a job array are not finished yet.
+    If it is stopped at any moment and called again with the same folder, it continues where it was.
+    Parts are kept in `out`, None for a temporary folder of this machine; `note` receives sentences.
+    Returns None if other parts of a job array are not finished yet.
 
     InputError as from `verify`, and where there is no folder that others see, or it holds something
     else.
@@ -161,7 +161,7 @@ def verify_on(
             )
         images.check(request.apertures)
         name = images.name
-    # Workers run in other folders.
+    # Make paths absolute, because workers run in other folders.
     request = replace(request, folder=Path.cwd())
     channels = out is not None
     with ExitStack() as stack:
@@ -230,7 +230,7 @@ def _description(job: VerifyJob, size: int) -> dict[str, object]:
     request, options = job.request, job.request.options
     renderer: dict[str, object] = {"near": options.near, "accept": request.accept}
     renderer |= {name: getattr(options, name) for name in ("command", "encoding", "timeout_s")}
-    # Files are the same from any folder: their names decide.
+    # Names of files decide, so that the folder of the command does not matter.
     renderer["place"] = str(Path(request.folder or "", str(request.source or "")))
     # The sequence of a whole plate or a sample follows from scene and seed; a list of millions of
     # indices would bloat the record.
@@ -265,7 +265,7 @@ def _rows(
     for look, blocks in enumerate(looks):
         if not all(map(job.finished, blocks)):
             return None
-        # Hogels replace their text at once: a plate of millions has much of it.
+        # Replace text by hogels at once, because the text of millions of hogels is large.
         rows += [
             row | {"found": _HOGEL.validate_json(row["found"])}
             for block in blocks

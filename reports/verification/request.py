@@ -29,7 +29,7 @@ Renderer = Callable[[Scene, Aperture], HogelImage]
 class VerifyOptions:
     """Options of `xfrustum verify`: images, conventions and limits."""
 
-    #: program in place of files, run for each aperture with {x}, {y}, {i}, {j} and {out}
+    #: program that replaces files, run for each aperture with {x}, {y}, {i}, {j} and {out}
     command: str | None = None
     #: of one run
     timeout_s: float = 60.0
@@ -57,7 +57,7 @@ class VerifyOptions:
     sample: int | None = None
     #: share of the plate, 0 to 1, at which growing samples stop
     until: float | None = None
-    #: start of the random numbers of a sample
+    #: seed of a sample
     seed: int = 0
     #: whether to keep all channels of the worst hogels
     channels: bool = False
@@ -81,7 +81,7 @@ class Request:
     limits: Limits
     #: None for chosen hogels
     sample: PlateSample | None
-    #: of the first look
+    #: size of the first look
     apertures: Sequence[Aperture]
     #: folder of relative names and of the command; None: the process's
     folder: Path | None = None

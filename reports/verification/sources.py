@@ -90,7 +90,7 @@ class Source:
         raise NotImplementedError
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError if it is plain beforehand that there will be no image at all."""
+        """Raise InputError if it is certain in advance that there will be no image."""
 
     def read(self, path: Path, aperture: Aperture, name: str) -> HogelImage:
         """Read a file, or raise Problem that calls it by a name."""
@@ -130,7 +130,7 @@ class Files(Source):
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError if there are apertures, and none of their files exists."""
-        # As for an eye that sees no hogel.
+        # There are no apertures if, for example, an eye sees no hogel.
         if not apertures:
             return
         parsed = string.Formatter().parse(self.pattern)
@@ -215,7 +215,7 @@ class LaidOut(Source):
         if pixels.dtype.kind != "f":
             stored = StoredPixels(rgb=pixels, lossy=picture.lossy)
             return of_stored(stored, camera, self.encoding)
-        # Nothing but colors.
+        # The image has only colors.
         nothing = np.full(pixels.shape[:2], NOTHING, dtype=np.int32)
         return HogelImage(
             camera=camera,
@@ -241,7 +241,7 @@ class Function(Source):
         try:
             image = self.function(self.reference.scene, aperture)
         except Exception as error:
-            # Whatever a stranger's code raises is a finding about that hogel.
+            # Any exception of the renderer's code is a finding about this hogel.
             raise Problem(f"{self.name} raised {type(error).__name__}: {error}") from error
         if not isinstance(image, HogelImage):
             raise Problem(f"{self.name} returned {type(image).__name__}, not a HogelImage")
@@ -254,14 +254,14 @@ class Function(Source):
         }
         if any(array.shape[:2] != (height, width) for array in arrays.values()):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The function is taken at its word about which aperture its image answers for.
+        # The image answers for the aperture that the function got.
         return HogelImage(camera=self.reference.camera(aperture), **arrays)
 
 
 def run_program(arguments: list[str], folder: Path, timeout_s: float, working: Path | None) -> None:
     """Run a program to its end, its standard error in a folder, and end all that it started.
 
-    Raises Problem where it cannot be run, fails, or takes longer.
+    Raises Problem if it cannot be run, fails, or takes longer.
     """
     log, process = folder / "stderr", None
 
@@ -273,8 +273,8 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
     try:
-        # A process that was started is noted before a signal is obeyed. It has a session of its
-        # own, so that children of a hanging command end with it.
+        # Signals wait until a started process is recorded. It has its own session, so that children
+        # of a hanging command end with it.
         with delayed(), log.open("wb") as stderr:
             process = subprocess.Popen(
                 arguments,
@@ -312,11 +312,11 @@ class Command(Source):
 
     #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
     template: str
-    #: that {out} lies in
+    #: folder that contains {out}
     folder: Path
     timeout_s: float
     suffix: str = ".png"
-    #: in which the program runs; None: this process's
+    #: folder in which the program runs; None: this process's
     working: Path | None = None
 
     def __post_init__(self) -> None:
@@ -335,14 +335,14 @@ class Command(Source):
         # Split before the substitution: blanks and quotes in paths stay within one argument.
         arguments = [word.format(**values) for word in shlex.split(self.template)]
         run_program(arguments, self.folder, self.timeout_s, self.working)
-        # An exit status of zero alone proves no image.
+        # An exit status of zero does not prove that there is an image.
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
             # The name of a temporary file would not help the user.
             return self.read(out, aperture, "what the command wrote")
         finally:
-            # The next hogel must not pass with an old file.
+            # Delete the file, so that the next hogel cannot pass with it.
             out.unlink(missing_ok=True)
 
 

@@ -56,7 +56,7 @@ class Pictured:
 
     aperture: Aperture
     words: str
-    #: as found, then corrected
+    #: wrong pixels before correction, then after it
     badness: tuple[float, float]
     pictures: dict[str, str]
     #: all channels, where selected
@@ -68,7 +68,7 @@ class Pictured:
     ) -> Self:
         """Draw truth, image, and wrong pixels as found and corrected; all channels of a scene."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
-        # The corrected image answers another question, with another truth.
+        # The corrected image is judged by another model, with another truth.
         rest = _shown(corrected.answer, corrected.image)
         drawn = {"truth": truth, "image": _shown(as_found.image)}
         drawn |= {"error": _errors(truth, as_found), "rest": _errors(rest, corrected)}
@@ -92,7 +92,7 @@ def badness(as_found: Figures, corrected: Figures) -> tuple[float, float]:
 
 @dataclass(kw_only=True)
 class WorstHogels:
-    """The worst so far, worst first; with all their channels where the scene of these is given."""
+    """The worst hogels so far, worst first; with all channels if a scene for these is given."""
 
     scene: Scene | None = None
     kept: list[Pictured] = field(default_factory=list)
@@ -326,8 +326,8 @@ def write_verification(verification: Verification, out: Path) -> tuple[Path, ...
                 plate_map=PlateMap.from_values(plate, caption, shares),
             )
             inspection.write_inspection(staging.folder, page)
-        # The inspection page of an earlier run would show other images than the page beside it.
-        # Both pages are replaced together, or neither.
+        # The inspection page of an earlier run would not match the new page. Both pages are
+        # replaced together, or neither.
         with inspection.replacing_inspection(out, kept=bool(inspected)):
             return staging.commit()
 
@@ -409,7 +409,7 @@ def _values(verification: Verification) -> dict[str, Any]:
 
 
 def render_page(verification: Verification) -> str:
-    """Return one HTML document that needs nothing else, online or offline."""
+    """Return one self-contained HTML document."""
     more = {"summary": verification.summary(), "map": plate_map(verification)}
     values = _values(verification) | more | {"versions": {**versions(), **machine()}}
     return html_page("verify.html.j2", values, FILTERS)

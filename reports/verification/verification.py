@@ -1,6 +1,6 @@
 """`xfrustum verify`: verdict on a foreign renderer, and a diagnosis where it is wrong.
 
-One way: test the request, open the source of images, decode a sample of hogels, diagnose it
+Steps: test the request, open the source of images, decode a sample of hogels, diagnose it
 (`compare.diagnosis`), judge every hogel by the nominal model and by the diagnosed one
 (`compare.judging`), test the diagnosis on all of them, and return the record
 (`verdict.Verification`).
@@ -90,7 +90,7 @@ class Question:
 
     @property
     def corrects(self) -> bool:
-        """Truth of correction reading or drawing anything in another way than the verdict does."""
+        """True if correction reads or draws anything in another way than the verdict does."""
         encoding = self.findings.encoding
         reads = encoding.reading is not None and not self.accepts_reading
         return (

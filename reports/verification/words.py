@@ -95,7 +95,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     if defect.fault == names.VIEW_SHEAR and screen is not None:
         # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
         facts["height"] = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
-    # The plate has no third side.
+    # The plate has a size only along x and y.
     if axis != "z":
         place = "xy".index(axis)
         facts["plate"] = plate = scene.plate.size[place]
@@ -142,7 +142,7 @@ def witnesses(diagnosis: Diagnosis) -> str:
 
 
 def basis_words(diagnosis: Diagnosis) -> str:
-    """Return the means of a diagnosis."""
+    """Return the method of a diagnosis in words."""
     return text("basis_words", evidence=diagnosis.evidence)
 
 

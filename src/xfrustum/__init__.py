@@ -58,6 +58,6 @@ def load_ipython_extension(shell: Any) -> None:
     register(shell.display_formatter.formatters)
 
 
-# A notebook displays objects without a further step of its user.
+# Register displays in a notebook without an action of the user.
 if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:
     load_ipython_extension(_shell)

@@ -10,7 +10,7 @@ import click
 
 from xfrustum.cli.options import COUNT_FROM_1, Read
 
-#: Module of `commands` and names of commands by use, in the order in which people need them.
+#: Module of `commands` and names of commands by use, in the usual order of work.
 USES = {
     "Begin with a scene": ("scene", "scenes new check"),
     "Answer for one aperture": ("aperture", "trace raster"),
@@ -67,7 +67,7 @@ class Commands(click.Group):
 def _size(text: str) -> int:
     """Return the number of bytes of a size such as 800M or 4GiB, in units of 1024."""
     match = re.fullmatch(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kmgt]?)(?:i?b)?", text.lower())
-    # Fifteen digits bound the number: a longer one is a typing error, and would overflow.
+    # Fifteen digits bound the number: a longer number is a typing error and would overflow.
     size = 0 if match is None else int(float(match[1]) * 1024 ** " kmgt".index(match[2] or " "))
     if not size:
         raise ValueError
@@ -163,7 +163,7 @@ def invoke(arguments: Sequence[str]) -> int:
         shells = "bash_source, zsh_source or fish_source"
         raise click.UsageError(f"{COMPLETION_VARIABLE} is {shell!r}: set it to {shells}")
     try:
-        # Click's `main` turns exceptions into exits of its own; a bare context does not.
+        # Click's `main` converts exceptions to exits; a bare context does not.
         with cli.make_context("xfrustum", list(arguments)) as context:
             status = cli.invoke(context)
     except click.exceptions.Exit as ended:

@@ -70,7 +70,7 @@ class Light(Asked):
 
             error = LEVEL if points == options.AUTO else points
             amount = points if points == options.AUTO else f"{100 * points:g}%"
-            # Computed before drawing starts: the bound needs the scene's depth alone.
+            # Computed before drawing starts: the bound needs only the scene's depth.
             points = needed_sub_apertures(scene, error=error)
             options.note(
                 f"--aperture-samples {amount}: {points} points stand for the area of each hogel"
@@ -112,7 +112,7 @@ class Light(Asked):
         """Return the tracer's name, and whether it traces light paths; UsageError if it cannot."""
         if not scene.transport.simulated:
             return named or "embree", False
-        # An explicit request must be met or refused; the scene's own wish may be dropped with a
+        # An explicit request must be met or refused; a request of the scene may be dropped with a
         # note.
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"

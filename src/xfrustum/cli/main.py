@@ -48,16 +48,15 @@ def run() -> int:
             os.fstat(descriptor)
         except OSError:  # it is closed: libraries would write to a file that got such a number
             os.open(os.devnull, os.O_RDWR)
-    # To the true standard error, also where a library has taken its descriptor. Child processes
-    # inherit this.
-    # A crash in native code, such as a driver, then still prints a stack.
+    # Write to the true standard error, even if a library has replaced its descriptor. Child
+    # processes inherit this. A crash in native code, such as a driver, then still prints a stack.
     faulthandler.enable(os.dup(2))
     os.environ.setdefault("PYTHONFAULTHANDLER", "1")
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream is not None]
     for stream in streams:
         # File names may hold surrogates, which strict encoders refuse.
         stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
-    # The option is read before click runs: imports alone may log or warn.
+    # Read the option before click runs, because mere imports may log or warn.
     if TRACEBACK_OPTION not in sys.argv[1:2]:
         logging.disable()
         if not sys.warnoptions:
@@ -69,11 +68,12 @@ def run() -> int:
     for stream in streams:
         try:
             stream.flush()
-        except OSError:  # what cannot be written is dropped, or Python would report it at its end
+        # drop the output that cannot be written, because Python would report it at exit
+        except OSError:
             # The interpreter flushes once more at exit; the null device accepts the rest.
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if interrupts.received is not None:
-        # At once: threads may be at work, and interrupted libraries in any state.
+        # Exit at once: threads may be running, and interrupted libraries may be in any state.
         os._exit(status)
     return status
 

@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 S = TypeVar("S", bound=str)
 
-#: Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that
+#: Exit status of a completed command with a negative result: a limit exceeded, a pixel that
 #: differs.
 LIMIT_EXCEEDED = 1
 
 #: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
 TRACERS = ("embree", "mitsuba")
 
-#: Value for a choice of the program: the sub-apertures that a scene needs, or the worst apertures.
+#: Value by which the program chooses: the sub-apertures that a scene needs, or the worst apertures.
 AUTO = "auto"
 
 
@@ -71,12 +71,12 @@ def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
         named = flags or (f"--{name.replace('_', '-')}",)
         return [click.Option([name, *named], type=kind, help=words, **settings)]
 
-    # Parameters are made late: the name of the attribute is read from its class.
+    # Create parameters late: the name of the attribute comes from its class.
     return Declared(parameters)
 
 
 def choice(names: str, words: str, *flags: str, **settings: Any) -> Any:
-    """Return the option of one of some names, which are given as one text."""
+    """Return an option whose value is one of some names, which are given as one string."""
     return option(click.Choice(names.split()), words, *flags, **settings)
 
 
@@ -169,7 +169,7 @@ def is_given(parameter: str) -> bool:
 
 
 def flag_of(parameter: str) -> str:
-    """Return how the current command's option of that name is written, such as `--near`."""
+    """Return the spelling of the current command's option of this name, such as `--near`."""
     options = click.get_current_context().command.params
     return next(str(option_.opts[-1]) for option_ in options if option_.name == parameter)
 
@@ -382,7 +382,7 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
 
     if part is not None:
         chosen["part"] = Part(number=part[0], count=part[1])
-        # A part without a scheduler runs alone in its job, with one process unless stated.
+        # A part without a scheduler is a separate job, with one process unless stated.
         if "scheduler" not in chosen:
             # Also for part 1/1: a job array may have one job.
             chosen.setdefault("workers", 1)
@@ -407,14 +407,14 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Return a wish for names of files, and the built-in scenes whose names begin like a word."""
+    """Return a request for file names, and the built-in scenes whose names begin like a word."""
     # Click hands over both, and neither matters.
     del context, parameter
     # Completion must answer within a keystroke: only names are imported.
     from xfrustum.scenes.library import builtin
 
     named = [CompletionItem(name) for name in builtin.names() if name.startswith(begun)]
-    # Files come first: at their turn click's script for bash forgets the names that it has.
+    # Files come first, because click's script for bash then drops the names collected before.
     return [CompletionItem(begun, type="file"), *named]
 
 
@@ -507,7 +507,7 @@ class OneOrAuto(Measured):
         """Return the aperture of an index, the middle one, or the `--apertures auto` choice."""
         if self.auto is not None and self.aperture is not None:
             raise click.UsageError(ONE_OR_MANY)
-        # The scan of the whole plate takes seconds, and runs on request alone.
+        # The scan of the whole plate takes seconds, and runs only on request.
         if self.auto is not None:
             return auto_apertures(scene, progress=self.progress)
         aperture = chosen_aperture(scene, self.aperture)

@@ -10,7 +10,7 @@ from xfrustum.cli.options import FOLDER, option
 
 
 def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
-    """Refuse a tracer for second opinions where another one decides alone."""
+    """Refuse a tracer for second opinions if an uncertified tracer decides."""
     if decided_by != "certified" and tracer not in (None, decided_by):
         raise click.UsageError(
             f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
@@ -85,7 +85,7 @@ def raster(request: _Raster) -> None:
     settings = request.settings
     opened = request.light.applied(options.open_scene(request.scene))
     chosen = options.chosen_aperture(opened, request.aperture)
-    # Refused before OpenGL is loaded.
+    # Refuse impossible options before OpenGL is loaded.
     settings.check_against(opened.frustum)
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.common.outputs import check_writable_image

@@ -54,7 +54,7 @@ class _Report(options.Measured):
             list_of(one_of(Offset)), "Whether cameras step back.  [default: plate]", "--offset"
         ),
         slabs=option(_CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]"),
-        # Click would name the member instead of its value.
+        # Click would print the member's name instead of its value.
         cull=option(
             one_of(Cull),
             "Faces left out.  [default: none]",
@@ -88,7 +88,7 @@ def report(request: _Report) -> None:
     causes it takes a third of the time: wrong pixels are counted and shown, and not explained.
     """
     check_no_other_tracer(
-        # The default tracer contradicts nothing; a stated one may.
+        # The default tracer does not conflict with other options, but a stated one may.
         request.tracer if options.is_given("tracer") else None,
         request.decided_by,
     )
@@ -168,7 +168,7 @@ def budget(request: _Budget) -> None:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting
 
-    # With several apertures each has a folder of its own, tested once they are chosen.
+    # With several apertures, each has its own folder, which is tested after they are chosen.
     options.check_out(request.out, () if request.auto else budgeting.FILES)
     chosen = request.chosen(opened)
     charge: Any = budgeting.budget

@@ -73,7 +73,7 @@ def view(request: _Asked) -> None:
     renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
     """
     out = request.out
-    # A view has a single source of hogels: errors of two would mix.
+    # A view has a single source of hogels, because errors of two sources would mix.
     if sum(source is not None for source in (request.settings, request.plate, request.images)) > 1:
         raise click.UsageError(
             "--near, --plate and --images each name the hogels: give one of them"
@@ -85,7 +85,7 @@ def view(request: _Asked) -> None:
     from xfrustum.scenes.model.eye import Eye
 
     eyes = [Eye(position=place, **options.present(**request.film)) for place in request.places]
-    # A quilt has its own row of eyes around the given one, and is files alone.
+    # A quilt has its own row of eyes around the given eye, and writes only files.
     if request.quilt is not None and (out is None or len(eyes) > 1):
         raise click.UsageError("--quilt needs --out and one eye")
     options.warn_of(opened)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def _eyes(**values: Any) -> dict[str, Any]:
-    """Return the properties of a viewer; InputError for some without a distance."""
+    """Return the properties of a viewer; InputError if properties are given without a distance."""
     stated = options.present(**values)
     if stated and "viewer" not in stated:
         raise click.UsageError(

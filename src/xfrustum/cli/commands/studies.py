@@ -106,7 +106,7 @@ def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None
     """Run a benchmark with the stated options, and print its results."""
     from xfrustum.research import benchmarks, table1
 
-    # Table 1 has a module of its own; all other benchmarks share one.
+    # Table 1 has its own module; all other benchmarks share one.
     own = table1 if name == "table1" else benchmarks
     settings = options.present(**settings, progress=request.progress)
     result = getattr(own, f"benchmark_{name}")(*what, **settings)

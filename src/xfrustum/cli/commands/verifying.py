@@ -88,7 +88,8 @@ _TOLERANCE = options.Read(
     "SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3"
 )
 _PIXELS = options.Read(
-    # An undefined displacement exceeds every number, infinity included; only none accepts it.
+    # An undefined displacement exceeds every number, even infinity; only the value `none` accepts
+    # it.
     "PX|none",
     lambda n: float(n) if n != "none" else None,
     "a number of pixels or none",
@@ -214,7 +215,7 @@ def verify(request: _Verify) -> int:
         return 0
     options.warn_of(opened)
     encoding = request.judged["encoding"]
-    # Without numbers in the files, the encoding had no effect: a silent one would mislead.
+    # If files have no numbers, the stated encoding had no effect: warn the user.
     if encoding in ("triangle-id", "object-id") and verification.judged.startswith("colors"):
         options.note(
             f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
@@ -228,7 +229,7 @@ def verify(request: _Verify) -> int:
         return 0 if verification.kept else options.LIMIT_EXCEEDED
     stated_ = {name: request.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and request.judged["command"] is None:
-        # The stated default judges the same.
+        # Stating the default gives the same verdict.
         stated_["encoding"] = None
     folder = request.baseline.pop("folder")
     held = accepted.baseline(
@@ -244,7 +245,7 @@ def verify(request: _Verify) -> int:
     passed = held.passed and (verification.kept or not limited)
     text = f"{table(verification)}\n{accepted.lines(held)}"
     if passed and not verification.kept:
-        # Limits that the user does not state are exceeded as they were when accepted.
+        # Limits that the user does not state may be exceeded as in the accepted run.
         text += "\nexit status 0: nothing is worse than accepted, and no limit is stated"
     request.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
