@@ -1,10 +1,10 @@
 """Errors of settings at some apertures: predicted by closed forms, and measured.
 
-A plan is measured over the pixels of the drawn picture, which show other surfaces than the truth
-at contours. The closed form of displacement therefore gives each pixel of the truth the largest
-displacement of itself and its neighbors: a picture displaced by less than a pixel shows nothing
-else there. Surfaces that no pixel of the truth shows are left to the reference, which traces the
-offset cameras: a camera that has stepped back by n sees farther aside where |z| <= n.
+A plan is measured over the pixels of the drawn picture, which show other surfaces than the truth at
+contours. The closed form of displacement therefore gives each pixel of the truth the largest
+displacement of itself and its neighbors: a picture displaced by less than a pixel shows no other
+surface there. The reference handles surfaces that no pixel of the truth shows by tracing the offset
+cameras: a camera that has stepped back by n sees farther to the side where |z| <= n.
 
 Sheets at the farthest visible surfaces measure depth: the film of a camera is tiled with cells, and
 each cell belongs to one pair of sheets. Each pair has cells all over the film, and no cell occludes
@@ -58,15 +58,15 @@ SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
 CELLS, CELL_PIXELS = 32, 8
 
 #: Share of their height |z|, and least number of separations, over which the cells of a sheet are
-#: spread toward the plate, so that not all their depths round alike.
+#: spread toward the plate, so that their depths round differently.
 SPREAD, SPREAD_SEPARATIONS = 0.02, 4.0
 
 
 def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:
     """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
 
-    It is 0 where the truth shows no surface, and infinite where more than one pixel in a hundred
-    shows a surface in the aperture itself, whose displacement no n makes small.
+    It is 0 where the truth shows no surface, and infinite if more than one pixel in a hundred shows
+    a surface in the aperture itself, whose displacement is large for every n.
 
     With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 -
     |z| / zf) where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n /
@@ -122,7 +122,7 @@ class Views:
 
     reference: Reference
     views: tuple[View, ...]
-    #: device that draws; None for one that stores the nearest step
+    #: device that draws; None selects a device that stores the nearest step
     device: DeviceModel | None = None
 
     @classmethod
@@ -142,7 +142,7 @@ class Views:
         return cls(reference=reference, views=tuple(views), device=device)
 
     def joined(self, views: Iterable[View]) -> Views:
-        """Return these views with some more."""
+        """Return these views and additional ones."""
         return replace(self, views=(*self.views, *views))
 
     @property
@@ -164,7 +164,7 @@ class Views:
         return worst
 
     def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
-        """Return the worst displacement (px) and wrong share of cameras that round nothing."""
+        """Return the worst displacement (px) and wrong share of cameras without rounding."""
         moved, wrong = [0.0], [0.0]
         for view in self.views:
             model = self.reference.trace_model(view.aperture, settings)
@@ -393,7 +393,7 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 places += [(camera, ends, loser_first) for loser_first in (True, False)]
         if not places:
             continue
-        # Cells are dealt out to the places at random, and have random heights between a place's
+        # Cells are assigned to the places at random, and have random heights between a place's
         # ends.
         random = np.random.default_rng(1997)
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)

@@ -22,12 +22,14 @@ LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 
 PIVOT = 1  #: the link that moves the center of the shear
 RASTERIZATION = (
-    4  #: the first of the two links that round, and must explain themselves: its place in `LINKS`
+    #: index in `LINKS` of the first of the two links with rounding, whose pixels are explained by
+    #: causes
+    4
 )
-#: link between slabs and rasterization that a chain has where its settings cull faces
+#: link between slabs and rasterization, in chains whose settings cull faces
 CULLING = "culling"
 
-#: Depth buffer without precision errors: pixels right with it alone are charged to depth.
+#: Depth buffer without precision errors: pixels that are right only with it are charged to depth.
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 
 
@@ -42,7 +44,7 @@ class Chain(ShortRepr):
 
     images: tuple[HogelImage, ...]
     settings: DoubleFrustum
-    device: DeviceModel  #: that drew both
+    device: DeviceModel  #: settings that drew both
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:

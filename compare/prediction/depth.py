@@ -7,7 +7,7 @@ rounded number, a variance of a twelfth of a unit squared; the difference of two
 that, and is close to normal.
 
 A pixel is shown wrongly by order or lost (docs/method.md, "The error budget"). Surfaces in
-different slabs have depth buffers of their own.
+different slabs have separate depth buffers.
 """
 
 from __future__ import annotations
@@ -140,9 +140,9 @@ def pair_variance(
     `depth_variance` holds for any two surfaces, and this for the surfaces of a scene, on
     average:
 
-    * What both have alike cancels: with n small, clip w = |z| + n is off by one amount for all z of
-      an octave.
-    * Corners are rounded by themselves, and a pixel's depth is a mean of three, `CORNERS_SQUARED`:
+    * Errors that both have in common cancel: with n small, clip w = |z| + n is off by one amount
+      for all z of an octave.
+    * Corners are rounded independently, and a pixel's depth is a mean of three, `CORNERS_SQUARED`:
       the product in clip depth, a sum where it has a constant, the reciprocal of w, and the product
       with that.
     * Only some devices round the plane's steps.
@@ -173,7 +173,7 @@ def float32_spacing(values: Floats) -> Floats:
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
 
 
-#: device of shares without a stated one
+#: default device of shares
 ANY = safe_model()
 
 #: Largest ratio of the share that the worst draw order gets wrong to the share expected when the
@@ -192,9 +192,9 @@ _BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
 #: distribution leaves a share of 1e-9 there.
 MAX_DOUBT_DEVIATIONS = 6.0
 
-#: Smallest step of a format that is used, as a part of the depth error. A smaller step changes
-#: nothing beside the error, and the difference quotient of `_misordered` would lose it in float64's
-#: rounding.
+#: Smallest step of a format that is used, as a part of the depth error. A smaller step has no
+#: effect compared with the error, and the difference quotient of `_misordered` would lose it in
+#: float64's rounding.
 MIN_STEP_PER_ERROR = 1e-3
 
 
@@ -225,7 +225,7 @@ class DepthLayers:
         cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None
     ) -> DepthLayers:
         """Return the layers of a true image and its gaps, (H, W), from `Reference.gaps`."""
-        # It loads the reference and its tracers, which `check` does without.
+        # This import loads the reference and its tracers, which `check` must not need.
         from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
 
         judged, height = judged_pixels(truth).ravel(), truth.height.astype(np.float64).ravel()
@@ -248,7 +248,7 @@ class DepthRange:
     camera: Camera
     low: float  #: |z| between which the camera draws
     high: float
-    step: float  #: by which the camera stands back from the aperture
+    step: float  #: distance by which the camera has stepped back from the aperture
     near: float  #: distances of the planes from the camera
     far: float
 
@@ -282,10 +282,10 @@ def depth_wrong_shares(
     *,
     unlucky: bool = False,
 ) -> list[float]:
-    """Return the expected shares of judged pixels that are wrong by depth alone, from 0 to 1.
+    """Return the expected shares of judged pixels that are wrong only by depth, from 0 to 1.
 
-    The settings differ in their depth buffers alone. Such pixels are wrong with them, and right
-    with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
+    The settings differ only in their depth buffers. Such pixels are wrong with these buffers and
+    right with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
     `Surfaces.earlier` has it; half of them are where that is not known; all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this
@@ -305,7 +305,7 @@ def depth_wrong_shares(
     one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
     Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels.
     """
-    # Linear D32F depth stands for a depth buffer that adds no error of its own.
+    # Linear D32F depth represents a depth buffer without errors.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = np.zeros(len(settings))
@@ -387,15 +387,15 @@ def _chance(
             close, row = known.in_doubt(own, apart(number, alike))
             difference, step, error = apart(number, alike)[close], known.step[row], known.error[row]
             chance = order * _misordered(difference, step, error, ends)
-            # Where the error is small beside a fixed step, it counts where depths lie between
-            # steps.
+            # If the error is small compared with a fixed step, the position of depths between steps
+            # matters.
             sharp = (error < MAX_SHARP_ERROR * step) & (ends != _COIN) & (STEP[depth] > 0)
             if sharp.any():
                 # C keeps the smaller depth and C* the larger one, or the reverse where the mapping
                 # falls.
                 falls = (mapping is DepthMapping.REVERSED) == nearest_wins
                 place = stored_depth(own[close[sharp]], slab.near, slab.far, mapping)[0]
-                last = 1 / STEP[depth] - 1  # the largest stored number, which stands for one
+                last = 1 / STEP[depth] - 1  # the largest stored number, which represents 1
                 between = (-last if falls else last) * place, last * difference[sharp]
                 spread = error[sharp] / step[sharp] * np.sqrt(0.5)
                 chance[sharp] = _misordered_steps(between, spread, ends)
@@ -478,8 +478,8 @@ class _Table:
     doubtful: Floats  #: differences below which two depths may be ordered wrongly
 
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
-        """Return where two depths, so far apart at w, may be ordered wrongly, and their rows."""
-        # Most differences are larger than all that are in doubt anywhere.
+        """Return where depths this far apart at w may be ordered wrongly, and their rows."""
+        # Most differences exceed the largest difference that is in doubt at any w.
         near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
         row = np.clip(_bins(w[near]) - self.first, 0, len(self.step) - 1)
         doubted = apart[near] < self.doubtful[row]
@@ -493,7 +493,7 @@ def _table(
     used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
     first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
-    # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
+    # The middle represents its bin, or the near or far plane if the middle lies beyond.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
     stored, _ = stored_depth(w, slab.near, slab.far, mapping)
     error = np.sqrt(2 * pair_variance(w, slab.near, slab.far, mapping, device))

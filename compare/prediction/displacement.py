@@ -69,8 +69,8 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
-    This holds in the first slab. The cameras of the other slabs stand in the aperture, and displace
-    nothing.
+    This holds in the first slab. The cameras of the other slabs stand in the aperture and cause no
+    displacement.
     """
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
@@ -140,7 +140,7 @@ def link_lengths(
         return root_mean_square(known) if known.size else None
 
     first = rms(fields[chain[0]])
-    # Where nothing moves, all links draw the same surfaces.
+    # If nothing moves, all links draw the same surfaces.
     still = None if first is None else 0.0
     return [
         first,
@@ -172,7 +172,7 @@ def outside_shares(
         moved = (
             sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
         )
-        # Undefined displacement, of points that no camera draws, counts as nothing.
+        # Undefined displacement, of points that no camera draws, counts as 0.
         return [np.floor(np.fmax(depth, 0.0) + 0.5) for depth in moved]
 
     by_settings = {link: shown(link) for link in dict.fromkeys(chain)}
@@ -182,6 +182,6 @@ def outside_shares(
         left, right, top, bottom = to_the_end = [np.minimum(depth, other) for depth, other in pairs]
         across = np.minimum(left + right, width).sum() / (height * width)
         down = np.minimum(top + bottom, height).sum() / (height * width)
-        # Both at once only in corners: taken as independent.
+        # Both occur together only in corners: take them as independent.
         together.append(1 - (1 - across) * (1 - down))
     return tuple(np.diff(together[::-1], prepend=0.0).tolist())

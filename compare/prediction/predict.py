@@ -66,9 +66,9 @@ class Prediction:
     silhouettes: float  #: wrong surface along silhouettes because of displacement
     snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
     depth: float  #: wrong surface because of the depth buffer
-    outside: float  #: shown is what belongs outside the film
+    outside: float  #: a point from outside the film is shown
     separation: Separations
-    culled: float = 0.0  #: culling leaves the true surface out
+    culled: float = 0.0  #: the true surface is culled
     reasons: Reasons = NO_REASONS
 
     @property
@@ -84,8 +84,8 @@ class LinkPrediction:
 
     displacement_rms_px: float | None
     surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
-    #: standard deviations of pixels beside edges along rows, and along columns, which go wrong
-    #: together
+    #: standard deviations of the number of pixels along edges in rows, and in columns, which become
+    #: wrong together
     flip_deviations: Pair = (0.0, 0.0)
     reasons: Reasons = NO_REASONS
 
@@ -122,7 +122,7 @@ class Predictor:
     def predict_each(self, settings: Sequence[DoubleFrustum]) -> list[LinkedPrediction]:
         """Return expected errors in total and for each link, in the order of `links_of`.
 
-        The settings differ in their depth buffers alone: they share most.
+        The settings differ only in their depth buffers and share most of the work.
         """
         prediction, rounded = self._without_depth(with_exact_depth(settings[0]))
         thin = self._silhouettes.thin_share(settings[0]) > MAX_THIN
@@ -202,10 +202,10 @@ class Predictor:
         links: Sequence[LinkPrediction],
         is_thin: bool,
     ) -> LinkedPrediction:
-        """Return a prediction and its links with the reasons for which they do not hold.
+        """Return a prediction and its links with the reasons why they are not valid.
 
-        Traced links round nothing, so that neither the size of triangles nor the steps of depth
-        matter to them.
+        Traced links have no rounding: neither the size of triangles nor the steps of depth affect
+        them.
         """
         thin, large = (is_thin, Reason.THIN), (self._large, Reason.LARGE)
         within_steps = self._within_steps(settings)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Reason for which a prediction does not hold."""
+    """Reason why a prediction is not valid."""
 
     CROSSES = (
         "crosses-plate"  #: surfaces cross the plate: points from outside the film show near it
@@ -15,13 +15,11 @@ class Reason(StrEnum):
     STARVED = "starved-depth"  #: depth shows other surfaces than those that are displaced
     ROUNDED = "below-float32"  #: the displacement is smaller than the rounding of positions
     LARGE = "large-triangles"  #: float32 rounds the depth of triangles far larger than the plate
-    PARALLEL = "parallel-to-plate"  #: the depth of all pixels of a surface is rounded alike
+    PARALLEL = "parallel-to-plate"  #: the depth of all pixels of a surface is rounded equally
     FEW = "few-pixels"  #: fewer than `MIN_PIXELS` are predicted
     OUTSIDE = "outside-film"  #: points from outside the film are shown
     STEPS = "two-depth-steps"  #: all depths lie within two float32 steps below one
-    ALIGNED = (
-        "aligned-edges"  #: all pixels beside an edge along a row or column become wrong together
-    )
+    ALIGNED = "aligned-edges"  #: all pixels along an edge in a row or column become wrong together
     THIN = "thin-surfaces"  #: surfaces thinner than a pixel, of which the truth shows a part
 
 
@@ -33,10 +31,10 @@ class Reasons:
     surface: str | None = None
 
 
-NO_REASONS = Reasons()  #: of predictions that hold
+NO_REASONS = Reasons()  #: record of valid predictions
 
-#: Fewest pixels of which a prediction is held to a factor of 3: a Poisson number of 10 is off by
-#: that in one of 100, and pixels go wrong by twos, as neighbors.
+#: Fewest predicted pixels for which the factor of 3 is required: a Poisson number of mean 10 is off
+#: by this factor in one of 100 cases, and pixels become wrong in pairs of neighbors.
 MIN_PIXELS = 20
 
 #: Share of points from outside the film above which the factor of 3 for displacement is waived:
