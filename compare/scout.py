@@ -188,7 +188,7 @@ def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
 
 
 def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> PlateScan:
-    """Look through apertures all over the plate, and through more where the error is largest.
+    """Scan apertures all over the plate, and more apertures where the error is largest.
 
     The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Apertures
     join it that have vertices nearest to the plate behind or before them (`nearest_cells`). Then

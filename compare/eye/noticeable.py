@@ -217,7 +217,7 @@ def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """Depths of a plate's content: nearest and farthest |z| on each side, None for nothing."""
+    """Depths of a plate's content: nearest and farthest |z| on each side, None if it is empty."""
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None

@@ -73,7 +73,7 @@ class Pixels:
         return Pixels(**{name: n + getattr(other, name) for name, n in vars(self).items()})
 
     def within(self, case: Case) -> bool:
-        """Return whether a case accepts them."""
+        """Return whether a case accepts these numbers."""
         return self.unexplained <= case.wrong * self.shown
 
 

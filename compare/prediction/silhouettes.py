@@ -6,8 +6,8 @@ normal from the surface in front to the surface behind. The truth shows the fron
 picture shows the front up to c = -d_front n; and from b = -d_back n on it shows the part of the
 back that the true frustum sees.
 
- * Between 0 and c the picture shows another object, or a surface instead of none, or none instead
-   of one.
+ * Between 0 and c the picture shows another object, an extra surface, or no surface where there is
+   one.
  * Between c and b, where c < b, the picture shows a part that the front occludes from the true
    frustum.
 

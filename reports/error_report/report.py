@@ -93,7 +93,7 @@ class ReportFiles:
     best: Recommendation
     #: description of that setting
     sentence: str
-    #: command that draws with it
+    #: command that draws with this setting
     command: str
     #: object in report.json
     content: dict[str, Any]

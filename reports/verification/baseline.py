@@ -55,7 +55,7 @@ MEASURES = {
 ROUNDING_PX = 1e-6
 """Largest rounding of displacements, px: some hundred operations on doubles up to 1e3 px."""
 
-# Changes of a kind that are listed; longest time of git.
+# Largest number of listed changes of a kind; time limit of git, seconds.
 MAX_LISTED, GIT_SECONDS = 8, 20.0
 
 HARMLESS = [

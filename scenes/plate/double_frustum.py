@@ -79,7 +79,7 @@ class Cull(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
-    """One way to draw the two cameras C and C*; names may be given as texts, such as `depth="d24"`.
+    """A way to draw the two cameras C and C*; names may be strings, such as `depth="d24"`.
 
     Raises InputError for a name that means nothing, or a length that is not positive and finite.
     """

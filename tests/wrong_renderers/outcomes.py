@@ -118,7 +118,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The outcome of `verify` for one case beside the brute force's counts."""
+    """The outcome of `verify` for one case, and the counts of the brute force."""
 
     case: Case
     truth: Difference

@@ -127,7 +127,7 @@ def draw(corners: Any, passes: list[dict[str, Any]], size: tuple[int, int]) -> A
 
 
 def main() -> None:
-    """Draw the cases of an archive into a folder for each."""
+    """Draw the cases of an archive, each into its own folder."""
     archive, out = zipfile.ZipFile(sys.argv[1]), Path(sys.argv[2])
     for entry in archive.namelist():
         if not entry.endswith("/case.json"):

@@ -224,7 +224,7 @@ def test_accepted_conventions_are_named_but_not_judged() -> None:
 def test_a_lens_normals_and_a_camera_are_named_from_few_small_hogels(
     model: RendererModel, shown: list[str], name: str
 ) -> None:
-    """Normals are smooth on all objects, or on the first alone where they are inverted."""
+    """Normals are smooth on all objects, or only on the first object if they are inverted."""
     first, *others = (scene := oblong()).objects
     if model.normals is not Normals.INVERTED:
         others = [with_smooth_normals(part) for part in others]
