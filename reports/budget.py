@@ -87,7 +87,9 @@ class BudgetReport(NotebookRepr):
     def table(self) -> str:
         """Return the numbers as aligned lines."""
         columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
-        rows = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
+        rows: list[tuple[str, ...]] = [
+            ("radiance changes by", *(name.replace("_", " ") for name in columns))
+        ]
         for row in _radiance_rows(self):
             values = (getattr(row, name) for name in columns)
             rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))

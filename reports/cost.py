@@ -517,8 +517,13 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
         data.append(points)
     # The two lines are less than a decade apart: one label stands above its line, one below.
     limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
-    across = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1}
-    across["line"] = {"color": INK, "dash": "dot", "width": 1}
+    across = {
+        "type": "line",
+        "xref": "x domain",
+        "x0": 0,
+        "x1": 1,
+        "line": {"color": INK, "dash": "dot", "width": 1},
+    }
     at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
     # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]

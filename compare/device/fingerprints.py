@@ -360,7 +360,8 @@ class Measured:
         included.
         """
         drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
-        values: Floats = np.concatenate((self.fingerprint.fragment[..., 0][drawn], wrote))
+        fragments = self.fingerprint.fragment[..., 0][drawn].astype(np.float64)
+        values: Floats = np.concatenate((fragments, wrote))
         off = (
             np.concatenate((self.fingerprint.stored[depth][drawn], kept)) - values * LARGEST[depth]
         )

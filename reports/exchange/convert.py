@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -265,7 +265,7 @@ def _into_group(
     plate: PlateRows,
     out: Path,
     array: PlateArray,
-    described: dict[str, object],
+    described: Mapping[str, object],
     *,
     progress: bool,
 ) -> None:
