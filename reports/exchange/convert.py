@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -227,7 +227,7 @@ def convert(
     if target == ZARR:
         if array is PlateArray.TRIANGLE and plate.floating:
             raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
-        described = {"source": str(source), "layout": layout}
+        described: dict[str, object] = {"source": str(source), "layout": layout}
         _into_group(plate, out, array or PlateArray.COLOR, described, progress=progress)
         count, losses = math.prod(plate.shape.hogels), ()
     else:
@@ -265,7 +265,7 @@ def _into_group(
     plate: PlateRows,
     out: Path,
     array: PlateArray,
-    described: Mapping[str, object],
+    described: dict[str, object],
     *,
     progress: bool,
 ) -> None:
