@@ -128,7 +128,7 @@ def written_into(path: Path) -> bool:
 
 
 def _descriptor(path: Path) -> int | None:
-    """Return the number of the open file that a name or a link stands for; None for any other."""
+    """Return the number of the open file that a name or a link stands for, else None."""
     name = os.path.abspath(path)  # noqa: PTH100 - links are followed one at a time
     for _ in range(40):  # Linux reports a loop after 40 links
         if match := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):

@@ -106,8 +106,8 @@ class TestSmoothPicture:
         errors = [float(np.sqrt(np.mean((item.color - exact) ** 2))) for item in result]
         for item, error, tolerance in zip(result, errors, (1e-3, 3e-5), strict=True):
             assert item.error <= tolerance
-            # The error comes from 8 estimates that pixels share in part: Student's t, 7 degrees, at
-            # 1e-4.
+            # The error comes from 8 estimates, partly shared by pixels: Student's t with 7 degrees
+            # of freedom, at 1e-4.
             assert error <= 7.1 * item.error
         order = np.log(errors[1] / errors[0]) / np.log(result[1].points / result[0].points)
         assert order < -1.1

@@ -281,7 +281,7 @@ def read(case: Case, truth: Difference, shown: Mapping[str, Any]) -> Outcome:
 
 
 def _left(numbers: Mapping[str, Any]) -> float:
-    """Return the share of the wrong pixels of a corrected hogel that no rounding explains."""
+    """Return the share of wrong pixels that rounding leaves unexplained in a corrected hogel."""
     surface, radiance, causes = numbers["surface"], numbers["radiance"], numbers["causes"]
     wrong = numbers["wrong"] if surface is None else surface["wrong"]
     # A wrong surface is another triangle, too: by rounding at most as many as triangles are.
