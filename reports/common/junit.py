@@ -24,5 +24,5 @@ class JUnitCase:
 
 def junit(suite: str, cases: Sequence[JUnitCase], output: str) -> bytes:
     """Return test cases as JUnit XML, with the output of the suite."""
-    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "told": output})
+    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "output": output})
     return _NOT_IN_XML.sub("\ufffd", text).encode()

@@ -182,7 +182,7 @@ def middle_row(pixels: Pixels) -> Pixels:
     return pixels[:, :, pixels.shape[2] // 2]
 
 
-def tiled_views(pixels: Pixels, tiles: Index, *, downward: bool = False) -> Pixels:
+def tiled_views(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
     """Return the view (tile row, plate row, tile column, plate column, 3) of a plate's pixels.
 
     View k = 0, 1, .. belongs to the eye k from the left, and thus to the pixel k from the right of
@@ -191,7 +191,7 @@ def tiled_views(pixels: Pixels, tiles: Index, *, downward: bool = False) -> Pixe
     """
     eyes = middle_row(pixels)[:, :, ::-1]
     views = eyes.reshape(*eyes.shape[:2], tiles[1], tiles[0], -1)
-    return (views if downward else views[:, :, ::-1]).transpose(2, 0, 3, 1, 4)
+    return views[:, :, ::-1].transpose(2, 0, 3, 1, 4)
 
 
 def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
@@ -225,7 +225,7 @@ LAYOUTS = (
            "the name says columns x rows",
            r".*_qs(?P<columns>\d+)x(?P<rows>\d+)(?:a\d+(?:\.\d+)?)?",
            "{stem}_qs{columns}x{rows}a{aspect:.4g}", "",
-           lambda pixels, _, tiles: tiled_views(pixels, tiles),
+           tiled_views,
            stated=("columns", "rows"), horizontal=True),
     # Names of other layouts begin with out_, hogel_ or Hogel_.
     Layout("burnett", "one aperture view per hogel, y before x, turned by 180 degrees",

@@ -110,7 +110,7 @@ def of_model(
     return xfrustum.verify(scene, draw, apertures=apertures)
 
 
-def test_set(
+def observed(
     scene: Scene, model: RendererModel, apertures: Sequence[tuple[int, int]] = FEW
 ) -> TestSet:
     """Return the triangles that a model draws in some hogels."""
@@ -120,13 +120,10 @@ def test_set(
     return TestSet(reference=reference, images=shown, nominal=NOMINAL)
 
 
-test_set.__test__ = False  # type: ignore[attr-defined]
-
-
 def diagnosed(
     scene: Scene, model: RendererModel, apertures: Sequence[tuple[int, int]] = FEW
 ) -> dict[str, Defect]:
-    faults = diagnose(test_set(scene, model, apertures)).diagnosis.faults
+    faults = diagnose(observed(scene, model, apertures)).diagnosis.faults
     return {defect.fault: defect for defect in faults}
 
 
