@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 HARD = "hard/"
 
 
-#: advice where a scene file is missing
-MISSING = "`xfrustum new` makes one from a mesh, `xfrustum scenes` lists built-in scenes"
-
-
 def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
@@ -45,7 +41,7 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
 def check_scene(text: str) -> None:
     """Raise the InputErrors of `open_scene` that can be detected without reading a mesh."""
     if _builder(text) is None:
-        regular_size(Path(text), "scene file", MISSING)
+        regular_size(Path(text), "scene file")
         from xfrustum.scenes.files.scene_file import checked  # noqa: PLC0415 - loads pydantic
 
         checked(Path(text))
