@@ -58,7 +58,7 @@ NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
 
-#: Share of the tolerance for which a second answer is given: 0.1 px for a tolerance of 0.5 px.
+#: Second, stricter tolerance as a share of the first: 0.1 px for a tolerance of 0.5 px.
 STRICTER_FRACTION = 0.2
 
 #: Smaller displacements are plotted at this one: 32-bit positions cannot separate them, and a

@@ -276,8 +276,8 @@ class PlanReport(NotebookRepr):
         noticed = {} if settings is None else eyes.noticed(settings)
         rays = None
         if display.millimeters is not None:
-            # Rays leave adjacent pixels of a hogel at the angle of a pixel: their distance at the
-            # eye is compared with the pupil.
+            # Rays of adjacent pixels of a hogel diverge by the angle of a pixel: compare the pupil
+            # with their distance at the eye.
             rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
         return {
             "viewer": viewer,

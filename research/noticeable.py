@@ -77,13 +77,13 @@ class Replay:
 
     #: change of disparity
     replayed_stereo_arcsec: float | None = None
-    #: that both eyes were shown
+    #: number of points visible to both eyes
     replayed_points: int | None = None
     #: share of pixels with wrong surfaces
     replayed_wrong: float | None = None
-    #: and with such as exact depth shows rightly
+    #: share of pixels with wrong surfaces that are right with exact depth
     replayed_depth_wrong: float | None = None
-    #: that these are shares of
+    #: number of pixels of which these are shares
     replayed_pixels: int | None = None
 
 
@@ -91,16 +91,16 @@ class Replay:
 class Row(Replay, Cell):
     """A cell with its answers; lengths in millimeters."""
 
-    #: largest change of disparity between two things that the viewer sees
+    #: largest change of disparity between two visible points
     stereo_arcsec: float
-    #: of a surface that runs through the plate, if there is one
+    #: width of the crack in surfaces that run through the plate; None without such surfaces
     crack_arcmin: float | None
-    #: width of one that is not noticed
+    #: largest unnoticed width of a crack
     crack_hidden_arcmin: float
     crack_hidden_by: str
-    #: smallest that the depth buffer orders at the farthest visible surfaces
+    #: smallest separation that the depth buffer orders at the farthest visible surfaces
     ordered_separation: float
-    #: smallest that the viewer, or the display, resolves there
+    #: smallest separation there that both the viewer and the display resolve
     resolved_separation: float
     resolved_by: str
     #: p99 of displacement, pixels; None if surfaces pass through the aperture

@@ -245,7 +245,7 @@ def seen_scene(cell: Cell) -> depth_family.SeenScene:
 
 
 def measure(cells: Sequence[Cell]) -> Iterator[Row]:
-    """Yield the rows of some cells of one picture: its truth is traced once."""
+    """Yield the rows of cells that share one picture, whose truth is traced once."""
     seen = seen_scene(cells[0])
     scene, aperture, reference = seen.scene, seen.aperture, Reference(seen.scene)
     truth = reference.trace(aperture)

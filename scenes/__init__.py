@@ -1,12 +1,12 @@
-"""The question: plate, frustum, meshes, settings, and the image that every renderer returns.
+"""Scene data: plate, frustum, meshes, settings, and the image that every renderer returns.
 
 appearance/     Materials, lights, and the sampling of color
-conformance/    Conformance suite: frozen questions to renderers of hogels
+conformance/    Conformance suite: frozen test cases for hogel renderers
 disk/           Files on the disk: read within bounds, written whole or not at all
 files/          Scene files, maps and images
 geometry/       Surfaces as triangles: shapes, patches, placement, refinement, normals
 library/        Built-in scenes
-meshes/         Mesh files as objects: read right, listed as unread, or refused
+meshes/         Mesh files as objects: each feature is shown, listed as unread, or refused
 model/          Scene, hogel image, device and eye
 plate/          Plate, apertures, their crossed frustum, and the settings of the two cameras
 arguments       Arguments of the public dataclasses: numbers, names and programs

@@ -1,4 +1,4 @@
-"""`make test-device`: checks that matter on a device that draws, as one page to send.
+"""`make test-device`: checks that depend on the graphics device, reported on one page to send.
 
 It uses no network, ends within eight minutes, and lists everything skipped, with the reason.
 """

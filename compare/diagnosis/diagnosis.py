@@ -182,8 +182,8 @@ def declared(
 def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Diagnosis:
     """Return a diagnosis whose defects are named only if all hogels pass when corrected for them.
 
-    A diagnosis is made of some hogels by pixels that differ; the verdict judges all of them by
-    their limits, before and after correction. Defects that leave any hogel wrong become guesses,
+    A diagnosis is based on the differing pixels of some hogels; the verdict judges all hogels by
+    the limits, before and after correction. Defects that leave any hogel wrong become guesses,
     which state the share of the wrong pixels of all judged hogels that they explain.
     """
     judged = [hogel for hogel in hogels if hogel.as_found and hogel.corrected]
@@ -290,9 +290,9 @@ def _with_other_defects(
 
 
 def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with equal angles if only these explain the pictures.
+    """Return a diagnosis with pixels at equal angles if only these explain the pictures.
 
-    The fit of geometry has tried them on images that name triangles.
+    Images that name triangles are left out: `fit_geometry` has tried equal angles on them.
     """
     nominal, named = test.nominal, any((i.triangle != NOTHING).any() for i in test.images)
     if diagnosis.faults or named or not test.images or not test.wrong(nominal):

@@ -140,8 +140,8 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
         colored = by == "color"
-        # In another shading creases beside outlines may be stronger edges: none counts more than
-        # another.
+        # With another shading, creases beside an outline may be stronger edges than the outline:
+        # the low cap gives all edges equal weight.
         shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
         expected = contrast(answer, MAX_EDGE_CONTRAST)
         if not colored:

@@ -201,7 +201,7 @@ def _smallest_near(frustum: Frustum) -> DoubleFrustum:
 
 
 def with_limits(made: Plan, views: Views, scan: PlateScan | None = None) -> Plan:
-    """Return a plan with the range of near that each judge allows at its views."""
+    """Return a plan with the limits of near by pixels, depth buffers and eyes at its views."""
     buffers = made.requirement.buffers
     compared = [*(COMPARED_BUFFERS if len(buffers) > MAX_COMPARED else buffers)]
     if (settings := made.settings) is not None:

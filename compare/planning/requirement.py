@@ -70,7 +70,7 @@ def index_below(length: float, *, strictly: bool = False) -> int:
 
 
 def indices_of(frustum: Frustum) -> tuple[int, int]:
-    """Return the indices of the smallest and of the largest length of near and of cuts."""
+    """Return the indices of the smallest and the largest length allowed for near and for cuts."""
     reach = frustum.longest_reach
     return index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
 
@@ -265,7 +265,7 @@ class Requirement:
         return max(ratios, key=ratios.__getitem__) if any(ratios.values()) else "surface_fraction"
 
     def near_excess(self, errors: Errors, settings: DoubleFrustum) -> float:
-        """Return the largest ratio to their limits of the errors that grow with near."""
+        """Return the largest ratio of error to limit among the errors that grow with near."""
         pixels = self.ratios(errors)
         eyes = 0.0 if self.viewer is None else self.viewer.excess(settings)
         return max(pixels["displacement_p99_px"], pixels["surface_fraction"], eyes)
@@ -279,7 +279,7 @@ class Requirement:
         return self.excess(errors) > 1
 
     def met_by(self, quality: Quality) -> bool:
-        """Return whether measured errors keep all limits."""
+        """Return whether measured errors are within all limits."""
         return not self.missed_by(quality) and quality.misordered <= MAX_MISORDERED_FRACTION
 
 

@@ -88,7 +88,7 @@ class Attempt:
 
     @property
     def missing(self) -> float:
-        """Excess, clipped below at the excess of a sufficient margin."""
+        """Excess, but at least the excess at which the margin suffices."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property
@@ -328,7 +328,7 @@ def near_limits(
     buffers: Sequence[DepthBuffer],
     scan: PlateScan | None,
 ) -> Limits:
-    """Return the range of near that each judge allows at some views."""
+    """Return the limits of near by pixels, depth buffers and eyes at some views."""
     tolerance, viewer = requirement.tolerance_px, requirement.viewer
     pixels = _largest_near(
         views.scene.frustum, lambda near: views.displaced(near, tolerance) <= tolerance
@@ -342,7 +342,7 @@ def near_limits(
 
 
 def buffer_limit(views: Views, requirement: Requirement, buffer: DepthBuffer) -> BufferLimit:
-    """Return the smallest near with which a depth buffer keeps the limits of depth.
+    """Return the smallest near with which a depth buffer meets the limits of depth.
 
     Sheets at the farthest visible surface are ordered, and few pixels are wrong by depth, at all of
     the views; both improve as near grows.

@@ -199,7 +199,7 @@ class Views:
         return float(depth.smallest_separation(w, *arguments).max())
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
-        """Return the predicted errors of settings, with sheets of a separation."""
+        """Return the predicted errors of settings, with sheets a given separation apart."""
         smallest, depth_wrong = self.separation(settings), self.depth_wrong(settings)
         certain = NormalDist().inv_cdf(1 - depth.MAX_MISORDERED_FRACTION)
         return Quality(

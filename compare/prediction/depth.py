@@ -444,9 +444,9 @@ def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int
     return np.asarray(error / ((ends[1] - ends[0]) * step) * (integral(ahead) - integral(behind)))
 
 
-#: Largest error of the difference of two depths, in steps, at which it counts where they lie
-#: between steps. Six standard deviations of each, 6 / sqrt(2) 0.25 = 1.06 steps, reach no farther
-#: than the next step.
+#: Largest error of the difference of two depths, in steps, for which the position of the depths
+#: between steps matters. Six standard deviations of each depth, 6 / sqrt(2) 0.25 = 1.06 steps,
+#: reach no farther than the next step.
 MAX_SHARP_ERROR = 0.25
 
 

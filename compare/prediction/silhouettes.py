@@ -225,11 +225,11 @@ class Silhouettes:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
         self._points = points or TruePoints.from_image(truth)
-        # Pixels that end in the aperture itself, on a surface that runs through the plate, where it
-        # occludes everything behind it. All of the picture that it fills is one point of it, and
-        # drawn are others, closer than n. A surface that lies in the plate is another matter: both
-        # cameras draw it where it is, and show the wrong surface only through apertures that are
-        # closer to its border than n t.
+        # Pixels whose lines end at the aperture itself, on a surface that runs through the plate
+        # and occludes everything behind it. The truth shows a single point of the surface in all
+        # these pixels; the cameras draw other points of it, closer than n. A surface that lies in
+        # the plate differs: both cameras draw it in place, and show the wrong surface only through
+        # apertures that are closer to its border than n t.
         self._in_aperture: Mask = truth.covered & (truth.height == 0)
         if truth.normal is not None and self._in_aperture.any():
             self._in_aperture &= (truth.normal[..., :2] != 0).any(axis=-1)

@@ -39,8 +39,8 @@ def number_triangles(faces: Indices) -> NumberedMesh:
 
     Each of the other two corners takes the copy of its vertex with the largest number up to its own
     triangle's, or else the next larger one, so that neighboring triangles go on sharing vertices
-    that the vertex stage still holds. A vertex that ends no triangle has one copy, behind the
-    others.
+    that the vertex stage still holds. A vertex that is the last corner of no triangle has one copy,
+    after the copies of all others.
     """
     count = len(faces)
     last = faces[:, 2]

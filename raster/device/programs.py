@@ -48,13 +48,13 @@ def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
 
 
 def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
-    """Return the names of hogel.frag: its depth and its effects, None for no color."""
+    """Return the names to define in hogel.frag for its depth and effects; None: no color."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
 
 
 def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names of reflection.frag, for smooth normals."""
+    """Return the names to define in reflection.frag: smooth normals or none."""
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 

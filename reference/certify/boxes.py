@@ -1,9 +1,9 @@
 """The broad phase: the bounding box, on the film, of every triangle that may show there.
 
 The box of a triangle is the range of the projections of its corners on one side of the center; a
-triangle that crosses the height of the center reaches to infinity there. Boxes are widened by what
-rounding may do (docs/truth.md, "Nothing is left out"), so that a pixel outside a triangle's box
-does not show it.
+triangle that crosses the height of the center reaches to infinity there. Boxes are widened by the
+bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixel outside a
+triangle's box shows the triangle.
 """
 
 from collections.abc import Sequence
@@ -87,8 +87,9 @@ def bounding_boxes(
 
     This is called while `recording`; `exact` are the pencil's lines in integers. A margin, in
     pixels, makes boxes wider than rounding requires: the positions of points to compare are rounded
-    as well, which doubles the bound. A border adds columns and rows about the film for all that
-    lies outside; boxes are counted from the border's first.
+    as well, which doubles the bound. A border adds columns and rows around the film for
+    everything outside it; the columns and rows of boxes are then numbered from the first of the
+    border.
     """
     all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)

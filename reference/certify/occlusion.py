@@ -94,7 +94,7 @@ class _Lines:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rows:
-    """Rows of cells of triangles' boxes, one lane each; `behind` is the cell after the last."""
+    """Rows of cells that bounding boxes cover, one lane per row; `behind` follows the last cell."""
 
     first: Any
     behind: Any

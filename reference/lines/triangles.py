@@ -81,8 +81,9 @@ def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
     bound = DETERMINANT_ROUNDINGS * 2.0**-53 * magnitude + SMALLEST_SURE
     doubtful = np.flatnonzero(np.abs(determinant) <= bound)
     sign[doubtful] = _exact_signs(triangles, center, doubtful)
-    # The normal by the winding points to the center where the determinant is negative. Lines to
-    # surfaces before the plate leave the center backward: it sees the other side than the viewer.
+    # The normal that follows the winding points toward the center where the determinant is
+    # negative. Lines to surfaces before the plate leave the center backward, so that the center
+    # faces the side opposite to the viewer's.
     return np.asarray(sign if bundle.s_range[0] < 0 else -sign)
 
 

@@ -90,7 +90,7 @@ class Measurement:
     causes: tuple[Cause, ...]
     #: wrong pixels without an explanation by rounding; None without causes
     unexplained: int | None
-    #: the error by closed forms, from the scene alone; None without causes
+    #: error predicted in closed form from the scene alone; None without causes
     predicted: Prediction | None
     times_s: StageTimes
     #: time of the device, a part of `times_s.raster`

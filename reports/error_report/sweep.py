@@ -235,8 +235,8 @@ def sweep(
     Raises InputError if there is no usable OpenGL or no such tracer.
     """
     options, begun = options or ReportOptions(), time.perf_counter()
-    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond
-    # the reach.
+    # Each renderer resolves `auto` itself: with a tiny near, pictures show surfaces beyond the
+    # reach, which may need more effects.
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
     decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
     pixels = math.prod(scene.frustum.resolution) * len(apertures) * len(settings)

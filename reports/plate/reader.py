@@ -130,14 +130,14 @@ class PlateReader:
             ) from error
 
     def image(self, name: str, column: int, row: int) -> Any:
-        """Return an image of a finished hogel; InputError if its file is damaged or gone."""
+        """Return an image of a finished hogel; InputError if its file is damaged or missing."""
         return read_hogel(self.path, self.arrays[name], column, row)
 
 
 def read_hogel(
     place: Path, array: zarr.Array[Any], column: int, row: int, *, must_exist: bool = True
 ) -> Any:
-    """Return an image of a hogel; InputError if its file is damaged, or gone and must exist."""
+    """Return an image of a hogel; InputError if its file is damaged, or missing but required."""
     reason = "its file is gone"
     # Zarr returns the fill value for a missing shard, which equals a black hogel.
     if not must_exist or shard_file(place, array, column, row).is_file():

@@ -37,7 +37,7 @@ def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
 
 
 def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Return why apertures see nothing, and advice; None if they see something."""
+    """Return why no object is visible from the apertures, with advice; None if one is visible."""
     command = shlex.join(("xfrustum", "check", scene.source or scene.name))
     advice = "Change the object's scale or translate, or the frustum's reach"
     facts = unseen_facts(scene, apertures)

@@ -1,4 +1,4 @@
-"""Conformance suite: frozen questions to renderers of hogels.
+"""Conformance suite: frozen test cases for hogel renderers.
 
 suite  Cases of `1.0`, and their scenes
 

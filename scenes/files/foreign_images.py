@@ -120,7 +120,7 @@ class Reading:
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
     """Read a hogel image of any renderer: OpenEXR with channels of CONVENTIONS.md, or a picture.
 
-    Raises InputError if the file is missing, unreadable, or of another size than the film.
+    Raises InputError if the file is missing, unreadable, or not of the film's size.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
         counted = {Encoding.TRIANGLE_ID: TRIANGLE, Encoding.OBJECT_ID: OBJECT}.get(encoding)

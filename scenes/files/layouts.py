@@ -105,11 +105,11 @@ class Layout:
         return math.prod(self.counts(shape))
 
     def indices(self, shape: PlateShape) -> Iterator[Index]:
-        """Yield the numbers of all files of a plate."""
+        """Yield the numbers in the name of each file of a plate."""
         yield from product(*map(range, self.counts(shape)))
 
     def hogel_index(self, shape: PlateShape, column: int, row: int) -> Index:
-        """Return the numbers of a hogel's own file."""
+        """Return the numbers in the name of a hogel's own file."""
         return column, shape.hogels[1] - 1 - row if self.upward else row
 
     def shape(
@@ -239,7 +239,7 @@ LAYOUTS = (
 )  # fmt: skip
 #: names on the command line
 NAMES = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
-#: layouts of a single picture, whose name is free
+#: layouts that consist of a single picture of any name
 SINGLE_PICTURES = ("mosaic", "quilt")
 
 

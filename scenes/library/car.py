@@ -114,6 +114,6 @@ def surroundings(height: int = 256) -> Environment:
 
 
 def _smooth_step(angle: Floats, edge: float, *, width: float) -> Floats:
-    """Return 0 before an edge and 1 after it, a cubic between; degrees."""
+    """Return a smooth cubic step from 0 to 1 about an edge; all angles in degrees."""
     share = np.clip((angle - edge) / width + 0.5, 0, 1)
     return np.asarray(share**2 * (3 - 2 * share))

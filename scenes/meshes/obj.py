@@ -93,7 +93,7 @@ def read_obj(path: Path) -> MeshContent:
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
     others = np.flatnonzero(~np.logical_or.reduce(list(kinds.values()))).tolist()
-    named: dict[str, list[int]] = {}  # lines of each other statement
+    named: dict[str, list[int]] = {}  # line numbers of other statements by keyword
     for line in others:
         named.setdefault(lines.text(line).split(" ")[0].lower(), []).append(line)
     unread = _other_statements(lines, named)

@@ -122,7 +122,7 @@ def _mend(
 
 
 def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
-    """Return (P,) whether all triangles, by their cross products (P, T, 3), face the normals."""
+    """Return (P,) whether all triangles of each polygon face its normal; `crosses` is (P, T, 3)."""
     facing = np.einsum("ptx,px->pt", crosses, normals)
     return np.asarray((facing >= -doubt[:, None]).all(axis=1))
 

@@ -109,9 +109,9 @@ class HogelPixels(ShortRepr):
 class Replay(ShortRepr):
     """All pixels of hogels in the view of an eye."""
 
-    #: pixels of the surfaces: nearest to the rays through the pupil's center
+    #: pixels that show surfaces: nearest to the rays through the pupil's center
     shown: HogelPixels
-    #: pixels of the color, which is their weighted sum
+    #: pixels whose weighted sum is the color
     colors: tuple[HogelPixels, ...]
 
     @property

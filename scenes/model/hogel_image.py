@@ -127,7 +127,7 @@ class HogelImage(SurfaceImage):
     #: Visible surface point in scene units, NaN where there is none: float64 from a reference,
     #: float32 from a rasterizer; structures of arrays in memory from our own rasterizers.
     position: NDArray[np.floating]
-    #: unit, by the mesh's winding, NaN where there is no surface
+    #: unit normal, oriented by the mesh's winding; NaN where there is no surface
     normal: NDArray[np.floating] | None = None
     color: Singles | None = None  #: linear RGB
     #: of a color that is a mean over light paths; None if it has no noise

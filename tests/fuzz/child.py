@@ -81,7 +81,7 @@ def _become(command: tuple[str, ...], folder: Path, logs: Path) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         sys.argv = ["xfrustum", *command]
-        # Imported after the fork, because importing it holds signals back until it runs.
+        # Import in the child, so that an import error ends it with the status `FORKED`.
         from tests.fuzz.entries import ENTRIES
         from xfrustum.cli.app import cli
         from xfrustum.cli.main import run

@@ -76,7 +76,7 @@ class Seed:
     mutated: str  #: name of the file that is mutated; empty if the command line itself is
     line: str  #: arguments of `xfrustum`, quoted as for a shell
     left: str = ""  #: outputs that may be left at exit status 0 or 1, between spaces
-    share: int = 1  #: number of inputs of this seed for each input of a seed of share 1
+    share: int = 1  #: number of inputs, relative to a seed of share 1
     how: str = "mutated"  #: name of the function of `mutations` that damages the file
     #: Pattern of the files that the mutated file, a JSON list, names, and the content of each
     listed: tuple[str, bytes] | None = None

@@ -82,7 +82,7 @@ def _number(random: Generator, value: float) -> str:
 
 
 def _written(random: Generator, statements: list[str]) -> bytes:
-    """Return statements as text: line ends, blanks, comments, continued lines, byte-order mark."""
+    """Format statements with random line ends, blanks, comments, line continuations and BOM."""
     end = str(random.choice(["\n", "\r\n", "\r"]))
     blanks, indents, continued, comments, mark = random.random(5) < 0.4
     lines = []

@@ -32,8 +32,8 @@ def meetings(triangles: Floats, center: Floats, d: Floats, s_range: tuple[float,
 def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:
     """Return s where the line center + s d meets a closed triangle (3, 3), None if it does not.
 
-    Cramer's rule for center + s d = p0 + b (p1 - p0) + c (p2 - p0). A line in the triangle's plane
-    does not meet it.
+    Cramer's rule for center + s d = p0 + b (p1 - p0) + c (p2 - p0). A line in the plane of
+    the triangle counts as a miss.
     """
     ratios = [
         value.as_integer_ratio()

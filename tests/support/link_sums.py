@@ -13,7 +13,7 @@ from xfrustum.compare.prediction.reasons import Reason, chance
 
 @dataclass(frozen=True, kw_only=True)
 class LinkSum:
-    """Wrong surfaces of one link, summed over hogels; `reasons` apply to the sum."""
+    """Wrong surfaces charged to one link, summed over hogels; `reasons` concern the sum alone."""
 
     name: str
     surface: int

@@ -77,7 +77,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         return
     if outcome.truth.wrong > BEYOND_DOUBT:
         assert outcome.verdict == "fail", f"{outcome.truth.wrong:.1%} are wrong"
-        # At least half of brute force's count is counted: nothing invalid is left out.
+        # `verify` counts at least half of the wrong pixels that brute force counts.
         assert case.toy == "winding" or outcome.wrong >= outcome.truth.pixels / 2
     for finding in outcome.findings:
         assert finding.explains is not None, f"{finding.name} does not say what it explains"

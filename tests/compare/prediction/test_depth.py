@@ -264,7 +264,7 @@ MEASURED = [
 def misordered_pixels(
     name: str, near: float, depth: DepthFormat, mapping: DepthMapping, width: int
 ) -> tuple[int, float, float]:
-    """Return numbers of pixels wrong by depth: measured, predicted with draw order, by a coin."""
+    """Return pixels wrong by depth: measured, predicted by draw order, predicted by chance."""
     scene = view(name, (width, width))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -289,7 +289,7 @@ def misordered_pixels(
 def test_the_share_on_a_car_is_as_predicted(
     near: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Numbers agree within a factor of two, with the draw order and with a coin in its place."""
+    """Predictions agree within a factor of two, with the draw order and with a random order."""
     measured, *predicted = misordered_pixels("car", near, depth, mapping, 256)
     assert measured > 5e-4 * 256**2
     for prediction in predicted:

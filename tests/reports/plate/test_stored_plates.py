@@ -175,7 +175,7 @@ def test_measures_that_are_gone_or_damaged_are_made_again(measured: Path, tmp_pa
 def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
     written: int | None, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After one hogel of a block, or where the disk is full after a number of files."""
+    """The first run draws one hogel of a block, or fails on a full disk after `written` files."""
     out, count, put = tmp_path / "x.zarr", 0, local_store._put
 
     def ending(path: Path, *arguments: Any, **others: Any) -> int:

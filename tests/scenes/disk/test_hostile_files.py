@@ -66,7 +66,7 @@ def enlarged(data: bytes) -> bytes:
 
 
 def reordered(data: bytes) -> bytes:
-    """Let the order of an image's lines be a value unknown to readers, of a wrong size."""
+    """Store an image's line order in two bytes, 2 and 0, instead of in one byte."""
     name = b"lineOrder\0lineOrder\0"
     before, after = data.split(name)
     return before + name + b"\2\0\0\0" + b"\2\0" + after[5:]
