@@ -223,9 +223,14 @@ def lines_of_pixels(clip_from_scene: Floats) -> Floats:
 
     Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d
     from it has (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes
-    (u, v, 1) to d.
+    (u, v, 1) to d. An affine camera, with w = 1, has one direction (dx, dy, -1), along which clip x
+    and y are constant.
     """
-    return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
+    rows = clip_from_scene[..., (0, 1, 3), :3]
+    if rows[..., 2, :].any():
+        return np.asarray(np.linalg.inv(rows), np.float64)
+    rows[..., 2, 2] = -1.0
+    return np.asarray(np.linalg.inv(rows) * (0.0, 0.0, 1.0), np.float64)
 
 
 def drawing_order(

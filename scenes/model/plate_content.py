@@ -80,10 +80,9 @@ class FilmPart:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PlateHogel(ShortRepr):
-    """The image of one aperture, row 0 on top; pixels outside the request are undefined."""
+class PlateImages(ShortRepr):
+    """Images in the types of a plate, row 0 on top; pixels outside the request are undefined."""
 
-    aperture: Aperture
     color: NDArray[Any]  #: (H, W, 3) linear RGB in the requested type
     triangle: Numbers | None  #: (H, W), -1 where there is no surface
     height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
@@ -95,3 +94,17 @@ class PlateHogel(ShortRepr):
         image: NDArray[Any] | None = getattr(self, channel)
         assert image is not None, f"{channel} was not asked for"
         return image
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateHogel(PlateImages):
+    """The images of one aperture."""
+
+    aperture: Aperture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateDirection(PlateImages):
+    """The images of one pixel of all hogels of a tile, a pixel for each hogel."""
+
+    pixel: tuple[int, int]  #: column and row in every hogel

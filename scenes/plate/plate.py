@@ -141,6 +141,23 @@ class ApertureBlocks(Sequence[Aperture]):
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlateTile:
+    """A rectangle of hogels, seen together by one pixel of each: the film of a view by direction.
+
+    A view has a pixel for each hogel, row 0 of the tile on top.
+    """
+
+    plate: Plate
+    columns: range
+    rows: range
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows of hogels."""
+        return len(self.columns), len(self.rows)
+
+
 #: Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ
 #: by 2e-4 of it: at 1e-12 that is the rounding of a shear of order one in double precision.
 SMALLEST_SLOPE = 1e-12
