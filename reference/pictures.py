@@ -28,13 +28,14 @@ from xfrustum.reference.backend import (
     table,
 )
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reference.lines.lines import LineGrid, PixelLines, RayBundle, crossed_frustum
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
+from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, PlateTile
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +104,7 @@ def _overlaid(
 Decided = tuple[RayBundle, FirstSurfaces]
 
 
-def pixel_directions(bundle: RayBundle, rows: range) -> list[Any]:
+def pixel_directions(bundle: RayBundle | LineGrid, rows: range) -> list[Any]:
     """Return the coordinates of d of every pixel in some rows; see `RayBundle.directions`."""
     lane = dr.arange(UInt32, len(rows) * bundle.resolution[0])
     width, start = dr.opaque(UInt32, bundle.resolution[0]), dr.opaque(UInt32, rows.start)
@@ -194,31 +195,88 @@ class Pictures:
                 direction = [
                     dr.select(covers, *both) for both in zip(own, direction or own, strict=True)
                 ]
-            covered, known = number != NOTHING, dr.maximum(number, 0)
-            # Pixels without a surface look up triangle 0, and are masked afterwards.
-            (of_triangle,) = self._objects(known)
-            objects = dr.select(covered, of_triangle, NOTHING)
-            normal = (
-                [dr.select(covered, part, np.nan) for part in self._normals(known)]
-                if normals
-                else []
-            )
-            light: list[Any] = []
-            if colored:
-                channels = self._shader.model.radiance(known, position, direction)
-                light = [Float32(dr.select(covered, part, 0.0)) for part in channels]
-            # Evaluate all in one kernel: they share the positions of the points.
-            dr.eval(number, objects, position, normal, light)
             return HogelImage(
                 camera=camera,
-                triangle=number.numpy().reshape(shape),
-                object=objects.numpy().reshape(shape),
-                position=interleaved(position, points),
-                normal=interleaved(normal, points) if normals else None,
-                # Gray has one channel.
-                color=interleaved(light if len(light) == 3 else light * 3, points)
-                if colored
-                else None,
+                **self._looks(number, position, direction, points, (normals, colored)),
                 certainty=certainty,
                 tied_triangles=tied_triangles,
             )
+
+    def by_direction(
+        self,
+        tile: PlateTile,
+        pixel: tuple[int, int],
+        layer: tuple[PixelLines, FirstSurfaces],
+        *,
+        normals: bool = True,
+        colored: bool = True,
+    ) -> DirectionImage:
+        """Compose the image by direction of a pixel from its lines and all of their surfaces."""
+        lines, decided = layer
+        width, height = lines.resolution
+        points = (height, width, 3)
+        with recording():
+            direction = pixel_directions(lines, range(height))
+            triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
+            lane = dr.arange(UInt32, width * height)
+            row = UInt32(dr.floor((Float64(lane) + 0.5) / dr.opaque(Float64, width)))
+            column = lane - row * dr.opaque(UInt32, width)
+            x, y = on_device(lines.x), on_device(lines.y)
+            # Not a literal: Dr.Jit would fold the sum, and keep the sign of a zero.
+            (plate,) = constants((0.0,))
+            apertures = dr.gather(Float64, x, column), dr.gather(Float64, y, row), plate
+            position = [
+                dr.select(triangle != NOTHING, at + product(s, along), np.nan)
+                for at, along in zip(apertures, direction, strict=True)
+            ]
+            looks = self._looks(triangle, position, direction, points, (normals, colored))
+        # Columns and rows of lines run through the tile in steps of 1 or -1.
+        turned = (slice(None, None, lines.step),) * 2
+        tied = decided.tied_triangles.copy()
+        if lines.step < 0:
+            tied[:, :2] = [height - 1, width - 1] - tied[:, :2]
+        return DirectionImage(
+            tile=tile,
+            pixel=pixel,
+            triangle=looks["triangle"][turned],
+            position=looks["position"][turned],
+            normal=looks["normal"][turned] if normals else None,
+            color=looks["color"][turned] if colored else None,
+            certainty=decided.certainty[turned],
+            tied_triangles=tied,
+        )
+
+    def _looks(
+        self,
+        number: Any,
+        position: list[Any],
+        direction: list[Any],
+        points: tuple[int, int, int],
+        chosen: tuple[bool, bool],
+    ) -> dict[str, Any]:
+        """Return the images of surfaces by name; the last parameter requests normals and color."""
+        shape = points[:2]
+        normals, colored = chosen
+        covered, known = number != NOTHING, dr.maximum(number, 0)
+        # Pixels without a surface look up triangle 0, and are masked afterwards.
+        (of_triangle,) = self._objects(known)
+        objects = dr.select(covered, of_triangle, NOTHING)
+        normal = (
+            [dr.select(covered, part, np.nan) for part in self._normals(known)] if normals else []
+        )
+        light: list[Any] = []
+        if colored:
+            channels = self._shader.model.radiance(known, position, direction)
+            light = [Float32(dr.select(covered, part, 0.0)) for part in channels]
+        # Evaluate all in one kernel: they share the positions of the points.
+        dr.eval(number, objects, position, normal, light)
+        return {
+            "triangle": number.numpy().reshape(shape),
+            "object": objects.numpy().reshape(shape),
+            "position": interleaved(position, points),
+            "normal": interleaved(normal, points) if normals else None,
+            # Gray has one channel.
+            "color": interleaved(light if len(light) == 3 else light * 3, points)
+            if colored
+            else None,
+        }

@@ -18,7 +18,7 @@ from xfrustum.reference.averages import (
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import RayBundle, TileLines, crossed_frustum, model_cameras
 from xfrustum.reference.lines.triangles import drawn_triangles
 from xfrustum.reference.memory import BAND_PIXELS, WHOLE_PIXELS, bands
 from xfrustum.reference.pictures import Pictures
@@ -31,11 +31,12 @@ from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering, stacked
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, PlateTile
 
 
 class Reference:
@@ -127,6 +128,33 @@ class Reference:
         """Yield the true images of many apertures in order, as `trace` returns them."""
         for aperture in apertures:
             yield self.trace(aperture, colored=colored)
+
+    def by_directions(
+        self,
+        tile: PlateTile,
+        pixels: Iterable[tuple[int, int]],
+        *,
+        normals: bool = True,
+        colored: bool = True,
+    ) -> Iterator[DirectionImage]:
+        """Yield the true images by direction of some pixels (column, row) of all hogels of a tile.
+
+        Each pixel has the bits that `trace` returns with one sample a pixel. The lines of one
+        direction are parallel, or pass through a point of the screen, so that boxes and planes of
+        triangles serve all hogels (docs/truth.md, "By directions"). InputError if colors are means.
+        """
+        if averages(self.scene.sampling) and colored:
+            raise InputError(
+                f"{self.scene.name}: has several samples a pixel, and images by direction have "
+                "one; trace hogel by hogel"
+            )
+        lines = TileLines(self.scene.frustum, tile)
+        for pixel in pixels:
+            grid = lines.of_pixel(pixel)
+            decided = Certifier(self._triangles, grid).decide(range(grid.resolution[1]))
+            yield self._pictures.by_direction(
+                tile, pixel, (grid, decided), normals=normals, colored=colored
+            )
 
     def _bands(
         self, aperture: Aperture, pixels: int, *, colored: bool = True

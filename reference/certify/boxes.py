@@ -6,6 +6,8 @@ bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixe
 triangle's box shows the triangle.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,24 +78,32 @@ class Boxes:
         return box, row
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NearbyLines:
+    """Lines that pass by the center of a pencil instead of through it."""
+
+    apart: Sequence[Any]  #: bound on their distance in x and in y, at the height of the center
+    ends: Sequence[Any]  #: first and last s, counted from the plate
+
+
 def bounding_boxes(
     triangles: Triangles,
     bundle: RayBundle,
-    exact: ExactPencil,
+    exact: ExactPencil | NearbyLines,
     margin: float = 0.0,
     border: int = 0,
 ) -> list[Boxes]:
     """Return the boxes of all triangles that the film of a ray bundle may show.
 
-    This is called while `recording`; `exact` are the pencil's lines in integers. A margin, in
-    pixels, makes boxes wider than rounding requires: the positions of points to compare are rounded
-    as well, which doubles the bound. A border adds columns and rows around the film for
-    everything outside it; the columns and rows of boxes are then numbered from the first of the
-    border.
+    This is called while `recording`; `exact` are the pencil's lines in integers, or the distance of
+    lines from a pencil that they are close to. A margin, in pixels, makes boxes wider than rounding
+    requires: the positions of points to compare are rounded as well, which doubles the bound. A
+    border adds columns and rows around the film for everything outside it; the columns and rows of
+    boxes are then numbered from the first of the border.
     """
     all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)
-    film = [FilmAxis(bundle, axis, margin, border) for axis in range(2)]
+    film = [FilmAxis.from_bundle(bundle, axis, margin, border) for axis in range(2)]
     sides = [side for side in (1, -1) if side * bundle.s_range[side > 0] > 0]
     height = bundle.resolution[1] + 2 * border
     most = max(1, MAX_ROWS // height)
@@ -104,26 +114,38 @@ def bounding_boxes(
         x, y, z = ([corner[axis] for corner in corners] for axis in range(3))
         low, high = seen_from.depths(z)
         imaged = (low <= seen_from.ends[1]) & (high >= seen_from.ends[0])
+        if isinstance(exact, NearbyLines):
+            heights = [point[2] for point in points]
+            imaged = (-greatest(heights) <= exact.ends[1]) & (-least(heights) >= exact.ends[0])
         touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
         planes = Planes.from_points(points, seen_from.center, False)
-        in_doubt = abs(planes.offset) <= planes.bound
+        bound = planes.bound
+        if isinstance(exact, NearbyLines):
+            for away, part in zip(exact.apart, planes.normal[:2], strict=True):
+                bound = bound + product(away, abs(part))
+        in_doubt = abs(planes.offset) <= bound
         boxed = []
         for side in sides:
             box = _box([x, y, z], film, side)
-            here = imaged & ~touching & ((_least(z) < 0) if side > 0 else (_most(z) > 0))
+            here = imaged & ~touching & ((least(z) < 0) if side > 0 else (greatest(z) > 0))
             hit = here & (box[0] <= box[1]) & (box[2] <= box[3])
             turn = dr.select(planes.offset < 0, Int32(-side), Int32(side))
             boxed.append((box, turn, hit & ~in_doubt, hit & in_doubt))
         dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
         for box, turn, known, doubtful in boxed:
-            all_boxes += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
+            all_boxes += chosen_boxes(start, box, known, turn)
+            all_boxes += chosen_boxes(start, box, doubtful, None)
         reached: Any = dr.compress(touching)
         around = reached.numpy() + start
         # The other triangles may contain the center, and then every line meets them. If the center
         # lies in a triangle's plane but outside the triangle, no line meets it, and no line meets a
         # triangle without area.
-        holds = {n: exact.contains_center(n) for n in around.tolist()}
-        whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
+        if isinstance(exact, NearbyLines):
+            holds = dict.fromkeys(around.tolist(), False)
+            whole = list(holds)
+        else:
+            holds = {n: exact.contains_center(n) for n in around.tolist()}
+            whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
         if whole:
             ends = (0, bundle.resolution[0] - 1 + 2 * border, 0, height - 1)
             all_boxes.append(
@@ -150,19 +172,42 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
 class FilmAxis:
     """Map from slopes to columns or rows, (slope - shear) scale + middle, within `slack`.
 
-    With a margin, `slack` is wider, see `bounding_boxes`. Boxes reach `border` pixels beyond the
-    film's ends; `steepest` is the largest slope.
+    For parallel lines the places where they meet the plate stand for slopes. Boxes reach `border`
+    pixels beyond the film's ends; `steepest` is the largest magnitude of a slope.
     """
 
-    def __init__(self, bundle: RayBundle, axis: int, margin: float = 0.0, border: int = 0) -> None:
-        count, slack = bundle.resolution[axis], pixel_slack(bundle, axis)
-        slack = margin + 2 * slack if margin else slack
-        steepest = float(np.abs((bundle.dx, bundle.dy)[axis]).max())
-        scale = count / (2 * bundle.half_extent[axis])
+    def __init__(
+        self,
+        count: int,
+        *,
+        shear: float,
+        scale: float,
+        slack: float,
+        steepest: float,
+        border: int = 0,
+    ) -> None:
         self.shear, self.scale, self.middle, self.slack, self.steepest = constants(
-            [bundle.shear[axis], scale, (count - 1) / 2, slack, steepest]
+            [shear, scale, (count - 1) / 2, slack, steepest]
         )
         self.count, self.border, self.last = constants([count, border, count - 1 + border])
+
+    @classmethod
+    def from_bundle(
+        cls, bundle: RayBundle, axis: int, margin: float = 0.0, border: int = 0
+    ) -> FilmAxis:
+        """Return the columns (axis 0) or rows (1) of a ray bundle's film.
+
+        With a margin, `slack` is wider, see `bounding_boxes`.
+        """
+        count, slack = bundle.resolution[axis], pixel_slack(bundle, axis)
+        return cls(
+            count,
+            shear=bundle.shear[axis],
+            scale=count / (2 * bundle.half_extent[axis]),
+            slack=margin + 2 * slack if margin else slack,
+            steepest=float(np.abs((bundle.dx, bundle.dy)[axis]).max()),
+            border=border,
+        )
 
     def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
         """Return the columns of two slopes, from -1 to W; the caller rounds them inward."""
@@ -181,16 +226,22 @@ def _box(corners: list[list[Any]], film: Sequence[FilmAxis], side: int) -> list[
     """Return first and last column, first and last row of the part of triangles on one side."""
     x, y, z = corners
     s = [-height for height in z]
+    return pixels_between(film, _slope_range(x, s, side), _slope_range(y, s, side))
+
+
+def pixels_between(
+    film: Sequence[FilmAxis], wide: tuple[Any, Any], high: tuple[Any, Any]
+) -> list[Any]:
+    """Return first and last column, first and last row of ranges of slopes dx and dy."""
     across, down = film
-    low, high = _slope_range(x, s, side)
     columns = across.pixels(
-        product(low - across.shear, across.scale) + across.middle,
-        product(high - across.shear, across.scale) + across.middle,
+        product(wide[0] - across.shear, across.scale) + across.middle,
+        product(wide[1] - across.shear, across.scale) + across.middle,
     )
-    low, high = _slope_range(y, s, side)
+    # Rows count down.
     rows = down.pixels(
-        down.middle - product(high - down.shear, down.scale),
-        down.middle - product(low - down.shear, down.scale),
+        down.middle - product(high[1] - down.shear, down.scale),
+        down.middle - product(high[0] - down.shear, down.scale),
     )
     return [*columns, *rows]
 
@@ -203,10 +254,8 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     """
     ahead = [part > 0 if side > 0 else part < 0 for part in s]
     slopes = [part / depth for part, depth in zip(x, s, strict=True)]
-    low = _least(
-        [dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
-    )
-    high = _most(
+    low = least([dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
+    high = greatest(
         [dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
     )
     for i, j in EDGES:
@@ -221,7 +270,7 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     return low, high
 
 
-def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
+def chosen_boxes(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
     """Return the boxes of the chosen triangles, if any; `start` is the number of the first lane."""
     kept: Any = dr.compress(chosen)
     if not dr.width(kept):
@@ -234,13 +283,15 @@ def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
     return [Boxes(number=number, box=taken, turn=turn, holds=holds)]
 
 
-def _least(values: list[Any]) -> Any:
+def least(values: list[Any]) -> Any:
+    """Return the smallest of three values of each lane."""
     return dr.minimum(dr.minimum(values[0], values[1]), values[2])
 
 
-def _most(values: list[Any]) -> Any:
+def greatest(values: list[Any]) -> Any:
+    """Return the largest of three values of each lane."""
     return dr.maximum(dr.maximum(values[0], values[1]), values[2])
 
 
 def _spans_zero(values: list[Any]) -> Any:
-    return (_least(values) <= 0) & (_most(values) >= 0)
+    return (least(values) <= 0) & (greatest(values) >= 0)

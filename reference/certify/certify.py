@@ -15,10 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from xfrustum.reference.backend import recording
 from xfrustum.reference.certify.cone import Triangles
+from xfrustum.reference.certify.directions import DirectionLines, ExactGrid
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.filter import Filter, Pairs
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.certify.filter import Filter, Lines, Pairs, PencilLines
+from xfrustum.reference.lines.lines import PixelLines, RayBundle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
@@ -52,10 +54,17 @@ class FirstSurfaces:
 class Certifier:
     """Decides the first surfaces along the lines of one image."""
 
-    def __init__(self, triangles: Triangles, bundle: RayBundle) -> None:
+    def __init__(self, triangles: Triangles, bundle: RayBundle | PixelLines) -> None:
         self.bundle = bundle
-        self._exact = ExactPencil(triangles.corners, bundle)
-        self._filter = Filter(triangles, bundle, self._exact)
+        self._exact: ExactPencil | ExactGrid
+        with recording():
+            if isinstance(bundle, PixelLines):
+                self._exact = ExactGrid(triangles.corners, bundle)
+                lines: Lines = DirectionLines(bundle, triangles)
+            else:
+                self._exact = ExactPencil(triangles.corners, bundle)
+                lines = PencilLines(bundle, self._exact)
+        self._filter = Filter(triangles, lines)
 
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return the gaps of some rows, (rows, W); see `Reference.gaps` and `Filter.gaps`."""
@@ -73,12 +82,15 @@ class Certifier:
             tied_triangles=np.zeros((0, 3), dtype=np.int64),
             device=classified.device,
         )
-        if not len(classified.ambiguous.pixel):
+        ambiguous = classified.ambiguous
+        if not len(ambiguous.pixel):
             return decided
+        if isinstance(self._exact, ExactGrid):
+            ambiguous = self._exact.through_apertures(ambiguous)
         decided = replace(
             decided, triangle=decided.triangle.copy(), s=decided.s.copy(), device=None
         )
-        tied_triangles = self._settle(decided, classified.ambiguous, rows.start * shape[1])
+        tied_triangles = self._settle(decided, ambiguous, rows.start * shape[1])
         return replace(decided, tied_triangles=tied_triangles)
 
     def _settle(self, decided: FirstSurfaces, ambiguous: Pairs, base: int) -> Indices:
@@ -154,7 +166,7 @@ class _Groups:
         _, starts, sizes = np.unique(pairs.pixel, return_index=True, return_counts=True)
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
-    def tied(self, exact: ExactPencil) -> Mask:
+    def tied(self, exact: ExactPencil | ExactGrid) -> Mask:
         """Return which groups consist of triangles that every line meets at the same s.
 
         These are triangles through the center, which every line meets at exactly s = 0, and
@@ -186,7 +198,9 @@ class _Groups:
             yield int(self.pairs.pixel[start]), self.pairs.triangle[start : start + size].tolist()
 
 
-def _first(pixel: int, numbers: list[int], exact: ExactPencil) -> tuple[list[int], float]:
+def _first(
+    pixel: int, numbers: list[int], exact: ExactPencil | ExactGrid
+) -> tuple[list[int], float]:
     """Return the first of some triangles along a pixel's line in ascending order, and their s."""
     hits = {number: s for number in numbers if (s := exact.meets(pixel, number)) is not None}
     if not hits:

@@ -117,7 +117,7 @@ class Planes:
         """Return the planes of triangles; `holds` marks those that contain the center."""
         # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
         first, second = difference(points[1], points[0]), difference(points[2], points[0])
-        normal, magnitude = cross(first, second), _cross_magnitude(first, second)
+        normal, magnitude = cross(first, second), cross_magnitude(first, second)
         # The bound covers the sum of all absolute products in q_0 . n. If the center lies in the
         # triangle, both are exactly zero.
         corner = difference(points[0], center)
@@ -128,6 +128,18 @@ class Planes:
             magnitude=magnitude,
             offset=dr.select(holds, 0.0, offset),
             bound=dr.select(holds, 0.0, bound),
+        )
+
+    def along_rows(self, dy: Any) -> RowPlanes:
+        """Return the planes along lines of some slopes dy, for any dx."""
+        normal, magnitude = self.normal, self.magnitude
+        return RowPlanes(
+            offset=self.offset,
+            bound=self.bound,
+            normal_x=normal[0],
+            magnitude_x=magnitude[0],
+            level=product(normal[1], dy) - normal[2],
+            level_magnitude=product(abs(dy), magnitude[1]) + magnitude[2],
         )
 
 
@@ -142,7 +154,7 @@ class Cones:
 
     edges: list[list[Any]]
     magnitudes: list[list[Any]]
-    planes: Planes
+    planes: Any  #: `Planes`, or the planes of `directions`
     within: Any
     holds: Any
 
@@ -156,7 +168,7 @@ class Cones:
         low, high = seen_from.depths([corner[2] for corner in corners])
         return cls(
             edges=[cross(corners[i], corners[j]) for i, j in EDGES],
-            magnitudes=[_cross_magnitude(corners[i], corners[j]) for i, j in EDGES],
+            magnitudes=[cross_magnitude(corners[i], corners[j]) for i, j in EDGES],
             planes=Planes.from_points(points, seen_from.center, holds),
             within=(low >= seen_from.ends[0]) & (high <= seen_from.ends[1]),
             holds=holds,
@@ -180,18 +192,6 @@ class Cones:
         # All lines meet a triangle that contains the center there, for any values of its edge
         # functions.
         return self.holds | ~outside, self.holds | inside
-
-    def along_rows(self, dy: Any) -> RowPlanes:
-        """Return the planes along lines of some slopes dy, for any dx."""
-        normal, magnitude = self.planes.normal, self.planes.magnitude
-        return RowPlanes(
-            offset=self.planes.offset,
-            bound=self.planes.bound,
-            normal_x=normal[0],
-            magnitude_x=magnitude[0],
-            level=product(normal[1], dy) - normal[2],
-            level_magnitude=product(abs(dy), magnitude[1]) + magnitude[2],
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -223,17 +223,26 @@ class RowPlanes:
         # twice its bound.
         slope = product(self.normal_x, dx) + self.level
         slope_bound = product(ROUNDING, product(self.magnitude_x, abs(dx)) + self.level_magnitude)
-        margin = abs(slope) - slope_bound
-        certain = margin > slope_bound
-        # The quotient. A 1 in place of an uncertain slope keeps it finite.
-        s = dr.select(certain, self.offset / dr.select(certain, slope, 1.0), 0.0)
-        # The bound above, from the errors of both dot products.
-        error = (self.bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
-        # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of
-        # quotients below full precision.
-        error = product(error, 1 + ROUNDING) + product(ROUNDING, abs(s))
-        error = error + dr.select(self.bound > 0, UNDERFLOW, 0.0)
-        return s, dr.select(certain, error, np.inf)
+        return places(self.offset, self.bound, slope, slope_bound)
+
+
+def places(offset: Any, bound: Any, slope: Any, slope_bound: Any) -> tuple[Any, Any]:
+    """Return s = q_0 . n / d . n of two rounded dot products with bounds, and a bound on its error.
+
+    The error is infinite where the slope may be zero; see `RowPlanes.met`.
+    """
+    # The sign of the denominator is certain, with a margin, if it exceeds twice its bound.
+    margin = abs(slope) - slope_bound
+    certain = margin > slope_bound
+    # The quotient. A 1 in place of an uncertain slope keeps it finite.
+    s = dr.select(certain, offset / dr.select(certain, slope, 1.0), 0.0)
+    # The bound on the errors of both dot products.
+    error = (bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
+    # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of
+    # quotients below full precision.
+    error = product(error, 1 + ROUNDING) + product(ROUNDING, abs(s))
+    error = error + dr.select(bound > 0, UNDERFLOW, 0.0)
+    return s, dr.select(certain, error, np.inf)
 
 
 def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
@@ -251,7 +260,7 @@ def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any,
     return (farthest >= first) & (nearest <= last), sure
 
 
-def _cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+def cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
     (ax, ay, az), (bx, by, bz) = ([abs(part) for part in vector] for vector in (a, b))
     sums = (ay, bz, az, by), (az, bx, ax, bz), (ax, by, ay, bx)

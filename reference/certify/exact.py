@@ -5,6 +5,7 @@ here is a Python integer or a ratio of two. Triangles are closed, and a line tha
 triangle's plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
 """
 
+import math
 from collections import deque
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -137,12 +138,26 @@ class ExactPencil:
         """Return whether lines meet the triangle's plane outside the center."""
         return self.cone(triangle)[2] != 0
 
+    def aims_past(self, triangle: int) -> bool:
+        """Return whether a triangle is a needle on another line through the center than pixel 0."""
+        edges, _, _ = self.cone(triangle)
+        if edges != ((0, 0, 0),) * 3:
+            return False
+        corners = ([_scaled(x, self._bits) for x in p] for p in self._triangles[triangle].tolist())
+        toward = ([x - c for x, c in zip(p, self._center, strict=True)] for p in corners)
+        d = self.direction(0)
+        return any(_cross(d, (q[0], q[1], q[2])) != (0, 0, 0) for q in toward)
+
     def contains_center(self, triangle: int) -> bool:
         """Return whether the center lies in a closed triangle, which every line meets at s = 0."""
         edges, normal, offset = self.cone(triangle)
         return (
             offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
         )
+
+    def zero(self, triangle: int) -> float:
+        """Return the quotient 0 / (d . n) of the first pixel, which has the sign of d . n."""
+        return math.copysign(0.0, _dot(self.direction(0), self.cone(triangle)[1]))
 
     def coplanar(self, first: int, second: int) -> bool:
         """Return whether every line meets two triangles' planes at the same s."""

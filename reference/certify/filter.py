@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -141,21 +141,88 @@ class _Lanes:
         dr.while_loop((UInt32(self.first),), lambda column: column <= self.last, step)
 
 
-class Filter:
-    """The filter of the lines of one image; `exact` are the same lines in integers."""
+class Lines(Protocol):
+    """Lines of an image, as the filter reads them: two variables, one per column and per row.
 
-    def __init__(self, triangles: Triangles, bundle: RayBundle, exact: ExactPencil) -> None:
-        self._triangles, self._bundle = triangles, bundle
+    The variables are the slopes dx and dy of lines through one point, or the places x and y at
+    which parallel lines meet the plate: edge functions are linear in them.
+    """
+
+    resolution: tuple[int, int]  #: W, H in pixels
+    film: FilmAxis  #: map from the columns' variable to columns
+    across: Any  #: (W,) variable of each column
+    down: Any  #: (H,) variable of each row
+    ends: list[Any]  #: first and last s of the range
+
+    def boxes(self, triangles: Triangles) -> list[Boxes]:
+        """Return the boxes of all triangles that the film may show."""
+
+    def cones(self, points: Sequence[Sequence[Any]], holds: Any) -> Cones:
+        """Return triangles, given by their corners, as these lines see them."""
+
+    def covering(
+        self, points: Sequence[Sequence[Any]], column: Any, row: Any
+    ) -> tuple[Any, Any, Any]:
+        """Return whether the lines of pixels may pass through triangles, whether they surely do.
+
+        The third mask marks triangles that surely lie in the range.
+        """
+
+    def along_rows(self, cones: Cones, row: Any) -> Any:
+        """Return the planes of triangles along rows of the image, a dataclass of arrays."""
+
+    def met(self, planes: Any, column: Any) -> tuple[Any, Any]:
+        """Return s where the lines of columns meet planes, and a bound on its error."""
+
+
+class PencilLines:
+    """Lines through one point, for the filter; `exact` are the same lines in integers."""
+
+    def __init__(self, bundle: RayBundle, exact: ExactPencil) -> None:
+        self.resolution = bundle.resolution
+        self._bundle, self._exact = bundle, exact
+        self.film = FilmAxis.from_bundle(bundle, 0)
+        self._seen_from = Viewpoint.from_bundle(bundle)
+        self.ends = self._seen_from.ends
+        self.across, self.down = on_device(bundle.dx), on_device(bundle.dy)
+
+    def boxes(self, triangles: Triangles) -> list[Boxes]:
+        """Return the boxes of all triangles that the film may show."""
+        return bounding_boxes(triangles, self._bundle, self._exact)
+
+    def cones(self, points: Sequence[Sequence[Any]], holds: Any) -> Cones:
+        """Return triangles as cones about the common point."""
+        return Cones.from_points(points, self._seen_from, holds)
+
+    def covering(
+        self, points: Sequence[Sequence[Any]], column: Any, row: Any
+    ) -> tuple[Any, Any, Any]:
+        """Return whether lines may, or surely do, pass through triangles; see `Lines`."""
+        cones = self.cones(points, False)
+        dx, dy = dr.gather(Float64, self.across, column), dr.gather(Float64, self.down, row)
+        return *cones.covering(dx, dy), cones.within
+
+    def along_rows(self, cones: Cones, row: Any) -> RowPlanes:
+        """Return the planes of triangles along rows of the image."""
+        return cones.planes.along_rows(dr.gather(Float64, self.down, row))
+
+    def met(self, planes: RowPlanes, column: Any) -> tuple[Any, Any]:
+        """Return s where the lines of columns meet planes, and a bound on its error."""
+        return planes.met(dr.gather(Float64, self.across, column))
+
+
+class Filter:
+    """The filter of the lines of one image."""
+
+    def __init__(self, triangles: Triangles, lines: Lines) -> None:
+        self._triangles, self._lines = triangles, lines
         with recording():
-            self._boxes = bounding_boxes(triangles, bundle, exact)
-            self._film = FilmAxis(bundle, 0)
-            self._seen_from = Viewpoint.from_bundle(bundle)
-            self._dx, self._dy = on_device(bundle.dx), on_device(bundle.dy)
-            self._width = dr.opaque(UInt32, bundle.resolution[0])
+            self._boxes = lines.boxes(triangles)
+            self._width = dr.opaque(UInt32, lines.resolution[0])
 
     def classify_pixels(self, rows: range) -> ClassifiedPixels:
         """Return the triangles that may be first in some rows of the image."""
-        pixels = len(rows) * self._bundle.resolution[0]
+        pixels = len(rows) * self._lines.resolution[0]
         with recording():
             lanes = self._cut(rows)
             limit = self._limit(lanes, rows)
@@ -228,14 +295,14 @@ class Filter:
     def _lanes(self, boxes: Boxes, box: Any, row: Any) -> _Lanes:
         number = dr.gather(UInt32, boxes.number, box)
         holds = False if boxes.holds is None else dr.gather(Bool, boxes.holds, box)
-        cones = Cones.from_points(self._triangles.points(number), self._seen_from, holds)
-        dy = dr.gather(Float64, self._dy, UInt32(row))
+        cones = self._lines.cones(self._triangles.points(number), holds)
+        dy = dr.gather(Float64, self._lines.down, UInt32(row))
         first, last = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
         surely = None
         if boxes.turn is not None:
             turn = Float64(dr.gather(Int32, boxes.turn, box))
-            low, high, *surely_between = _slopes_inside(cones, turn, dy, self._film)
-            low, high = self._film.columns(low, high)
+            low, high, *surely_between = _slopes_inside(cones, turn, dy, self._lines.film)
+            low, high = self._lines.film.columns(low, high)
             first = dr.maximum(Int32(dr.ceil(low)), first)
             last = dr.minimum(Int32(dr.floor(high)), last)
             surely = surely_between[0], surely_between[1]
@@ -243,7 +310,7 @@ class Filter:
         lanes = _Lanes(
             number=number,
             row=UInt32(row),
-            planes=cones.along_rows(dy),
+            planes=self._lines.along_rows(cones, UInt32(row)),
             within=cones.within,
             first=UInt32(dr.select(empty, 1, first)),
             last=UInt32(dr.select(empty, 0, last)),
@@ -252,20 +319,21 @@ class Filter:
             holds=holds,
         )
         # Kernels are bound by memory: a value computed from others in few operations is not stored.
-        kept = [getattr(lanes.planes, field.name) for field in fields(RowPlanes)]
+        kept = [getattr(lanes.planes, field.name) for field in fields(lanes.planes)]
         whole = () if lanes.cones is None else (*lanes.cones.edges, *lanes.cones.magnitudes)
         dr.eval(number, lanes.row, lanes.within, lanes.first, lanes.last, surely, *kept, *whole)
         return lanes
 
     def _met(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         """Return s, its error, whether the line surely meets the triangle, and whether it may."""
-        dx = dr.gather(Float64, self._dx, column)
-        s, error = lanes.planes.met(dx)
-        possible, sure = in_range(s, error, lanes.within, self._seen_from.ends)
+        dx = dr.gather(Float64, self._lines.across, column)
+        s, error = self._lines.met(lanes.planes, column)
+        possible, sure = in_range(s, error, lanes.within, self._lines.ends)
         if lanes.surely is not None:
             return s, error, sure & (dx >= lanes.surely[0]) & (dx <= lanes.surely[1]), possible
         assert lanes.cones is not None
-        may_cover, covers = lanes.cones.covering(dx, dr.gather(Float64, self._dy, lanes.row))
+        dy = dr.gather(Float64, self._lines.down, lanes.row)
+        may_cover, covers = lanes.cones.covering(dx, dy)
         return s, error, sure & covers, possible & may_cover
 
     def _pixel(self, lanes: _Lanes, column: Any, rows: range) -> Any:
@@ -273,7 +341,7 @@ class Filter:
 
     def _limit(self, lanes: list[_Lanes], rows: range) -> Any:
         """Return the largest possible s of each pixel's first surface; infinite if it has none."""
-        limit = dr.full(Float64, np.inf, len(rows) * self._bundle.resolution[0])
+        limit = dr.full(Float64, np.inf, len(rows) * self._lines.resolution[0])
         dr.make_opaque(limit)
         for some in lanes:
 
@@ -316,16 +384,13 @@ class Filter:
         number, row, column, s, error, sure = (
             dr.gather(type(values), values, dr.arange(UInt32, count)) for values in out
         )
-        if lanes.surely is not None:
-            # Where cutting rows leaves coverage in doubt, the edge functions at the pixel's center
-            # may decide.
-            cones = Cones.from_points(self._triangles.points(number), self._seen_from, False)
-            dx, dy = dr.gather(Float64, self._dx, column), dr.gather(Float64, self._dy, row)
-            may_cover, covers = cones.covering(dx, dy)
-            _, counts = in_range(s, error, cones.within, self._seen_from.ends)
-            possible, sure = sure | may_cover, sure | (covers & counts)
-        else:
-            possible = dr.full(Bool, True, count)
+        # Where boxes or the cuts of rows leave coverage in doubt, the edge functions at the pixel's
+        # center may decide. Triangles that contain the aperture are met without error.
+        points = self._triangles.points(number)
+        may_cover, covers, within = self._lines.covering(points, column, row)
+        _, counts = in_range(s, error, within, self._lines.ends)
+        possible = sure | may_cover | (error == 0)
+        sure = sure | (covers & counts)
         pixel = row * self._width + column
         dr.eval(pixel, possible, sure)
         kept = possible.numpy()

@@ -238,7 +238,7 @@ def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
     center = constants(bundle.center)
     s = center[2] - positions[2]
     dx, dy = ((positions[axis] - center[axis]) / s for axis in range(2))
-    film = [FilmAxis(bundle, axis) for axis in range(2)]
+    film = [FilmAxis.from_bundle(bundle, axis) for axis in range(2)]
     # Rows count down.
     places = [
         product(slope - axis.shear, product(sign, axis.scale)) + axis.middle
@@ -287,7 +287,7 @@ def _walk(
 
     def step(query: Any) -> tuple[Any]:
         dx, dy, end, own = dr.gather(Array4f64, lines.line, query)
-        s, error = cones.along_rows(dy).met(dx)
+        s, error = cones.planes.along_rows(dy).met(dx)
         possible, sure = in_range(s, error, False, (nearest, end))
         may_cover, covers = cones.covering(dx, dy)
         possible &= may_cover & (own != named)

@@ -22,7 +22,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import NO_PAIRS, Pairs
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines.lines import LineGrid
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
@@ -39,42 +39,6 @@ MARGIN = 1e-11
 #: Smallest depth below the eye, relative to its height, at which corners are projected. Triangles
 #: that reach the eye's height or beyond may cross any line.
 BESIDE_THE_EYE = 1e-6
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LineGrid:
-    """Lines in columns and rows, each through its own point of the plate.
-
-    The line of column c, row r is P(s) = (x[c], y[r], 0) + s (dx[c], dy[r], -1), so that z = -s.
-    """
-
-    #: x, dx: (W,) where the columns' lines meet the plate, and their slopes
-    x: Floats
-    dx: Floats
-    #: y, dy: (H,) the same of the rows
-    y: Floats
-    dy: Floats
-    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
-    s_range: tuple[float, float]
-
-    @property
-    def resolution(self) -> tuple[int, int]:
-        """W, H: number of columns and rows."""
-        return len(self.dx), len(self.dy)
-
-    def points(self) -> Floats:
-        """Return where the lines meet the plate, (H, W, 3)."""
-        return _spread(self.x, self.y, 0.0)
-
-    def directions(self) -> Floats:
-        """Return d of every line, (H, W, 3)."""
-        return _spread(self.dx, self.dy, -1.0)
-
-
-def _spread(across: Floats, down: Floats, height: float) -> Floats:
-    values = np.empty((len(down), len(across), 3))
-    values[..., 0], values[..., 1], values[..., 2] = across, down[:, None], height
-    return values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,7 +183,7 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         seen_from = Viewpoint(center=[x, y, zero], ends=ends, slack=zero)
         # An s near zero is never sure: integers decide points of the plate that lie in a triangle.
         cones = Cones.from_points(triangles.points(on_device(part.triangle)), seen_from, False)
-        s, error = cones.along_rows(dy).met(dx)
+        s, error = cones.planes.along_rows(dy).met(dx)
         possible, sure = in_range(s, error, cones.within, ends)
         may_cover, covers = cones.covering(dx, dy)
         possible, sure = possible & may_cover, sure & covers
@@ -246,7 +210,7 @@ def _settle(triangles: Floats, grid: LineGrid, ambiguous: Pairs, decided: FirstS
     for line, some in zip(lines.tolist(), rivals, strict=True):
         row, column = divmod(line, grid.resolution[0])
         numbers = np.unique(some)
-        exact = ExactPencil(triangles[numbers], _single(grid, row, column))
+        exact = ExactPencil(triangles[numbers], grid.line(column, row))
         hits = {
             number: place
             for index, number in enumerate(numbers.tolist())
@@ -261,14 +225,3 @@ def _settle(triangles: Floats, grid: LineGrid, ambiguous: Pairs, decided: FirstS
                 certainty[line] = Certainty.TIE
                 tied_triangles.append(np.array([(row, column, winner) for winner in winners]))
     return np.concatenate(tied_triangles)
-
-
-def _single(grid: LineGrid, row: int, column: int) -> RayBundle:
-    """Return one line of a grid as a film of one pixel, at whose center u and v are zero."""
-    return RayBundle(
-        center=(float(grid.x[column]), float(grid.y[row]), 0.0),
-        shear=(float(grid.dx[column]), float(grid.dy[row])),
-        half_extent=(1.0, 1.0),
-        resolution=(1, 1),
-        s_range=grid.s_range,
-    )

@@ -13,8 +13,8 @@ import numpy as np
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.eye.first import Axis, LineGrid, first_along_grid
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, film_window
+from xfrustum.reference.eye.first import Axis, first_along_grid
+from xfrustum.reference.lines.lines import LineGrid, RayBundle, crossed_frustum, film_window
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.plate.plate import Aperture, Frustum, PlateTile
 
 Vector = tuple[float, float, float]
 
@@ -51,6 +51,122 @@ class RayBundle:
         d[..., 1] = dy[:, None]
         d[..., 2] = -1.0
         return d
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineGrid:
+    """Lines in columns and rows, each through its own point of the plate.
+
+    The line of column i, row j is P(s) = (x[i], y[j], 0) + s (dx[i], dy[j], -1), so that z = -s.
+    """
+
+    #: x, dx: (W,) where the columns' lines meet the plate, and their slopes
+    x: Floats
+    dx: Floats
+    #: y, dy: (H,) the same of the rows
+    y: Floats
+    dy: Floats
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
+    s_range: tuple[float, float]
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """W, H: number of columns and rows."""
+        return len(self.x), len(self.y)
+
+    def points(self) -> Floats:
+        """Return where the lines meet the plate, (H, W, 3)."""
+        return _spread(self.x, self.y, 0.0)
+
+    def directions(self) -> Floats:
+        """Return d of every line, (H, W, 3)."""
+        return _spread(self.dx, self.dy, -1.0)
+
+    def line(self, column: int, row: int) -> RayBundle:
+        """Return one line as a film of one pixel, at whose center u and v are zero."""
+        return RayBundle(
+            center=(float(self.x[column]), float(self.y[row]), 0.0),
+            shear=(float(self.dx[column]), float(self.dy[row])),
+            half_extent=(1.0, 1.0),
+            resolution=(1, 1),
+            s_range=self.s_range,
+        )
+
+
+def _spread(across: Floats, down: Floats, height: float) -> Floats:
+    values = np.empty((len(down), len(across), 3))
+    values[..., 0], values[..., 1], values[..., 2] = across, down[:, None], height
+    return values
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelLines(LineGrid):
+    """Lines of one pixel of all hogels of a tile: parallel, or through one point of the screen.
+
+    Slopes dx ascend with the columns and dy descend with the rows; parallel lines have x and y in
+    their place. Columns and rows of the grid run through the tile in `step`, 1 or -1: slopes
+    through a point of a screen behind the plate descend with x.
+    """
+
+    pitch: tuple[float, float]  #: distance of neighboring apertures in x and y
+    #: point of the screen through which the lines pass but for rounding; None for parallel lines
+    center: Vector | None
+    step: int
+
+    def apart(self) -> tuple[float, float]:
+        """Return a bound in x and y on the distance of lines from `center`, at its height."""
+        assert self.center is not None
+        depth, bounds = -self.center[2], []
+        for at, place, slope in zip(
+            self.center[:2], (self.x, self.y), (self.dx, self.dy), strict=True
+        ):
+            # Three operations: the distance itself is rounded by less than 4 u of their terms.
+            size = np.abs(place).max() + abs(depth) * np.abs(slope).max() + abs(at)
+            bounds.append(float(np.abs(place + depth * slope - at).max() + 2.0**-51 * size))
+        return bounds[0], bounds[1]
+
+
+class TileLines:
+    """Lines of all pixels of the hogels of a tile, with the bits of the hogels' frusta."""
+
+    def __init__(self, frustum: Frustum, tile: PlateTile) -> None:
+        self._frustum, self.tile = frustum, tile
+        plate, columns, rows = tile.plate, tile.columns, tile.rows
+        step = -1 if frustum.screen is not None and frustum.screen.height < 0 else 1
+        self._step = step
+        across = [crossed_frustum(frustum, plate.aperture(n, rows[0])) for n in columns[::step]]
+        down = [crossed_frustum(frustum, plate.aperture(columns[0], n)) for n in rows[::step]]
+        self._x = np.array([bundle.center[0] for bundle in across])
+        self._y = np.array([bundle.center[1] for bundle in down])
+        # Slopes of hogels by columns and rows of pixels.
+        self._dx = np.stack([bundle.dx for bundle in across], axis=1)
+        self._dy = np.stack([bundle.dy for bundle in down], axis=1)
+
+    def of_pixel(self, pixel: tuple[int, int]) -> PixelLines:
+        """Return the lines of one pixel (column, row) of all hogels of the tile."""
+        (column, row), plate, frustum = pixel, self.tile.plate, self._frustum
+        return PixelLines(
+            x=self._x,
+            dx=self._dx[column],
+            y=self._y,
+            dy=self._dy[row],
+            pitch=(plate.size[0] / plate.hogels[0], plate.size[1] / plate.hogels[1]),
+            s_range=(-frustum.reach[0], frustum.reach[1]),
+            center=_screen_point(frustum, pixel),
+            step=self._step,
+        )
+
+
+def _screen_point(frustum: Frustum, pixel: tuple[int, int]) -> Vector | None:
+    """Return the point of the screen that a pixel of every hogel shows; None without a screen."""
+    if (screen := frustum.screen) is None:
+        return None
+    u = (2.0 * pixel[0] + 1.0) / frustum.resolution[0] - 1.0
+    v = 1.0 - (2.0 * pixel[1] + 1.0) / frustum.resolution[1]
+    # For a screen before the plate the image is mirrored in both axes.
+    side = 1 if screen.height < 0 else -1
+    (x, y), (width, height) = screen.center, screen.size
+    return x + side * u * width / 2, y + side * v * height / 2, screen.height
 
 
 def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:

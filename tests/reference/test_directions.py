@@ -1,0 +1,129 @@
+"""Truth by directions: one pixel of all hogels is decided as in the images of the hogels."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from xfrustum.reference import Reference
+from xfrustum.reference.certify.certify import Certifier
+from xfrustum.reference.certify.cone import Triangles
+from xfrustum.reference.lines.lines import PixelLines, TileLines
+from xfrustum.scenes import HogelImage, InputError, Plate, Scene, open_scene
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.library import builtin, hard_cases
+from xfrustum.scenes.model.direction_image import DirectionImage
+from xfrustum.scenes.plate.plate import PlateTile
+
+CHANNELS = ("triangle", "position", "normal", "color", "certainty")
+
+
+def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Scene:
+    """Return a scene with few hogels and pixels; aimed films of hard cases stay if they are few."""
+    scene = open_scene(name)
+    if max(scene.plate.hogels) > 9:
+        scene = replace(scene, plate=Plate(size=scene.plate.size, hogels=hogels))
+    if max(scene.frustum.resolution) > 64:
+        scene = replace(scene, frustum=replace(scene.frustum, resolution=resolution))
+    return scene
+
+
+def both_ways(
+    scene: Scene, tile: PlateTile, every: int = 1
+) -> Iterator[tuple[DirectionImage, dict[str, np.ndarray], set[tuple[int, ...]]]]:
+    """Yield images by direction with the same pixels and ties of the images of hogels."""
+    reference = Reference(scene)
+    width, height = scene.frustum.resolution
+    hogels: dict[tuple[int, int], HogelImage] = {
+        (row, column): reference.trace(scene.plate.aperture(column, row))
+        for row in tile.rows
+        for column in tile.columns
+    }
+    pixels = [(column, row) for row in range(height) for column in range(width)][::every]
+    for image in reference.by_directions(tile, pixels):
+        at = image.pixel[::-1]
+        values = {
+            name: np.stack([getattr(hogel, name)[at] for hogel in hogels.values()])
+            for name in CHANNELS
+        }
+        shape = len(tile.rows), len(tile.columns)
+        ties = {
+            (row - tile.rows[0], column - tile.columns[0], triangle)
+            for (row, column), hogel in hogels.items()
+            for *place, triangle in hogel.tied_triangles.tolist()
+            if tuple(place) == at
+        }
+        yield image, {n: v.reshape(*shape, *v.shape[1:]) for n, v in values.items()}, ties
+
+
+def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int:
+    """Hold every bit of images by direction to the images of hogels; return compared pixels."""
+    compared = 0
+    for image, expected, ties in both_ways(scene, tile, every):
+        for name in CHANNELS:
+            # Bytes of -0 and 0 differ, and a NaN equals itself.
+            ours = np.ascontiguousarray(getattr(image, name))
+            assert ours.tobytes() == expected[name].tobytes(), (name, image.pixel)
+        assert set(map(tuple, image.tied_triangles.tolist())) == ties
+        compared += image.triangle.size
+    return compared
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "asymmetric",
+        "asymmetric-recentered",
+        "car-recentered",
+        "hard/vertex-on-aperture",
+        "hard/edge-through-aperture",
+        "hard/closed-edges",
+        "hard/screen-near-plate",
+        "hard/screen-near-plate-in-front",
+        "hard/duplicates",
+    ],
+)
+def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> None:
+    scene = small(name, (6, 5), (9, 8))
+    # A tile off the corner, with other numbers of columns and rows.
+    tile = PlateTile(plate=scene.plate, columns=range(1, 5), rows=range(2, 5))
+    every = 1 if np.prod(scene.frustum.resolution) < 100 else 97
+    assert_equal_to_hogels(scene, tile, every)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*builtin.names(), *hard_cases.names(giants=False)])
+def test_whole_plates_by_direction_equal_those_by_hogels(name: str) -> None:
+    scene = small(name, (9, 7), (40, 32))
+    columns, rows = map(range, scene.plate.hogels)
+    assert_equal_to_hogels(scene, PlateTile(plate=scene.plate, columns=columns, rows=rows))
+
+
+def first_triangles(scene: Scene, lines: PixelLines) -> np.ndarray:
+    height = lines.resolution[1]
+    return Certifier(Triangles(scene.triangles), lines).decide(range(height)).triangle
+
+
+def test_negated_flipped_and_shifted_lines_differ() -> None:
+    scene = small("asymmetric", (24, 20), (16, 12))
+    tile = PlateTile(plate=scene.plate, columns=range(24), rows=range(20))
+    lines = TileLines(scene.frustum, tile).of_pixel((3, 2))
+    right = first_triangles(scene, lines)
+    wrong = {
+        "direction": replace(lines, dx=-lines.dx, dy=-lines.dy),
+        "half a pitch": replace(lines, x=lines.x + lines.pitch[0] / 2),
+        "pixel": TileLines(scene.frustum, tile).of_pixel((3, 9)),
+    }
+    for defect, others in wrong.items():
+        assert np.count_nonzero(first_triangles(scene, others) != right) > 5, defect
+    assert np.count_nonzero(right[::-1] != right) > 5
+
+
+def test_means_over_several_samples_are_refused() -> None:
+    scene = small("asymmetric", (4, 3), (4, 4))
+    sampled = replace(scene, sampling=Sampling(supersample=2))
+    tile = PlateTile(plate=scene.plate, columns=range(4), rows=range(3))
+    with pytest.raises(InputError, match="several samples"):
+        next(Reference(sampled).by_directions(tile, [(0, 0)]))
+    next(Reference(sampled).by_directions(tile, [(0, 0)], colored=False))
