@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,11 @@ class Triangles:
         padded[..., :3] = corners
         with recording():
             self._rows = on_device(padded)
+
+    @cached_property
+    def extent(self) -> Floats:
+        """Largest absolute x, y and z of all corners, (3,)."""
+        return np.asarray(np.abs(self.corners).max(axis=(0, 1), initial=0.0))
 
     def __len__(self) -> int:
         """Return the number of triangles."""

@@ -193,7 +193,7 @@ class _ParallelFilm:
         # A projection x + z dx has a relative rounding error of 2 u of its terms; the subtraction,
         # the product and the sum of the map add 3 u of a place on the film, and the doubles of the
         # apertures lie within 4 u of the plate's size of an even grid. The bound is twice the sum.
-        size = np.abs(triangles.corners).reshape(-1, 3).max(axis=0, initial=0.0)
+        size = triangles.extent
         slope, place = abs((grid.dx, grid.dy)[axis][0]), np.abs((grid.x, grid.y)[axis]).max()
         extent = place + grid.pitch[axis]
         return 16 * UNIT_ROUNDOFF * float(size[axis] + size[2] * slope + 2 * extent)
