@@ -1,27 +1,39 @@
-"""Plates drawn by directions: one picture of a tile of the plate for each pixel of its hogels."""
+"""Plates drawn by directions: one picture of a tile of the plate for each pixel of its hogels.
 
-from collections.abc import Iterable, Iterator
+A picture has a pixel for each hogel, so a plate of more hogels than pixels takes fewer passes than
+hogel by hogel, none of them with a near offset or a second camera (`cameras.directions`).
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import moderngl
+import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import MAPPINGS
+from xfrustum.raster.cameras.cameras import MAPPINGS, Pass
 from xfrustum.raster.cameras.directions import direction_pass
 from xfrustum.raster.device.context import ContextOwner, check_room, describe, open_context
+from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.plate.picture import (
     PICTURE,
+    REFLECTION,
     Batching,
     PictureStyle,
     PlatePicture,
     Slot,
     lets_vertices_choose_layers,
     make_rounds,
+    reflective_triangles,
 )
 from xfrustum.raster.plate.renderer import groups
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
+from xfrustum.raster.rasterizer import normals_of
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.plate_content import PlateContent, PlateDirection
+from xfrustum.scenes.model.effects import CAMERAS, needed
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import PlateTile
@@ -30,7 +42,13 @@ Pixel = tuple[int, int]  #: column and row of a pixel of every hogel
 
 
 class DirectionRenderer(ContextOwner):
-    """Scene on the GPU, uploaded once, drawn for pixels of all hogels of a tile."""
+    """Scene on the GPU, uploaded once, drawn for pixels of all hogels of a tile.
+
+    A context manager; `content` has the images that are read back, and the simulated effects.
+    Depth is linear in z between the ends of the reach, or 1 / w from a point of the screen. Raises
+    InputError if colors are means over several samples, if the effects leave out one side of the
+    plate, if surfaces reach the screen of a recentered frustum, or if the device cannot draw it.
+    """
 
     def __init__(
         self,
@@ -39,34 +57,55 @@ class DirectionRenderer(ContextOwner):
         content: PlateContent,
         depth: DepthFormat = DepthFormat.D32F,
     ) -> None:
-        self.scene, self.tile, self.content = scene, tile, content
-        self.effects = needed(scene) if content.effects is None else content.effects
+        self.scene, self.tile, self.content, self.depth = scene, tile, content, depth
+        necessary = needed(scene)
+        self.effects = necessary if content.effects is None else content.effects
+        if Channel.COLOR in content.channels and scene.sampling != Sampling():
+            raise InputError(
+                f"{scene.name}: has several samples a pixel, and images by direction have one; "
+                "draw the plate by hogels"
+            )
+        if missing := sorted((CAMERAS & necessary) - self.effects):
+            raise InputError(
+                f"effects without {', '.join(missing)}: an image by direction has one camera for "
+                "both sides of the plate; draw the plate by hogels"
+            )
         first = direction_pass(scene, tile, (0, 0))
         self._context = open_context()
         try:
             with self._context:
                 self.device = describe(self._context)
                 check_room(scene, self.device["renderer"])
-                form = TargetFormat(depth=depth, content=content)
-                layered = lets_vertices_choose_layers(self._context)
-                self._batching = Batching.from_size(tile.size, form, layered=layered)
-                style = PictureStyle(
-                    mapping=MAPPINGS[DepthMapping.STANDARD],
-                    effects=self.effects,
-                    hogels=self._batching.hogels,
-                )
-                self._picture = (
-                    PlatePicture(self._context, scene, [first], style) if len(scene.faces) else None
-                )
-                self._rounds = make_rounds(
-                    self._context,
-                    self._batching,
-                    lambda: LayeredTarget(tile.size, self._batching.hogels, form),
-                    (1, 1),
-                )
+                self._prepare(first)
         except InputError:
             self._context.release()
             raise
+
+    def _prepare(self, first: Pass) -> None:
+        scene, size, channels = self.scene, self.tile.size, self.content.channels
+        solid, measured = len(scene.faces) > 0, Channel.HEIGHT in channels
+        mirrors = bool(reflective_triangles(scene, self.effects).any())
+        # Normals are looked up by triangle numbers.
+        content = replace(self.content, ids=True) if Channel.NORMAL in channels else self.content
+        form = TargetFormat(depth=self.depth, content=content, identified=measured or mirrors)
+        layered = lets_vertices_choose_layers(self._context)
+        self._batching = Batching.from_size(size, form, layered=layered)
+        self._positions = Positions(self._context, scene) if solid and measured else None
+        self._picture: PlatePicture | None = None
+        if solid:
+            style = PictureStyle(
+                mapping=MAPPINGS[DepthMapping.STANDARD],
+                effects=self.effects,
+                hogels=self._batching.hogels,
+            )
+            # The range of depth, by which triangles are sorted, is that of all pixels.
+            self._picture = PlatePicture(self._context, scene, [first], style)
+        self._rounds = make_rounds(
+            self._context,
+            self._batching,
+            lambda: LayeredTarget(size, self._batching.hogels, form),
+            (0 if self._picture is None else len(self._picture.drawings), 1),
+        )
 
     def release(self) -> None:
         """Free the context and everything in it."""
@@ -76,7 +115,10 @@ class DirectionRenderer(ContextOwner):
         self._context.release()
 
     def images(self, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
-        """Draw pixels of all hogels, and yield their images in the same order."""
+        """Draw pixels of all hogels, and yield their images in the same order.
+
+        While one round of submissions is drawn, the round before it is read back.
+        """
         waiting: list[tuple[Slot, list[Pixel]]] = []
         submissions = groups(pixels, self._batching.hogels)
         for number, submitted in enumerate(groups(submissions, self._batching.submissions)):
@@ -91,22 +133,45 @@ class DirectionRenderer(ContextOwner):
             waiting = drawn
         yield from self._finish(waiting)
 
-    def _draw(self, slot: Slot, pixels: list[Pixel]) -> None:
-        if self._picture is None:
+    def _draw(self, slot: Slot, pixels: Sequence[Pixel]) -> None:
+        picture = self._picture
+        if picture is None:
             slot.target.begin()
             return
-        self._picture.begin(slot, moderngl.DEPTH_TEST)
+        picture.begin(slot, moderngl.DEPTH_TEST)
         passes = [direction_pass(self.scene, self.tile, pixel) for pixel in pixels]
-        draws = self._picture.upload(slot, 0, passes)
-        self._picture.draw(slot, 0, passes[0], draws[PICTURE])
+        draws = picture.upload(slot, 0, passes)
+        picture.draw(slot, 0, passes[0], draws[PICTURE])
+        if picture.environment is not None:
+            picture.reflect(slot, passes[:1], [draws[REFLECTION]], moderngl.DEPTH_TEST)
 
-    def _finish(self, waiting: list[tuple[Slot, list[Pixel]]]) -> Iterator[PlateDirection]:
+    def _finish(self, waiting: Sequence[tuple[Slot, list[Pixel]]]) -> Iterator[PlateDirection]:
+        normals = Channel.NORMAL in self.content.channels
         for slot, pixels in waiting:
             with self._context:
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
+                heights = [self._height(slot, layer, pixel) for layer, pixel in enumerate(pixels)]
             for layer, pixel in enumerate(pixels):
+                numbers = None if triangle is None else triangle[layer]
                 yield PlateDirection(
                     pixel=pixel,
                     color=color[layer],
-                    triangle=None if triangle is None else triangle[layer],
+                    triangle=numbers if self.content.ids else None,
+                    height=heights[layer],
+                    normal=None
+                    if numbers is None or not normals
+                    else normals_of(self.scene, numbers),
                 )
+
+    def _height(self, slot: Slot, layer: int, pixel: Pixel) -> Singles | None:
+        """Return the heights (rows, columns) of an image; None if they are not a channel."""
+        if Channel.HEIGHT not in self.content.channels:
+            return None
+        width, height = slot.target.size
+        if self._positions is None:
+            return np.full((height, width), np.nan, dtype=np.float32)
+        camera = direction_pass(self.scene, self.tile, pixel)
+        places = np.arange(height * width)
+        points = self._positions.read(slot.target.layer(layer), [camera], places)
+        # Copy the heights, so that the memory of the other two coordinates is freed.
+        return np.array(points[2].reshape(height, width))

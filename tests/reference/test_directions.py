@@ -20,8 +20,11 @@ CHANNELS = ("triangle", "position", "normal", "color", "certainty")
 
 
 def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Scene:
-    """Return a scene with few hogels and pixels; aimed films of hard cases stay if they are few."""
-    scene = open_scene(name)
+    """Return a scene with few hogels and pixels; aimed films of hard cases stay if they are few.
+
+    Colors are of one sample a pixel: images by direction have no means.
+    """
+    scene = replace(open_scene(name), sampling=Sampling())
     if max(scene.plate.hogels) > 9:
         scene = replace(scene, plate=Plate(size=scene.plate.size, hogels=hogels))
     if max(scene.frustum.resolution) > 64:

@@ -8,17 +8,23 @@ import pytest
 
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reference import Reference
-from xfrustum.scenes import InputError, Plate, Scene, open_scene
+from xfrustum.scenes import NOTHING, InputError, Plate, Scene, Screen, open_scene
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 from xfrustum.scenes.plate.plate import PlateTile
 
 HOGELS, PIXELS = (40, 30), (12, 10)
+BEHIND = "asymmetric before a screen"
 
 
 def seen(name: str) -> tuple[Scene, PlateTile]:
-    scene = open_scene(name)
+    scene = open_scene("asymmetric-recentered" if name == BEHIND else name)
+    if name == BEHIND:
+        screen = Screen(height=-160.0, center=(9.0, -6.0), size=(200.0, 170.0))
+        scene = replace(scene, frustum=replace(scene.frustum, screen=screen))
     scene = replace(
         scene,
         plate=Plate(size=scene.plate.size, hogels=HOGELS),
@@ -37,8 +43,8 @@ def drawn_and_true(
             yield image.triangle, truth.triangle
 
 
-@pytest.mark.parametrize("depth", [DepthFormat.D24, DepthFormat.D32F])
-@pytest.mark.parametrize("name", ["car", "asymmetric", "asymmetric-recentered"])
+@pytest.mark.parametrize("depth", list(DepthFormat))
+@pytest.mark.parametrize("name", ["car", "asymmetric", "asymmetric-recentered", BEHIND])
 def test_all_but_few_pixels_show_the_true_triangle(name: str, depth: DepthFormat) -> None:
     scene, tile = seen(name)
     pixels = [(0, 0), (11, 2), (4, 9), (7, 5)]
@@ -60,18 +66,58 @@ def test_negated_directions_show_other_triangles() -> None:
     assert np.count_nonzero(drawn != true) > 0.1 * np.count_nonzero(true >= 0)
 
 
-@pytest.mark.parametrize("name", ["car", "asymmetric", "asymmetric-recentered"])
-def test_colors_are_the_true_colors_where_the_triangle_is(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "steepness"),
+    [
+        ("car", 1e-5),
+        ("asymmetric", 1e-5),
+        ("asymmetric-recentered", 1e-5),
+        (BEHIND, 1e-5),
+        # Reflections of smooth normals, which a device interpolates in float32, change by some
+        # hundreds with the normal.
+        ("mirror-sphere", 1e-3),
+    ],
+)
+def test_every_channel_is_true_where_the_triangle_is(name: str, steepness: float) -> None:
     scene, tile = seen(name)
     pixels = [(5, 4), (1, 8)]
-    content = PlateContent(color=ColorType.FLOAT32, ids=True)
-    truths = Reference(scene).by_directions(tile, pixels, normals=False)
+    content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
+    truths = Reference(scene).by_directions(tile, pixels)
     with DirectionRenderer(scene, tile, content) as renderer:
         for image, truth in zip(renderer.images(pixels), truths, strict=True):
+            assert image.height is not None and image.normal is not None
             same = (image.triangle == truth.triangle) & (truth.triangle >= 0)
-            assert same.sum() > 100 and truth.color is not None
+            assert same.sum() > 100 and truth.color is not None and truth.normal is not None
             # Both shade the exact point of a pixel, in floats whose roundings are some 1e-6.
-            np.testing.assert_allclose(image.color[same], truth.color[same], rtol=0, atol=1e-5)
+            np.testing.assert_allclose(image.color[same], truth.color[same], rtol=0, atol=steepness)
+            # The point is computed in double precision and rounded once.
+            np.testing.assert_allclose(
+                image.height[same], truth.position[same][:, 2], rtol=2.0**-23, atol=1e-9
+            )
+            np.testing.assert_allclose(image.normal[same], truth.normal[same], rtol=0, atol=1e-7)
+            assert np.isnan(image.height[image.triangle == NOTHING]).all()
+
+
+def test_mirrors_reflect_by_an_effect_of_their_own() -> None:
+    scene, tile = seen("mirror-sphere")
+    effects = ALL_EFFECTS - {Effect.REFLECTION}
+    images = []
+    for chosen in (ALL_EFFECTS, effects):
+        content = PlateContent(color=ColorType.FLOAT32, effects=chosen)
+        with DirectionRenderer(scene, tile, content) as renderer:
+            images += [image.color for image in renderer.images([(5, 4)])]
+    assert np.abs(images[0] - images[1]).max() > 0.1
+
+
+def test_means_and_one_side_of_the_plate_are_refused() -> None:
+    scene, tile = seen("asymmetric")
+    with pytest.raises(InputError, match="c-star"):
+        DirectionRenderer(scene, tile, PlateContent(effects=ALL_EFFECTS - {Effect.C_STAR}))
+    sampled = replace(scene, sampling=Sampling(aperture=4))
+    with pytest.raises(InputError, match="several samples"):
+        DirectionRenderer(sampled, tile, PlateContent())
+    with DirectionRenderer(sampled, tile, PlateContent(channels=(Channel.TRIANGLE,))):
+        pass
 
 
 def test_a_screen_among_the_surfaces_is_refused() -> None:
