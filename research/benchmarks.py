@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,9 +20,11 @@ from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
+from xfrustum.compare.planning.ways import spread_pixels
 from xfrustum.compare.run import Evaluator
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.context import describe, open_context
+from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
@@ -40,6 +42,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.plate.plate import PlateTile
 
 #: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
 Record = dict[str, Any]
@@ -109,9 +112,11 @@ def rate_of(amount: float, seconds: Timing) -> Timing:
 def ratios_of(
     rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]
 ) -> dict[str, float | None]:
-    """Return quotients of median rates as "one/other"; None if the other does not run here."""
+    """Return quotients of median rates as "one/other"; None if either does not run here."""
     return {
-        f"{first}/{second}": rates[first].median / rates[second].median if second in rates else None
+        f"{first}/{second}": rates[first].median / rates[second].median
+        if first in rates and second in rates
+        else None
         for first, second in pairs
     }
 
@@ -421,6 +426,8 @@ PLATE_MEANINGS = {
     "bare": "one hogel after the other, every triangle twice, 8-bit color only, nothing read back",
     "bare-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
     "batched-color": "PlateRenderer, 8-bit color only, read back",
+    "directions": "DirectionRenderer, the same images of the whole plate, a pass for each pixel of "
+    "a hogel: an even part of the passes is timed",
 }
 
 PLATE_RATIOS = (
@@ -429,7 +436,11 @@ PLATE_RATIOS = (
         for other in ("plain", "plain-numbered", "batched-discarded", "read-back")
     ),
     *(("batched-color", other) for other in ("bare", "bare-numbered")),
+    ("directions", "batched"),
 )
+
+#: Largest number of timed passes over the plate: all W H of them would take minutes.
+MOST_PASSES = 64
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 COLOR_ONLY = PlateContent(color=ColorType.UINT8)
@@ -438,7 +449,10 @@ COLOR_ONLY = PlateContent(color=ColorType.UINT8)
 def benchmark_plate(
     scene: Scene, resolution: int = 128, repeat: int = 5, *, progress: bool = False
 ) -> Record:
-    """Race the middle row of a scene's plate, W = H; InputError if it has no triangles."""
+    """Race the middle row of a scene's plate, by directions its whole plate; W = H.
+
+    InputError if the scene has no triangles.
+    """
     scene = sized(scene, resolution)
     settings, row = settings_of(scene), scene.plate.middle.row
     apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]
@@ -464,17 +478,35 @@ def benchmark_plate(
             "bare-numbered": lambda: bare_numbered.draw_only(apertures),
             "batched-color": lambda: exhaust(color.hogels(apertures)),
         }
+        passes = spread_pixels(scene.frustum, MOST_PASSES)
+        tile = PlateTile.whole(scene.plate)
+        # The plate has no images by direction where surfaces reach the screen.
+        with suppress(InputError):
+            turned = stack.enter_context(
+                DirectionRenderer(
+                    scene, tile, replace(EVERYTHING, effects=effects), depth=settings.depth
+                )
+            )
+            runs["directions"] = lambda: exhaust(turned.images(passes))
         seconds = race(runs, repeat, bar.update)
         device = batched.device["renderer"]
-    rates = {name: rate_of(len(apertures), taken) for name, taken in seconds.items()}
+    amounts = dict.fromkeys(runs, float(len(apertures)))
+    # Every pass draws one pixel of all hogels.
+    amounts["directions"] = math.prod(tile.size) * len(passes) / (resolution * resolution)
+    rates = {name: rate_of(amounts[name], taken) for name, taken in seconds.items()}
     return {
         "scene": scene_record(scene),
         "resolution": scene.frustum.resolution,
         "settings": settings,
         "row": row,
         "hogels": len(apertures),
+        "passes": {
+            "hogels": math.prod(tile.size),
+            "timed": len(passes),
+            "of": resolution * resolution,
+        },
         "meanings": PLATE_MEANINGS,
-        "hogels_per_second": rates,
+        "hogels_per_second": {name: rates.get(name) for name in PLATE_MEANINGS},
         "ratios": ratios_of(rates, PLATE_RATIOS),
         "device": device,
         "devices": dict.fromkeys(PLATE_MEANINGS, device),
@@ -484,9 +516,10 @@ def benchmark_plate(
 
 def plate_table(record: Record) -> str:
     """Return rates and ratios as text."""
-    scene, hogels = record["scene"], record["hogels"]
+    scene, hogels, passes = record["scene"], record["hogels"], record["passes"]
     head = [
-        f"{scene['name']}, {scene['triangles']:,} triangles, row {record['row']}: {hogels} hogels",
+        f"{scene['name']}, {scene['triangles']:,} triangles, row {record['row']}: {hogels} hogels; "
+        f"by directions {passes['timed']} of {passes['of']:,} passes over {passes['hogels']:,}",
         f"median of {record['hogels_per_second']['plain'].repetitions} after a warm-up "
         "(slowest to fastest)",
     ]

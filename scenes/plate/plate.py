@@ -152,6 +152,11 @@ class PlateTile:
     columns: range
     rows: range
 
+    @classmethod
+    def whole(cls, plate: Plate) -> PlateTile:
+        """Return the tile of all hogels of a plate."""
+        return cls(plate=plate, columns=range(plate.hogels[0]), rows=range(plate.hogels[1]))
+
     @property
     def size(self) -> tuple[int, int]:
         """Columns and rows of hogels."""

@@ -1,0 +1,118 @@
+"""Two ways to draw a plate: by hogels with two cameras each, or by directions, all hogels at once.
+
+A hogel costs the same on every plate. A pass by directions pays for the vertices once, and then for
+each hogel: it is the faster way from some number of hogels on (`WaySpeeds.crossover`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from xfrustum.raster.plate.directions import DirectionRenderer
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
+from xfrustum.scenes.plate.plate import Frustum, Plate, PlateTile
+
+#: Hogels along the longer side of two plates whose passes are timed: few, where vertices count, and
+#: many, where hogels do.
+FEW_HOGELS, MANY_HOGELS = 64, 512
+#: Passes, and hogels, of a timing: several submissions.
+TIMED_PASSES, TIMED_HOGELS = 8, 32
+#: Timings of each quantity: the least counts, because other load only adds to it.
+TIMINGS = 3
+
+
+def spread_pixels(frustum: Frustum, count: int) -> list[tuple[int, int]]:
+    """Return at most `count` pixels (column, row) of a hogel, spread evenly, the same each time."""
+    width, height = frustum.resolution
+    if width * height <= count:
+        return [(column, row) for row in range(height) for column in range(width)]
+    # Equal steps of a golden section on one axis fill the other one evenly too.
+    places = np.arange(count) + 0.5
+    columns = (width * (places * (math.sqrt(5) - 1) / 2 % 1)).astype(int)
+    rows = (height * places / count).astype(int)
+    return list(dict.fromkeys(zip(columns.tolist(), rows.tolist(), strict=True)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaySpeeds:
+    """Seconds that both ways to draw a plate take, measured on one machine for one scene."""
+
+    pixels: int  #: pixels of a hogel, each a pass by directions
+    pass_s: float  #: seconds of a pass without any hogel: vertices and calls
+    cell_s: float  #: seconds that a pass takes for each hogel
+    hogel_s: float  #: seconds of a hogel by two cameras, many at once
+
+    def directions_s(self, hogels: int, tiles: int = 1) -> float:
+        """Return the predicted seconds of a plate by directions, drawn in some tiles."""
+        return self.pixels * (tiles * self.pass_s + hogels * self.cell_s)
+
+    def hogels_s(self, hogels: int) -> float:
+        """Return the predicted seconds of a plate by hogels."""
+        return hogels * self.hogel_s
+
+    @property
+    def crossover(self) -> float:
+        """Hogels from which a plate in one tile is faster by directions; infinite if never."""
+        # W H (pass + N cell) = N hogel
+        gained = self.hogel_s - self.pixels * self.cell_s
+        return self.pixels * self.pass_s / gained if gained > 0 else math.inf
+
+
+def _seconds(run: Callable[[], Iterable[object]]) -> float:
+    """Return the least seconds of exhausting an iterable; the first time warms up."""
+    taken = []
+    for _ in range(TIMINGS + 1):
+        begun = time.perf_counter()
+        deque(run(), maxlen=0)
+        taken.append(time.perf_counter() - begun)
+    return min(taken[1:])
+
+
+def with_hogels(scene: Scene, longest: int) -> Scene:
+    """Return a scene whose plate has the same size, and some hogels along its longer side."""
+    columns, rows = (
+        max(1, round(longest * side / max(scene.plate.size))) for side in scene.plate.size
+    )
+    return replace(scene, plate=Plate(size=scene.plate.size, hogels=(columns, rows)))
+
+
+def pass_seconds(scene: Scene, content: PlateContent, depth: DepthFormat) -> float:
+    """Return the seconds of a pass over the whole plate of a scene."""
+    pixels = spread_pixels(scene.frustum, TIMED_PASSES)
+    with DirectionRenderer(scene, PlateTile.whole(scene.plate), content, depth) as renderer:
+        return _seconds(lambda: renderer.images(pixels)) / len(pixels)
+
+
+def measure_speeds(scene: Scene, settings: DoubleFrustum, content: PlateContent) -> WaySpeeds:
+    """Return the measured speeds of both ways to draw the plates of a scene.
+
+    Passes are timed over two plates of the scene's size, of few hogels and of many: a straight line
+    through both is the prediction. Hogels are timed with the settings, spread over the plate.
+    InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
+    """
+    few, many = (with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS))
+    (least, first), (most, second) = (
+        (math.prod(coarse.plate.hogels), pass_seconds(coarse, content, settings.depth))
+        for coarse in (few, many)
+    )
+    cell_s = max(second - first, 0.0) / (most - least)
+    columns, rows = scene.plate.hogels
+    places = np.linspace(0, columns * rows - 1, TIMED_HOGELS).astype(int).tolist()
+    apertures = [scene.plate.aperture(k % columns, k // columns) for k in dict.fromkeys(places)]
+    with PlateRenderer(scene, settings, content) as renderer:
+        hogel_s = _seconds(lambda: renderer.hogels(apertures)) / len(apertures)
+    return WaySpeeds(
+        pixels=math.prod(scene.frustum.resolution),
+        pass_s=max(first - least * cell_s, 0.0),
+        cell_s=cell_s,
+        hogel_s=hogel_s,
+    )
