@@ -215,6 +215,17 @@ class Pictures:
         lines, decided = layer
         width, height = lines.resolution
         points = (height, width, 3)
+        if not len(self._scene.faces):
+            return DirectionImage(
+                tile=tile,
+                pixel=pixel,
+                triangle=np.full(points[:2], NOTHING, dtype=np.int32),
+                position=np.full(points, np.nan),
+                normal=np.full(points, np.nan) if normals else None,
+                color=np.zeros(points, dtype=np.float32) if colored else None,
+                certainty=decided.certainty,
+                tied_triangles=decided.tied_triangles,
+            )
         with recording():
             direction = pixel_directions(lines, range(height))
             triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))

@@ -16,6 +16,7 @@ from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.disk.input_files import check_picture_size, read_arrays
 from xfrustum.scenes.errors import InputError
@@ -207,10 +208,10 @@ def recorded_image(
     # C* is drawn last and wins where both cameras may have drawn the pixel.
     for place, drawing in reversed(list(enumerate(cameras))):
         taken = (least[place] > best + OUTSIDE_PX) | np.isnan(point[:, 2])
-        line = np.stack(
-            (drawing.bundle.dx[columns], drawing.bundle.dy[rows], -np.ones(len(rows))), axis=-1
-        )
-        point[taken] = (drawing.bundle.center + forward[place][:, None] * line)[taken]
+        bundle = drawing.bundle
+        assert isinstance(bundle, RayBundle)
+        line = np.stack((bundle.dx[columns], bundle.dy[rows], -np.ones(len(rows))), axis=-1)
+        point[taken] = (bundle.center + forward[place][:, None] * line)[taken]
         best[taken] = least[place][taken]
     position[rows, columns] = point
     return image

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +39,25 @@ from xfrustum.compare.rounding.edges import (
     seams,
 )
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
-from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.representation import ShortRepr
 
 HEADINGS = ("edge", "order", "lost", "unexplained")
 """Headings of `Causes`; the last one is for pixels that bear no mark."""
+
+
+class Surfaces(Protocol):
+    """Triangles that an image shows, and their heights, by which several cameras share it."""
+
+    @property
+    def triangle(self) -> Numbers:
+        """(H, W), `NOTHING` where there is none."""
+
+    @property
+    def height(self) -> NDArray[Any] | None:
+        """(H, W) above the plate; None in images of a single camera."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -91,8 +105,8 @@ class Causes(ShortRepr):
 def find_causes(
     triangles: Floats,
     cameras: Sequence[RoundingCamera],
-    expected: HogelImage,
-    shown: HogelImage,
+    expected: Surfaces,
+    shown: Surfaces,
     pixels: Indices,
 ) -> Causes:
     """Find the cause of every wrong pixel.
@@ -132,9 +146,7 @@ def find_causes(
     return Causes(shape=shape, pixels=pixels, heading=heading)
 
 
-def misplaced_pixels(
-    triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage
-) -> Mask:
+def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown: Surfaces) -> Mask:
     """Return the pixels (H, W) whose centers lie outside their triangles by more than rounding."""
     where: Mask = np.not_equal(shown.triangle, NOTHING)
     pixels = np.flatnonzero(where)
@@ -146,7 +158,7 @@ def misplaced_pixels(
 def _drawn_by(
     triangles: Floats,
     cameras: Sequence[RoundingCamera],
-    images: Sequence[HogelImage],
+    images: Sequence[Surfaces],
     pixels: Indices,
 ) -> PixelTriangles:
     """Return the triangles at pixels (N,) that each camera may have drawn, of two at a cut both.
@@ -155,12 +167,12 @@ def _drawn_by(
     (cameras, images, N).
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
-    # `take` would copy all of the heights, which lie apart in memory.
-    heights = [image.height.reshape(-1)[pixels] for image in images]
     rows, columns = np.divmod(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
     # Each image's heights are compared as exactly as the image has them.
-    may_draw = np.concatenate([camera.may_draw(height) for camera in cameras for height in heights])
+    may_draw = np.concatenate(
+        [camera.may_draw(image.height, pixels) for camera in cameras for image in images]
+    )
     slots = np.flatnonzero(may_draw & np.tile(exists, len(cameras)))
     # pyrefly: ignore [bad-argument-type] - indices of 32 bits serve as well, without a copy
     return PixelTriangles.from_pixels(triangles, cameras, number, (columns, rows), slots)
@@ -169,7 +181,7 @@ def _drawn_by(
 def _marks(
     drawn: PixelTriangles,
     cameras: Sequence[RoundingCamera],
-    images: Sequence[HogelImage],
+    images: Sequence[Surfaces],
     pixels: Indices,
 ) -> list[Placement]:
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
@@ -180,7 +192,7 @@ def _marks(
     return [Placement(*of_image) for of_image in np.moveaxis(np.asarray(marks.any(axis=1)), 1, 0)]
 
 
-def _beside_likeness(expected: HogelImage, shown: HogelImage, pixels: PixelIndex) -> Mask:
+def _beside_likeness(expected: Surfaces, shown: Surfaces, pixels: PixelIndex) -> Mask:
     """Return the pixels (N,) at or beside which both images show a surface, or neither does."""
     (columns, rows), around = pixels, np.arange(3)
     alike = np.pad((expected.triangle == NOTHING) == (shown.triangle == NOTHING), 1)
@@ -204,7 +216,7 @@ def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:
 def _near_seam(
     triangles: Floats,
     cameras: Sequence[RoundingCamera],
-    images: Sequence[HogelImage],
+    images: Sequence[Surfaces],
     pixels: PixelIndex,
 ) -> Mask:
     """Return the pixels (N,) sampled where clipping may have split a triangle of either image."""
@@ -213,6 +225,7 @@ def _near_seam(
     for camera in cameras:
         if camera.film_shift is None:
             continue
+        assert isinstance(camera.bundle, RayBundle), "the plate is a film without borders"
         points = _sampled(pixels, camera.film_shift)
         for image in images:
             shown = image.triangle[rows, columns]

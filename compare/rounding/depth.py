@@ -13,6 +13,7 @@ from xfrustum.compare.rounding.triangles import (
     CLIPPED_VERTEX_ROUNDINGS,
     FilmTriangles,
     PixelTriangles,
+    Precision,
 )
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -61,9 +62,12 @@ def depths(shown: PixelTriangles) -> Depths:
     """Return the depth of one triangle at each pixel, as its camera's buffer stores it.
 
     With w the distance along the axis, 1 / w is linear on the film, and so is the quantity that the
-    hardware interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w.
+    hardware interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w. On
+    parallel lines s is linear, and depth is.
     """
     film, precision = shown.film, shown.film.precision
+    if film.along is not None:
+        return _linear_in_s(shown)
     (n, f), mapping = film.planes, precision.mapping
     a, b = _linear_in_inverse(mapping, n, f)
     over_w = np.where(film.orthoscopic, 1.0, -1.0)[:, None] * film.plane
@@ -74,18 +78,53 @@ def depths(shown: PixelTriangles) -> Depths:
             depth, tolerance = _written(mapping, inverse, known, shown.each(n), shown.each(f))
         else:
             depth, tolerance = shown.each(a) + shown.each(b) * inverse, known
-    # Storing adds an error between two bounds to the computed value.
-    (low, high), step = precision.device.stored(precision.depth), STEP[precision.depth]
-    tolerance = tolerance + step * (high - low) / 2 + FLOAT32_ROUNDING * np.abs(depth)
     # A camera draws nothing that lies behind it: there it has no depths to order.
     undefined = ~np.isfinite(depth) | (inverse <= 0)
     # C starts from its far value, C* from its near value.
     starts_at_one = film.orthoscopic == (mapping is not DepthMapping.REVERSED)
-    return Depths(
-        depth=np.where(undefined, np.nan, depth + step * (high + low) / 2),
-        tolerance=np.where(undefined, 0.0, tolerance),
-        clear=shown.each(np.where(starts_at_one, 1.0, 0.0)),
+    return _stored(
+        np.where(undefined, np.nan, depth),
+        np.where(undefined, 0.0, tolerance),
+        shown.each(np.where(starts_at_one, 1.0, 0.0)),
+        precision,
     )
+
+
+def _stored(depth: Floats, tolerance: Floats, clear: Floats, precision: Precision) -> Depths:
+    """Return computed depths as a buffer stores them: with an error between two bounds."""
+    (low, high), step = precision.device.stored(precision.depth), STEP[precision.depth]
+    tolerance = tolerance + step * (high - low) / 2 + FLOAT32_ROUNDING * np.abs(depth)
+    return Depths(
+        depth=depth + step * (high + low) / 2,
+        tolerance=np.where(np.isnan(depth), 0.0, tolerance),
+        clear=clear,
+    )
+
+
+def _linear_in_s(shown: PixelTriangles) -> Depths:
+    """Return the depth (s - first) / (last - first) of parallel lines, as a buffer stores it."""
+    film, precision = shown.film, shown.film.precision
+    assert film.along is not None and precision.mapping is DepthMapping.STANDARD
+    first, last = film.planes
+    reach = (last - first)[:, None]
+    s, error = film.along
+    value = (s - first[:, None]) / reach
+    uncut = ((value >= 0) & (value <= 1)).all(axis=1)
+    planes = Planes(
+        vertices=film.vertices,
+        value=value,
+        moved=film.bound,
+        moved_value=error / reach,
+        uncut=np.asarray(uncut),
+        largest=np.clip(value.max(axis=1, initial=0.0), 0.0, 1.0),
+        resolution=film.resolution,
+    )
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        depth = planes.exact(shown.which, shown.points)
+        tolerance = planes.tolerance(shown.which, shown.points, precision.device)
+    # A triangle seen edge-on has no depth.
+    depth = np.where(np.isfinite(depth), depth, np.nan)
+    return _stored(depth, tolerance, np.ones_like(depth), precision)
 
 
 def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:

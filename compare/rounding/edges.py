@@ -30,9 +30,13 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     so is its error: the cut lies where |w - z| is at most the larger of the two errors, within (f -
     n) / n times this error of w = f. Where this is more than f, as with n below 2^-24 w, it may lie
     at any distance, beside the camera or behind it. Reversed clip depth is zero at the far plane
-    and has no such difference.
+    and has no such difference. Parallel lines have w = 1 and depth linear in s: the difference
+    is known to `FAR_ROUNDINGS` of 2^-24 of the reach, and the result is s.
     """
     n, f = film.planes
+    if film.along is not None:
+        moved = FAR_ROUNDINGS * FLOAT32_ROUNDING * (f - n)
+        return f - moved, f + moved
     match film.precision.mapping:
         case DepthMapping.REVERSED:
             return 1 / f, 1 / f
@@ -96,6 +100,8 @@ def placement(shown: PixelTriangles) -> Placement:
     n, f = film.planes
 
     def may_be_cut(low: Floats, high: Floats) -> Mask:
+        if film.along is not None:
+            return _may_be_between(shown, film.along, (sides, shifts), (low, high))
         # A triangle seen edge-on has no volume, and no cut.
         with np.errstate(invalid="ignore"):
             begin, end = volume * low - volume_bound * low, volume * high + volume_bound * high
@@ -103,7 +109,8 @@ def placement(shown: PixelTriangles) -> Placement:
             (inverse >= shown.each(begin) - margin) & (inverse <= shown.each(end) + margin)
         )
 
-    moves |= may_be_cut(1 / n, 1 / n) | may_be_cut(1 / f, 1 / f)
+    first, last = (n, f) if film.along is not None else (1 / n, 1 / f)
+    moves |= may_be_cut(first, first) | may_be_cut(last, last)
     edge: Mask = possible & (near.any(axis=0) | moves)
     return Placement(
         possible=np.asarray(possible),
@@ -111,6 +118,31 @@ def placement(shown: PixelTriangles) -> Placement:
         near_moved=possible & moves,
         near_cut=possible & may_be_cut(*far_cuts(film)),
     )
+
+
+def _may_be_between(
+    shown: PixelTriangles, along: Floats, edges: tuple[Floats, Floats], ends: tuple[Floats, Floats]
+) -> Mask:
+    """Return the pixels (N,) at which s of parallel lines may lie between two values (T,) each.
+
+    `along` has s of the corners and its bounds, `edges` the edge functions (3, N) and their bounds.
+    Weights of the corners are the opposite edges over the volume, so that s - end has the sign of
+    sum((s_k - end) E_k), in which float32 moves each factor, and snapping the whole.
+    """
+    film, (sides, shifts) = shown.film, edges
+    turn = shown.each(np.sign(film.volume))
+    s, error = (part.T[list(AFTER_NEXT)] for part in along)
+
+    def beyond(end: Floats) -> tuple[Floats, Floats]:
+        rise = s - end
+        plane = np.einsum("kt,ktc->tc", rise, film.lines)
+        snapped = film.precision.snap_px * per_pixel(plane, film.resolution)
+        at, unsure = shown.each(rise), shown.each(error)
+        margin = np.abs(at) * shifts + unsure * (np.abs(sides) + shifts)
+        return turn * (at * sides).sum(axis=0), shown.each(snapped) + margin.sum(axis=0)
+
+    (over_first, first_margin), (over_last, last_margin) = map(beyond, ends)
+    return np.asarray((over_first >= -first_margin) & (over_last <= last_margin))
 
 
 def per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines.lines import PixelLines, RayBundle
 from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
@@ -33,13 +33,59 @@ class Precision:
         return math.sqrt(2) / 2 * 2 * self.device.half_step
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlateFilm:
+    """An exact camera whose film is a tile of the plate: lines of one pixel of all its hogels.
+
+    Parallel lines have the homogeneous coordinate w = 1, and s = -z is linear on the film; lines
+    through a point of the screen have w = s, and 1 / s is linear on it.
+    """
+
+    #: (3, 4) homogeneous film coordinates (x, y, w) of scene points (x, y, z, 1)
+    film_from_scene: Floats
+    resolution: tuple[int, int]  #: columns and rows of hogels
+    #: Signed ends of s, as in `RayBundle`; the near and far plane of lines through a point
+    s_range: tuple[float, float]
+    parallel: bool
+
+    @classmethod
+    def from_lines(cls, lines: PixelLines, planes: tuple[float, float]) -> PlateFilm:
+        """Return the camera of lines; `planes` are the distances of its near and far plane.
+
+        A line through a and the screen's point M meets p at s = M_z - p_z, where it is
+        M + (a - M) (M_z - s) / M_z, so that s a = M_z (p - M) + s M in x and y. Parallel lines have
+        a = p + z d, and planes at the ends of the reach.
+        """
+        matrix = np.zeros((3, 4))
+        for axis, (at, slope) in enumerate(((lines.x, lines.dx), (lines.y, lines.dy))):
+            middle, half = (at[0] + at[-1]) / 2, len(at) * lines.pitch[axis] / 2
+            if lines.center is None:
+                across, along, rest = 1.0, slope[0], -middle
+            else:
+                across = lines.center[2]
+                along, rest = middle - lines.center[axis], -across * middle
+            matrix[axis, [axis, 2, 3]] = across / half, along / half, rest / half
+        if lines.center is None:
+            matrix[2, 3], ends = 1.0, lines.s_range
+        else:
+            matrix[2, 2:] = -1.0, lines.center[2]
+            near, far = planes
+            ends = (near, far) if lines.center[2] > 0 else (-far, -near)
+        return cls(
+            film_from_scene=matrix,
+            resolution=lines.resolution,
+            s_range=ends,
+            parallel=lines.center is None,
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class RoundingCamera:
     """One camera of a renderer that rounds."""
 
     #: Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its
     #: near and far plane.
-    bundle: RayBundle
+    bundle: RayBundle | PlateFilm
     precision: Precision
     #: Lowest and highest z of the surfaces that the camera draws; None for images
     #: without heights, any surface of which may be this camera's
@@ -48,12 +94,14 @@ class RoundingCamera:
     #: camera that may clip triangles at the borders of its film; None for one that does not
     film_shift: tuple[float, float] | None = None
 
-    def may_draw(self, height: NDArray[Any]) -> Mask:
-        """Return which surface points, given their heights (N,), this camera may have drawn."""
+    def may_draw(self, height: NDArray[Any] | None, pixels: Indices) -> Mask:
+        """Return the pixels (N,) of an image, given its heights (H, W), that it may have drawn."""
         if self.heights is None:
-            return np.ones(len(height), dtype=np.bool_)
-        low, high = self.heights
-        return np.asarray((height >= low) & (height <= high))
+            return np.ones(len(pixels), dtype=np.bool_)
+        assert height is not None, "several cameras draw by heights"
+        # `take` would copy all of the heights, which lie apart in memory.
+        at, (low, high) = height.reshape(-1)[pixels], self.heights
+        return np.asarray((at >= low) & (at <= high))
 
 
 PixelIndex = tuple[Indices, Indices]  #: columns and rows of some pixels, (N,) each
@@ -79,17 +127,21 @@ class FilmTriangles:
     ends: Floats
     #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their
     #: float32 error bounds. u = x / s and v = y / s on the film; s is the distance from the center
-    #: along the axis, negative for C*.
+    #: along the axis, negative for C*. Parallel lines have 1 in its place.
     vertices: Floats
     bound: Floats
+    #: (2, T, 3) s of the corners on parallel lines, and its float32 error bounds; else None
+    along: Floats | None = None
 
     @classmethod
     def from_corners(
         cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices
     ) -> FilmTriangles:
         """Project corners (T, 3, 3), given the place (T,) of each triangle's camera among some."""
-        bundles = [camera.bundle for camera in cameras]
         assert len({(camera.precision, camera.bundle.resolution) for camera in cameras}) == 1
+        bundles = [camera.bundle for camera in cameras if isinstance(camera.bundle, RayBundle)]
+        if not bundles:
+            return cls._on_plate(corners, cameras)
 
         def of_each(values: Sequence[Sequence[float]]) -> Floats:
             return np.array(values).take(drawn_by, axis=0)[:, None, :]
@@ -115,15 +167,39 @@ class FilmTriangles:
             bound=CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * bound,
         )
 
+    @classmethod
+    def _on_plate(cls, corners: Floats, cameras: Sequence[RoundingCamera]) -> FilmTriangles:
+        """Project corners (T, 3, 3) onto the plate, which is the film of a single camera."""
+        (camera,) = cameras
+        film = camera.bundle
+        assert isinstance(film, PlateFilm)
+        points = np.concatenate((corners, np.ones((*corners.shape[:2], 1))), axis=-1)
+        rounding = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING
+        z, along = corners[..., 2], None
+        if film.parallel:
+            # Clip depth is (first - z) / reach: float32 rounds each of the two terms.
+            along = np.stack((-z, rounding * (np.abs(z) + abs(film.s_range[0]))))
+        return cls(
+            precision=camera.precision,
+            resolution=film.resolution,
+            ends=np.repeat(np.array(film.s_range)[:, None], len(corners), axis=1),
+            vertices=points @ film.film_from_scene.T,
+            bound=rounding * (np.abs(points) @ np.abs(film.film_from_scene.T)),
+            along=along,
+        )
+
     @cached_property
     def orthoscopic(self) -> Mask:
-        """(T,) triangles of C, not of C*."""
-        return np.asarray(self.ends[0] > 0)
+        """(T,) triangles of C, or of parallel lines, not of C*."""
+        return np.asarray((self.ends[0] > 0) | (self.along is not None))
 
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
-        """(T,) distances of the near and far plane from each triangle's camera."""
-        near, far = np.sort(np.abs(self.ends), axis=0)
+        """(T,) distances of the near and far plane from each triangle's camera.
+
+        Parallel lines have no camera: theirs is the signed s from the plate.
+        """
+        near, far = self.ends if self.along is not None else np.sort(np.abs(self.ends), axis=0)
         return near, far
 
     @cached_property

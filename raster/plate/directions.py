@@ -98,7 +98,7 @@ class DirectionRenderer(ContextOwner):
                 effects=self.effects,
                 hogels=self._batching.hogels,
             )
-            # The range of depth, by which triangles are sorted, is that of all pixels.
+            # Triangles are sorted by the range of depth, which all pixels share.
             self._picture = PlatePicture(self._context, scene, [first], style)
         self._rounds = make_rounds(
             self._context,

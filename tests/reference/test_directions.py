@@ -85,6 +85,7 @@ def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int
         "hard/screen-near-plate",
         "hard/screen-near-plate-in-front",
         "hard/duplicates",
+        "empty",
     ],
 )
 def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> None:
