@@ -6,9 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
 from xfrustum.reports.exchange import words
@@ -56,6 +58,9 @@ class GroupPlate:
     array: PlateArray
     #: hogels that were never drawn, >= 0; 0 where the group does not state it
     missing: int
+    #: function of column and row that returns a hogel as the array stores it, None if it was never
+    #: drawn, or raises InputError
+    hogel: Callable[[int, int], NDArray[Any] | None]
 
 
 def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
@@ -75,7 +80,7 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
     if (
         not isinstance(stored, zarr.Array)
         or stored.ndim != (5 if colored else 4)
-        or stored.dtype.kind not in "uif"
+        or stored.dtype.kind not in ("uif" if colored else "ui")
     ):
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
@@ -91,9 +96,13 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
             f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32"
         )
     finished = flags if isinstance(flags, zarr.Array) and flags.shape == (rows, columns) else None
+    # Unfinished hogels stay empty; groups of others can lack the files of empty hogels.
+    done = np.ones((rows, columns), dtype=np.bool_)
     try:
         if finished is not None:
-            missing = int(np.count_nonzero(np.asarray(finished[:]) == 0))
+            flagged = np.asarray(finished[:]) != 0
+            missing = int(np.count_nonzero(~flagged))
+            done = flagged if drawn else done
         elif stored.shards is None and stored.chunks == (1, 1, *stored.shape[2:]):
             missing = rows * columns - stored.nchunks_initialized
         else:
@@ -101,17 +110,23 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
     except DAMAGE as error:
         raise InputError(f"{place}: array {FINISHED} is damaged; draw the plate again") from error
 
+    def hogel(column: int, number: int) -> NDArray[Any] | None:
+        if not done[number, column]:
+            return None
+        must_exist = drawn and finished is not None
+        image: NDArray[Any] = read_hogel(place, stored, column, number, must_exist=must_exist)
+        return image
+
     def row(number: int) -> layouts.Pixels:
         pixels = plate_files.empty_row(shape, dtype)
-        # Unfinished hogels stay empty; groups of others can lack the files of empty hogels.
-        done = None if finished is None or not drawn else np.asarray(finished[number])
-        for column in range(columns) if done is None else np.flatnonzero(done).tolist():
-            hogel = read_hogel(place, stored, column, number, must_exist=done is not None)
-            pixels[column] = hogel if colored else packed(hogel)
+        for column in np.flatnonzero(done[number]).tolist():
+            image = hogel(column, number)
+            assert image is not None, "this hogel is finished"
+            pixels[column] = image if colored else packed(image)
         return pixels
 
     plate = PlateRows(shape=shape, dtype=dtype, row=row, linear=colored and drawn)
-    return GroupPlate(rows=plate, array=chosen, missing=missing)
+    return GroupPlate(rows=plate, array=chosen, missing=missing, hogel=hogel)
 
 
 def write_group(

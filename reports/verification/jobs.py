@@ -40,7 +40,13 @@ from xfrustum.reports.blocks import (
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.verification.request import Request, VerifyOptions
-from xfrustum.reports.verification.sources import LaidOut, opened, require_state, state_of
+from xfrustum.reports.verification.sources import (
+    LaidOut,
+    StoredPlate,
+    opened,
+    require_state,
+    state_of,
+)
 from xfrustum.reports.verification.verdict import MAX_SHOWN_HOGELS, Pictured, Verification, badness
 from xfrustum.reports.verification.verification import Question, Run, with_tested_diagnosis
 from xfrustum.scenes import InputError, Scene
@@ -154,7 +160,7 @@ def verify_on(
     if request.looks > 1 and not engine.part.everything:
         raise InputError("--part needs the number of hogels beforehand: use --sample, not --until")
     with opened(request, Reference(scene)) as images:
-        if isinstance(images, LaidOut):
+        if isinstance(images, LaidOut | StoredPlate):
             raise InputError(
                 "--workers, --scheduler and --part judge files that a pattern names, or a "
                 "--command: name the files with {i} and {j}, or leave these options out"

@@ -1,4 +1,4 @@
-"""Sources of a foreign renderer's images: files, a layout, a program, or a function."""
+"""Sources of a foreign renderer's images: files, a layout, Zarr, a program, or a function."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
+from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, open_plate
 from xfrustum.reports.exchange.words import described
+from xfrustum.reports.plate.arrays import METADATA
+from xfrustum.reports.plate.reader import checked_group
 from xfrustum.reports.verification.request import Renderer, Request
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program
@@ -228,6 +232,78 @@ class LaidOut(Source):
 
 
 @dataclass(kw_only=True, eq=False)
+class StoredPlate(Source):
+    """A plate in a Zarr group: its triangle numbers and its colors, or the stated one of them.
+
+    By default colors of 8 bits are left out beside numbers: they are clipped at 1, and true colors
+    are not.
+    """
+
+    place: Path
+    stated: bool  #: encoding stated by the user
+
+    def __post_init__(self) -> None:
+        group = checked_group(self.place)
+        plates = {name: open_plate(self.place, name) for name in PlateArray if name in group}
+        numbers, colors = plates.get(PlateArray.TRIANGLE), plates.get(PlateArray.COLOR)
+        levels = None if colors is None or colors.rows.floating else colors
+        if not self.stated:
+            needs = "array color or triangle"
+            colors = None if numbers is not None and levels is not None else colors
+        elif self.encoding is Encoding.TRIANGLE_ID:
+            needs = "array triangle, or color of type uint8"
+            colors = levels if numbers is None else None
+        elif self.encoding is Encoding.OBJECT_ID:
+            needs, numbers, colors = "array color of type uint8", None, levels
+        else:
+            needs, numbers = "array color", None
+        if numbers is None and colors is None:
+            cause = f", which --encoding {self.encoding} needs" if self.stated else ""
+            raise InputError(f"SOURCE {self.place}: has no {needs}{cause}")
+        self._numbers, self._colors = numbers, colors
+        expected = shape_of(self.reference.scene)
+        judged = {"triangle": numbers, "color": colors}
+        for plate in filter(None, judged.values()):
+            if plate.rows.shape != expected:
+                raise InputError(
+                    f"SOURCE {self.place}: holds {plate.rows.shape}, and the scene says {expected}"
+                )
+        arrays = " and ".join(name for name, plate in judged.items() if plate is not None)
+        self.name = f"{self.place}, array {arrays}"
+
+    def image(self, aperture: Aperture) -> HogelImage:
+        """Return the image of an aperture by the arrays that are judged."""
+        colors, numbers = (
+            None if plate is None else self._read(plate, aperture)
+            for plate in (self._colors, self._numbers)
+        )
+        camera = self.reference.camera(aperture)
+        if colors is not None and colors.dtype == np.uint8:
+            return of_stored(StoredPixels(rgb=colors), camera, self.encoding)
+        shape = camera.resolution[::-1]
+        nothing = np.full(shape, NOTHING, dtype=np.int32)
+        # Numbers beyond 32 bits stay strange: no scene has so many triangles.
+        limits = np.iinfo(np.int32)
+        triangle = nothing if numbers is None else np.clip(numbers, limits.min, limits.max)
+        return HogelImage(
+            camera=camera,
+            triangle=triangle.astype(np.int32),
+            object=nothing,
+            position=np.full((*shape, 3), np.nan, dtype=np.float32),
+            color=None if colors is None else colors.astype(np.float32),
+        )
+
+    def _read(self, plate: GroupPlate, aperture: Aperture) -> NDArray[Any]:
+        try:
+            image = plate.hogel(*aperture.index)
+        except InputError as error:
+            raise Problem(str(error)) from error
+        if image is None:
+            raise Problem(f"{self.place}: hogel {aperture.column},{aperture.row} was never drawn")
+        return image
+
+
+@dataclass(kw_only=True, eq=False)
 class Function(Source):
     """A renderer in Python: a function of scene and aperture that returns a hogel image."""
 
@@ -364,6 +440,9 @@ def opened(request: Request, reference: Reference) -> Iterator[Source]:
     elif not isinstance(source, str):
         assert source is not None
         yield Function(function=source, **common)
+    elif options.layout is None and (Path(source) / METADATA).is_file():
+        stated = options.encoding is not None
+        yield StoredPlate(place=Path(source), stated=stated, **common)
     elif options.layout is not None or is_place(source, request.scene.plate):
         layouts = LAYOUTS if options.layout is None else layouts_named(options.layout)
         files = find_files(Path(source), shape_of(request.scene), layouts)

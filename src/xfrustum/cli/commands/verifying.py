@@ -190,10 +190,10 @@ def verify(request: _Verify) -> int:
     """Judge the hogel images of any renderer, and name its defects.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
-    folder or a picture in one of the layouts (docs/layouts.md). --sample and --until bound the
-    share of the plate's hogels that fail, and write hogels.parquet. Exit status 1 if any hogel is
-    missing or exceeds a limit, or the bound exceeds --until; with --baseline, once measures are
-    accepted, if any got worse or a stated limit is exceeded.
+    folder or a picture in one of the layouts (docs/layouts.md), or a Zarr group. --sample
+    and --until bound the share of the plate's hogels that fail, and write hogels.parquet. Exit
+    status 1 if any hogel is missing or exceeds a limit, or the bound exceeds --until; with
+    --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.reports.common.outputs import check_writable_file

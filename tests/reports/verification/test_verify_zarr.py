@@ -1,0 +1,149 @@
+"""Plates in Zarr groups are judged by their triangle numbers and their colors."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from tests.support.scene_file import film, named, part
+from xfrustum import open_scene, verify
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
+
+SCENE = (
+    named("three parts", "mm")
+    + film((40.0, 40.0), (3, 2), (32, 32), (60.0, 60.0), (50.0, 60.0))
+    + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
+)
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    return open_scene("scene.toml")
+
+
+@pytest.fixture
+def drawn(world: Scene) -> dict[Aperture, HogelImage]:
+    with Rasterizer(world) as rasterizer:
+        near = DoubleFrustum(near=1e-4)
+        return {at: rasterizer.render(at, near) for at in world.plate.apertures()}
+
+
+def group_of(images: dict[Aperture, HogelImage], **arrays: Any) -> str:
+    """Write a foreign group, whose arrays are functions of an image by name; return its place."""
+    group = zarr.create_group("foreign.zarr")
+    for name, values in arrays.items():
+        stack = np.stack([values(image) for image in images.values()])
+        stack = stack.reshape(2, 3, *stack.shape[1:])
+        group.create_array(name, data=stack, chunks=(1, 1, *stack.shape[2:]))
+    return "foreign.zarr"
+
+
+def triangles(image: HogelImage) -> np.ndarray:
+    return image.triangle
+
+
+def colors(image: HogelImage) -> np.ndarray:
+    assert image.color is not None
+    return image.color
+
+
+def levels(image: HogelImage) -> np.ndarray:
+    return np.rint(255 * np.clip(colors(image), 0, 1)).astype(np.uint8)
+
+
+def judged(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
+    status = main(["verify", "scene.toml", *arguments, "--json", "--quiet"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.usefixtures("world")
+@pytest.mark.parametrize(
+    ("made", "content", "by"),
+    [
+        (("--truth",), ("--ids",), "triangle and color"),
+        (("--near", "1e-4"), ("--ids", "--color", "uint8"), "triangle"),
+        pytest.param(("--near", "1e-4"), ("--color", "uint8"), "color", marks=pytest.mark.slow),
+    ],
+)
+def test_our_own_plates_pass(
+    made: tuple[str, ...],
+    content: tuple[str, ...],
+    by: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["plate", "scene.toml", *made, *content, "--out", "own.zarr", "--quiet"]) == 0
+    capsys.readouterr()
+    status, result = judged(capsys, "own.zarr")
+    assert (status, result["verdict"], result["diagnosis"]) == (0, "pass", [])
+    assert [hogel["verdict"] for hogel in result["hogels"]] == ["pass"] * 6
+    assert result["source"] == f"own.zarr, array {by}"
+
+
+@pytest.mark.slow
+def test_a_group_is_judged_as_the_files_of_its_images(
+    world: Scene, drawn: dict[Aperture, HogelImage]
+) -> None:
+    place = group_of(drawn, triangle=lambda image: image.triangle[::-1], color=levels)
+    turned = [verify(world, place), verify(world, lambda _, at: mirrored(drawn[at]))]
+    assert turned[0].hogels == turned[1].hogels
+    assert {fault.fault for fault in turned[0].diagnosis.faults} == {"orientation"}
+    assert verify(world, place, encoding="rgb").passed
+
+
+def mirrored(image: HogelImage) -> HogelImage:
+    nothing = np.full_like(image.object, NOTHING)
+    unplaced = np.full_like(image.position, np.nan)
+    return replace(
+        image, triangle=image.triangle[::-1], object=nothing, position=unplaced, color=None
+    )
+
+
+def test_wrong_colors_of_right_triangles_fail(
+    world: Scene, drawn: dict[Aperture, HogelImage]
+) -> None:
+    darker = group_of(drawn, triangle=triangles, color=lambda image: colors(image) / 2)
+    assert not any(hogel.passed for hogel in verify(world, darker).hogels)
+    assert verify(world, darker, encoding="triangle-id").passed
+
+
+@pytest.mark.usefixtures("world")
+def test_hogels_that_were_never_drawn_are_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    part = ("plate", "scene.toml", "--truth", "--ids", "--apertures", "0-1,0", "--out", "own.zarr")
+    assert main([*part, "--quiet"]) == 0
+    capsys.readouterr()
+    status, result = judged(capsys, "own.zarr")
+    assert status == 1
+    assert [hogel["verdict"] for hogel in result["hogels"]] == ["pass"] * 2 + ["missing"] * 4
+    assert "hogel 2,0 was never drawn" in result["hogels"][2]["problem"]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "encoding", "problem"),
+    [
+        ({"height": lambda image: image.height}, None, "no array color or triangle"),
+        ({"color": colors}, "triangle-id", "no array triangle, or color of type uint8, which"),
+        ({"triangle": triangles}, "srgb", "no array color, which --encoding srgb needs"),
+        ({"triangle": triangles}, "object-id", "no array color of type uint8, which"),
+        ({"triangle": lambda image: image.triangle[1:]}, None, "the scene says"),
+        ({"triangle": lambda image: image.triangle / 2}, None, "is not that of a plate"),
+    ],
+)
+def test_unusable_groups_are_refused(
+    world: Scene,
+    drawn: dict[Aperture, HogelImage],
+    arrays: dict[str, Any],
+    encoding: str | None,
+    problem: str,
+) -> None:
+    place = group_of(drawn, **arrays)
+    with pytest.raises(InputError, match=problem):
+        verify(world, place, encoding=encoding)
