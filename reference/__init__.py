@@ -11,6 +11,7 @@ Read it in this order, beside docs/truth.md:
 * averages: color averaged over pixels and apertures, and to convergence (paper, section 6)
 * eye: views of eyes in front of the plate, true and replayed
 * tracers: ray tracers as second opinions
+* rays: first surfaces along any rays, with trimesh's interface
 * transport: shadows and interreflection by light paths
 * llvm: the LLVM that Dr.Jit uses, Mitsuba's variant, and the number of threads
 * backend: the device of Dr.Jit's arrays, and their conversion from and to NumPy

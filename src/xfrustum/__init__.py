@@ -23,6 +23,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     convert(source, out, write_as="views")   plates in other layouts of files     -> Conversion
     write_cameras(scene, "json", folder, ..) cameras for other renderers          -> CameraFiles
     write_image(path, image)                 hogel image as OpenEXR; also read_image
+    ExactIntersector(mesh).first(..)         first surfaces of any rays, exactly  -> FirstHits
     InputError                               mistake that the caller can fix
 
 Modules that every layer may use:

@@ -7,6 +7,7 @@ from .compare.run import Evaluator as Evaluator
 from .compare.run import JudgedDrawing as JudgedDrawing
 from .compare.run import JudgedHogel as JudgedHogel
 from .raster import Rasterizer as Rasterizer
+from .rays import ExactIntersector as ExactIntersector
 from .reference import Reference as Reference
 from .reports.budget import BudgetReport as BudgetReport
 from .reports.budget import budget as budget

@@ -1,0 +1,265 @@
+"""Rays against a trimesh.Trimesh, exactly, with the interface of trimesh's own two classes."""
+
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from trimesh import Trimesh
+
+from xfrustum.reference.rays.inside import Location, locate, open_edges
+from xfrustum.reference.rays.rays import AllHits, ExactMesh, FirstHits, RayBatch
+from xfrustum.scenes import InputError
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+
+
+class Range(TypedDict, total=False):
+    """Closed range of t along each ray, numbers or arrays (N,): 0 and infinity if not stated."""
+
+    t_min: ArrayLike
+    t_max: ArrayLike
+
+
+class ExactIntersector:
+    """Exact intersections of rays with a mesh; `mesh.ray = ExactIntersector(mesh)`.
+
+    A ray is origin + t direction for the doubles that the caller states: it is never normalized
+    and never moved. Triangles are closed, and so is the range of t: a ray meets the surface on
+    which it starts, at t = 0. A ray in the plane of a triangle does not meet it.
+
+    Structures are built on first use, and again after the mesh has changed.
+
+    Parameters
+    ----------
+    geometry
+        Mesh with triangles of any kind: open, degenerate, duplicate, or none.
+    scale_to_box
+        A keyword of trimesh's Embree class, which returns one triangle for each place along a ray.
+        With this keyword, of either value, `intersects_id` does so too: the smallest number.
+        Without it, as in trimesh's other class, `intersects_id` returns every triangle. Nothing is
+        scaled to a box.
+    """
+
+    def __init__(self, geometry: Trimesh, scale_to_box: bool | None = None) -> None:
+        self.mesh = geometry
+        self._scale_to_box = scale_to_box
+        self._built: tuple[int, ExactMesh] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the mesh without structures, which lie in a device's memory."""
+        return {**vars(self), "_built": None}
+
+    def first(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+    ) -> FirstHits:
+        """Return the first triangle of each ray with its t, certainty, and ties.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions
+            (N, 3) finite numbers, in the mesh's units; directions of any length but zero.
+        t_min, t_max
+            Closed range of t, numbers or arrays (N,); either may be infinite.
+
+        Raises
+        ------
+        InputError
+            For arrays of other shapes, numbers that are not finite, and directions of zero.
+        """
+        return self._exact.first(_checked_rays(ray_origins, ray_directions, t_min, t_max))
+
+    def intersects_first(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike, **within: Unpack[Range]
+    ) -> Indices:
+        """Return the first triangle of each ray, (N,), -1 for none; parameters as of `first`."""
+        return self.first(ray_origins, ray_directions, **within).triangle
+
+    def intersects_any(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike, **within: Unpack[Range]
+    ) -> Mask:
+        """Return which rays meet the mesh, (N,); parameters as of `first`."""
+        return self.intersects_first(ray_origins, ray_directions, **within) >= 0
+
+    def intersects_id(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        max_hits: int = 100,
+        return_locations: bool = False,
+        **within: Unpack[Range],
+    ) -> tuple[NDArray[Any], ...]:
+        """Return triangles and rays that meet, sorted by ray, then by t, then by triangle.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions, within
+            As of `first`.
+        multiple_hits
+            False for the first hit of each ray alone; of a tie, the smallest triangle.
+        max_hits
+            Largest number of hits of a ray, nearest first, at least 1.
+        return_locations
+            Whether to return the points of the hits too.
+
+        Returns
+        -------
+        tuple
+            Numbers of triangles (K,), of rays (K,), and on request points (K, 3).
+        """
+        rays = _checked_rays(ray_origins, ray_directions, **within)
+        each_place = self._scale_to_box is not None
+        hits = self._hits(rays, multiple_hits, max_hits, each_place)
+        numbers = hits.triangle, hits.ray
+        return (*numbers, hits.position) if return_locations else numbers
+
+    def intersects_location(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        max_hits: int = 100,
+        **within: Unpack[Range],
+    ) -> tuple[Floats, Indices, Indices]:
+        """Return the places where rays meet the mesh, each once: points, rays, triangles.
+
+        Parameters are as of `intersects_id`. At a shared edge or vertex, the triangle is the
+        smallest of those that meet there. Rays and triangles are (K,), points (K, 3).
+        """
+        rays = _checked_rays(ray_origins, ray_directions, **within)
+        hits = self._hits(rays, multiple_hits, max_hits, each_place=True)
+        return hits.position, hits.ray, hits.triangle
+
+    def contains_points(self, points: ArrayLike) -> Mask:
+        """Return which points (N, 3) lie strictly inside: an odd number of surfaces is above.
+
+        The mesh may be open: then the parity along +z is the answer, and holds for +z alone.
+        """
+        return self.locate_points(points, closed=False) == Location.INSIDE
+
+    def locate_points(self, points: ArrayLike, *, closed: bool = True) -> Indices:
+        """Return whether points (N, 3) are inside (1), on (0), or outside (-1) of the surface.
+
+        Parameters
+        ----------
+        points
+            Finite numbers, in the mesh's units.
+        closed
+            Whether to refuse a mesh that is not closed. If not, a point is inside where the number
+            of surfaces above it, along +z, is odd; a point on the surface is certain anyway.
+
+        Raises
+        ------
+        InputError
+            For points of another shape or not finite, and if the mesh has open edges: edges of an
+            odd number of triangles, corners at one position being one.
+        """
+        places = _checked_vectors(points, "points", "point")
+        if closed and (edges := open_edges(self._triangles())):
+            raise InputError(
+                f"mesh: {edges:,} edges are open, so that it has no inside; close it, or pass "
+                "closed=False for the parity along +z"
+            )
+        if not len(self.mesh.faces):
+            return np.full(len(places), Location.OUTSIDE, dtype=np.int64)
+        return locate(self._exact, places)
+
+    @property
+    def _exact(self) -> ExactMesh:
+        """Structures of the mesh in its present state."""
+        state = hash(self.mesh)
+        if self._built is None or self._built[0] != state:
+            triangles = self._triangles()
+            # A triangle without area is never met: it stands for a mesh without triangles.
+            self._built = state, ExactMesh(triangles if len(triangles) else np.zeros((1, 3, 3)))
+        return self._built[1]
+
+    def _triangles(self) -> Floats:
+        triangles = np.array(self.mesh.triangles, dtype=np.float64).reshape(-1, 3, 3)
+        bad = np.flatnonzero(~np.isfinite(triangles).all(axis=(1, 2)))
+        if len(bad):
+            raise InputError(
+                f"mesh: triangle {bad[0]} has a corner that is not finite; remove it first"
+            )
+        return triangles
+
+    def _hits(
+        self, rays: RayBatch, multiple_hits: bool, max_hits: int, each_place: bool
+    ) -> AllHits:
+        """Return the hits of rays, each place once or each triangle, nearest first."""
+        if max_hits < 1:
+            raise InputError(f"max_hits: {max_hits} is less than 1; pass a positive number")
+        if not multiple_hits:
+            first = self._exact.first(rays)
+            ray = np.flatnonzero(first.triangle >= 0)
+            t = first.t[ray]
+            return AllHits(
+                ray=ray,
+                triangle=first.triangle[ray],
+                t=t,
+                position=rays.origins[ray] + t[:, None] * rays.directions[ray],
+                place=np.zeros(len(ray), dtype=np.int64),
+            )
+        hits = self._exact.all(rays)
+        number = np.arange(len(hits.ray)) - np.searchsorted(hits.ray, hits.ray, "left")
+        if not each_place:
+            return hits[number < max_hits]
+        first_there = np.diff(hits.place, prepend=-1) != 0
+        first_there |= number == 0
+        return hits[first_there & (hits.place < max_hits)]
+
+
+def _checked_vectors(values: ArrayLike, name: str, each: str) -> Floats:
+    """Return vectors as doubles (N, 3); InputError for other shapes and infinite numbers."""
+    try:
+        vectors = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: not an array of numbers; pass an array (N, 3)") from None
+    if vectors.size == 0:
+        vectors = vectors.reshape(0, 3)
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise InputError(f"{name}: the shape is {vectors.shape}; pass an array of shape (N, 3)")
+    bad = np.flatnonzero(~np.isfinite(vectors).all(axis=1))
+    if len(bad):
+        raise InputError(
+            f"{name}: {each} {bad[0]} is {vectors[bad[0]].tolist()}; pass finite numbers"
+        )
+    return vectors
+
+
+def _checked_rays(
+    origins: ArrayLike,
+    directions: ArrayLike,
+    t_min: ArrayLike = 0.0,
+    t_max: ArrayLike = np.inf,
+) -> RayBatch:
+    """Return rays as doubles; InputError as `ExactIntersector.first` states."""
+    starts = _checked_vectors(origins, "ray_origins", "ray")
+    along = _checked_vectors(directions, "ray_directions", "ray")
+    if len(starts) != len(along):
+        raise InputError(
+            f"ray_directions: {len(along):,} directions for {len(starts):,} origins; pass as many "
+            "of either"
+        )
+    still = np.flatnonzero(~along.any(axis=1))
+    if len(still):
+        raise InputError(
+            f"ray_directions: ray {still[0]} is [0, 0, 0], which is no direction; leave it out"
+        )
+    ends = np.empty((len(starts), 2))
+    for column, (name, values) in enumerate((("t_min", t_min), ("t_max", t_max))):
+        try:
+            ends[:, column] = values
+        except ValueError:
+            raise InputError(
+                f"{name}: the shape is {np.shape(values)}; pass a number, or one for each of "
+                f"{len(starts):,} rays"
+            ) from None
+        bad = np.flatnonzero(np.isnan(ends[:, column]))
+        if len(bad):
+            raise InputError(f"{name}: ray {bad[0]} is NaN; pass a number or infinity")
+    return RayBatch(origins=starts, directions=along, ends=ends)

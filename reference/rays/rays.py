@@ -1,0 +1,389 @@
+"""First surfaces and all surfaces along any rays: proven in doubles, or decided in integers.
+
+Embree proposes a triangle for each ray in float32. Where doubles prove that the ray meets it, its t
+is an upper limit; nothing else is taken from Embree. The walk (`walk`) visits everything that may
+lie before the limit, the filter (`filter`) keeps the triangles that may be first, and integers
+(`integers`) decide rays with several of them, or with one in doubt.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from xfrustum.reference.backend import (
+    Bool,
+    Float64,
+    Int32,
+    UInt32,
+    constants,
+    dr,
+    interleaved,
+    on_device,
+    recording,
+    vectors_on_device,
+)
+from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Triangles
+from xfrustum.reference.rays.filter import meetings
+from xfrustum.reference.rays.integers import meet, nearest_double
+from xfrustum.reference.rays.tree import build_tree
+from xfrustum.reference.rays.walk import Boxes, Rays
+from xfrustum.reference.tracers.embree import EmbreeMesh
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+
+#: rays of one batch, which bounds memory: some 300 bytes each
+RAYS_AT_ONCE = 1 << 19
+
+#: pairs that integers decide at once, some 2 kB each
+PAIRS_AT_ONCE = 1 << 15
+
+#: Smallest size of a mesh relative to its distance from the coordinates' origin: doubles have no
+#: finer steps than 2^-53 there. A smaller mesh, or a single point, is scaled by its distance.
+MIN_RELATIVE_SIZE = 2.0**-40
+
+#: Count of a pair that is not surely met: a single one already leaves its ray open
+DOUBTFUL_WEIGHT = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirstHits:
+    """First surfaces along N rays.
+
+    Parameters
+    ----------
+    triangle
+        (N,) number of the first triangle, the smallest of a tie, -1 for none.
+    t
+        (N,) place along the ray in lengths of its direction, NaN for none. It is the nearest double
+        where the certainty is `EXACT` or `TIE`, and within a few roundings where it is `PROVEN`.
+    certainty
+        (N,) `Certainty` of each answer: proven in doubles, decided in integers, or a tie.
+    ties
+        (K, 2) numbers of ray and triangle, ascending: all triangles that are first together.
+    """
+
+    triangle: Indices
+    t: Floats
+    certainty: Bytes
+    ties: Indices
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AllHits:
+    """All K surfaces along rays, sorted by ray, then exactly by t, then by triangle.
+
+    `position` (K, 3) is origin + t direction, rounded. `place` (K,) numbers the places along each
+    ray, from 0: surfaces at the same t share it.
+    """
+
+    ray: Indices
+    triangle: Indices
+    t: Floats
+    position: Floats
+    place: Indices
+
+    def __getitem__(self, chosen: Mask) -> "AllHits":
+        """Return some of the hits."""
+        return AllHits(**{name: values[chosen] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RayBatch:
+    """Rays in doubles: origins and directions (N, 3), and the closed range of t, (N, 2)."""
+
+    origins: Floats
+    directions: Floats
+    ends: Floats
+
+    def __getitem__(self, chosen: Any) -> "RayBatch":
+        """Return some of the rays."""
+        return RayBatch(**{field.name: vars(self)[field.name][chosen] for field in fields(self)})
+
+    def __len__(self) -> int:
+        """Return the number of rays."""
+        return len(self.origins)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidates:
+    """Pairs (K,) of a ray and a triangle that may meet; t is in the mesh's units."""
+
+    ray: Indices
+    triangle: Indices
+    t: Floats
+    error: Floats
+    sure: Mask
+
+    def __getitem__(self, chosen: Mask | Indices) -> "Candidates":
+        """Return some of the pairs."""
+        return Candidates(**{name: values[chosen] for name, values in vars(self).items()})
+
+
+class ExactMesh:
+    """Triangles ready for rays: tree, Embree's structure, and corners in doubles.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corners of at least one triangle, finite.
+    """
+
+    def __init__(self, triangles: Floats) -> None:
+        self.triangles = triangles
+        low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+        # Halves first: the sum of two doubles may overflow.
+        middle = low / 2 + high / 2
+        size = float(np.maximum(high - middle, middle - low).max())
+        size = max(size, MIN_RELATIVE_SIZE * float(np.abs(triangles).max()))
+        #: power of two by which lengths are multiplied, so that the size is at most 1
+        self._scale = -int(np.frexp(size)[1])
+        scaled, middle = np.ldexp(triangles, self._scale), np.ldexp(middle, self._scale)
+        centered = scaled - middle
+        self._boxes = Boxes(build_tree(centered))
+        self._corners = Triangles(scaled)
+        self._embree = EmbreeMesh(
+            centered.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+        )
+        with recording():
+            self._middle = constants(middle.tolist())
+
+    def first(self, rays: RayBatch) -> FirstHits:
+        """Return the first surfaces along rays."""
+        triangle = np.full(len(rays), NOTHING, dtype=np.int64)
+        t = np.full(len(rays), np.nan)
+        certainty = np.full(len(rays), Certainty.PROVEN, dtype=np.uint8)
+        ties = [np.zeros((0, 2), dtype=np.int64)]
+        for part in _batches(len(rays)):
+            batch = rays[part]
+            triangle[part], t[part], *doubtful = self._filtered(batch)
+            for ray, hits in self._decided(batch, *doubtful).items():
+                number = part.start + ray
+                certainty[number] = Certainty.EXACT
+                if not hits:
+                    continue
+                place = min(hits)[0]
+                winners = sorted(triangle for at, triangle in hits if at == place)
+                triangle[number], t[number] = winners[0], nearest_double(place)
+                if len(winners) > 1:
+                    certainty[number] = Certainty.TIE
+                    ties.append(np.array([(number, winner) for winner in winners]))
+        return FirstHits(triangle=triangle, t=t, certainty=certainty, ties=np.concatenate(ties))
+
+    def all(self, rays: RayBatch) -> AllHits:
+        """Return all surfaces along rays."""
+        parts = [self._ordered(rays[part], part.start) for part in _batches(len(rays))]
+        parts = parts or [self._ordered(rays, 0)]
+        return AllHits(
+            **{
+                field.name: np.concatenate([vars(part)[field.name] for part in parts])
+                for field in fields(AllHits)
+            }
+        )
+
+    def candidates(self, batch: RayBatch) -> Candidates:
+        """Return all pairs that may meet; pairs of rays from afar are not examined."""
+        if not len(batch):
+            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros(0)
+            return Candidates(ray=none, triangle=none, t=nowhere, error=nowhere, sure=none > 0)
+        with recording():
+            rays = self._on_device(batch)
+            ray, triangle = self._boxes.pairs(rays, rays.ends[1])
+            t, error, sure, possible = self._examined(rays, ray, triangle)
+            columns = _compressed(possible, ray, triangle, t, error, sure)
+            far = np.flatnonzero(rays.far.numpy())
+        every = np.arange(len(self.triangles))
+        nowhere = np.zeros(len(far) * len(every))
+        from_afar = np.repeat(far, len(every)), np.tile(every, len(far))
+        columns_from_afar = (*from_afar, nowhere, nowhere, nowhere > 0)
+        ray, triangle, t, error, sure = (
+            np.concatenate(parts) for parts in zip(columns, columns_from_afar, strict=True)
+        )
+        return Candidates(ray=ray, triangle=triangle, t=t, error=error, sure=sure)
+
+    def _on_device(self, batch: RayBatch) -> Rays:
+        """Return rays in the mesh's units; t of a ray is multiplied by 2^`_exponents`."""
+        # Beyond the range of doubles a ray comes from afar, and an end is infinite or zero.
+        with np.errstate(over="ignore", under="ignore"):
+            exponents = _exponents(batch.directions)
+            ends = np.ldexp(batch.ends, (exponents + self._scale)[:, None])
+            columns = (
+                np.ldexp(batch.origins, self._scale),
+                np.ldexp(batch.directions, -exponents[:, None]),
+                ends,
+            )
+        origin, direction, both_ends = (vectors_on_device(values) for values in columns)
+        return Rays.from_origins(origin, direction, both_ends, self._middle)
+
+    def _examined(self, rays: Rays, ray: Any, triangle: Any) -> tuple[Any, Any, Any, Any]:
+        """Return t, error, sure and possible of pairs; see `meetings`."""
+        origin, direction, ends = (
+            [dr.gather(Float64, values, ray) for values in vector]
+            for vector in (rays.origin, rays.direction, rays.ends)
+        )
+        examined = meetings(self._corners.points(triangle), origin, direction, ends)
+        dr.eval(*examined)
+        return examined
+
+    def _filtered(self, batch: RayBatch) -> tuple[Indices, Floats, Indices, Indices]:
+        """Return first triangles and t where doubles prove them, and the pairs of other rays."""
+        with recording():
+            rays = self._on_device(batch)
+            limit = self._proposed_limit(rays)
+            ray, triangle = self._boxes.pairs(rays, limit)
+            t, error, sure, possible = self._examined(rays, ray, triangle)
+            # The first surface lies no farther than the farthest place of a sure one.
+            dr.scatter_reduce(dr.ReduceOp.Min, limit, t + error, ray, sure, dr.ReduceMode.Direct)
+            dr.eval(limit)
+            possible &= t - error <= dr.gather(Float64, limit, ray)
+            count = dr.zeros(UInt32, len(batch))
+            weight = dr.select(sure, UInt32(1), UInt32(DOUBTFUL_WEIGHT))
+            dr.scatter_reduce(dr.ReduceOp.Add, count, weight, ray, possible, dr.ReduceMode.Direct)
+            number = dr.full(Int32, NOTHING, len(batch))
+            place = dr.full(Float64, np.nan, len(batch))
+            dr.scatter(number, Int32(triangle), ray, possible)
+            dr.scatter(place, t, ray, possible)
+            dr.eval(count, number, place)
+            unsettled = count > 1
+            number = dr.select(unsettled, NOTHING, number)
+            place = dr.select(unsettled, np.nan, place)
+            possible &= dr.gather(Bool, unsettled, ray)
+            dr.eval(number, place, possible)
+            doubtful = _compressed(possible, ray, triangle)
+            far = np.flatnonzero(rays.far.numpy())
+            settled = number.numpy().astype(np.int64), place.numpy()
+        return settled[0], self._in_lengths(settled[1], batch.directions), *doubtful, far
+
+    def _proposed_limit(self, rays: Rays) -> Any:
+        """Return the last t at which the first surface of each ray may lie, as Embree suggests."""
+        origin, direction, length = rays.proposed()
+        dr.eval(origin, direction, length)
+        shape = (dr.width(length), 3)
+        hits = self._embree.first_hits(
+            interleaved(origin, shape), interleaved(direction, shape), length.numpy()
+        )
+        proposed = on_device(hits)
+        points = self._corners.points(UInt32(dr.maximum(proposed, 0)))
+        t, error, sure, _ = meetings(points, rays.origin, rays.direction, rays.ends)
+        last = rays.ends[1]
+        limit = dr.select(sure & (proposed >= 0), dr.minimum(t + error, last), last)
+        dr.make_opaque(limit)
+        return limit
+
+    def _in_lengths(self, t: Floats, directions: Floats) -> Floats:
+        """Return t, given in the mesh's units, in lengths of directions (N, 3)."""
+        with np.errstate(over="ignore", under="ignore"):
+            return np.asarray(np.ldexp(t, -_exponents(directions) - self._scale))
+
+    def _decided(
+        self, batch: RayBatch, ray: Indices, triangle: Indices, far: Indices
+    ) -> dict[int, list[tuple[Fraction, int]]]:
+        """Return the hits of rays with pairs left open, and of rays from afar, by integers."""
+        hits: dict[int, list[tuple[Fraction, int]]] = {
+            number: [] for number in (*np.unique(ray).tolist(), *far.tolist())
+        }
+        every = np.arange(len(self.triangles))
+        pairs = [(ray, triangle), *((np.full(len(every), number), every) for number in far)]
+        for rays, triangles in pairs:
+            for number, place in self._places(batch, rays, triangles):
+                hits[int(rays[number])].append((place, int(triangles[number])))
+        return hits
+
+    def _places(
+        self, batch: RayBatch, ray: Indices, triangle: Indices
+    ) -> Iterator[tuple[int, Fraction]]:
+        """Yield the pairs that meet and their t, decided in integers."""
+        for start in range(0, len(ray), PAIRS_AT_ONCE):
+            part = slice(start, start + PAIRS_AT_ONCE)
+            some = batch[ray[part]]
+            decided = meet(self.triangles[triangle[part]], some.origins, some.directions, some.ends)
+            for pair in np.flatnonzero(decided.met).tolist():
+                yield start + pair, decided.place(pair)
+
+    def _ordered(self, batch: RayBatch, start: int) -> AllHits:
+        """Return all surfaces along rays in their exact order; rays are numbered from `start`."""
+        pairs = self.candidates(batch)
+        exponents = _exponents(batch.directions) + self._scale
+        # Integers decide the pairs in doubt.
+        met, doubtful = pairs.sure.copy(), np.flatnonzero(~pairs.sure)
+        for pair, place in self._places(batch, pairs.ray[doubtful], pairs.triangle[doubtful]):
+            number = doubtful[pair]
+            met[number] = True
+            pairs.t[number] = _shifted(place, exponents[pairs.ray[number]])
+            pairs.error[number] = UNDERFLOW + ROUNDING * abs(pairs.t[number])
+        pairs = pairs[np.flatnonzero(met)]
+        pairs = pairs[np.lexsort((pairs.t - pairs.error, pairs.ray))]
+        # Pairs whose places may coincide or change their order are sorted by integers.
+        group = _overlapping(pairs)
+        together = np.flatnonzero(np.bincount(group)[group] > 1)
+        places = [
+            place for _, place in self._places(batch, pairs.ray[together], pairs.triangle[together])
+        ]
+        keys = list(
+            zip(group[together].tolist(), places, pairs.triangle[together].tolist(), strict=True)
+        )
+        begins = np.diff(group, prepend=-1) > 0
+        order, before = np.arange(len(group)), None
+        ascending = sorted(range(len(keys)), key=keys.__getitem__)
+        for position, chosen in zip(together.tolist(), ascending, strict=True):
+            order[position] = together[chosen]
+            begins[position] = keys[chosen][:2] != before
+            before = keys[chosen][:2]
+            exponent = exponents[pairs.ray[order[position]]]
+            pairs.t[order[position]] = _shifted(places[chosen], exponent)
+        pairs = pairs[order]
+        # Places are numbered through all rays, and again from the first of each ray.
+        number = np.cumsum(begins)
+        first = np.searchsorted(pairs.ray, pairs.ray, "left")
+        origins, directions = batch.origins[pairs.ray], batch.directions[pairs.ray]
+        with np.errstate(over="ignore", under="ignore"):
+            unit = np.ldexp(directions, -_exponents(directions)[:, None])
+            moved = np.ldexp(pairs.t[:, None] * unit, -self._scale)
+        return AllHits(
+            ray=pairs.ray + start,
+            triangle=pairs.triangle,
+            t=self._in_lengths(pairs.t, directions),
+            position=origins + moved,
+            place=number - number[first],
+        )
+
+
+def _batches(count: int) -> Iterator[slice]:
+    """Yield the parts of all rays."""
+    for start in range(0, count, RAYS_AT_ONCE):
+        yield slice(start, start + RAYS_AT_ONCE)
+
+
+def _exponents(directions: Floats) -> Indices:
+    """Return e (N,) for which the largest component of each direction is in [2^(e-1), 2^e)."""
+    return np.frexp(np.abs(directions).max(axis=1, initial=0.0))[1].astype(np.int64)
+
+
+def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:
+    """Return the chosen lanes of columns in NumPy; numbers have 64 bits."""
+    chosen: Any = dr.compress(mask)
+    parts = [dr.gather(type(column), column, chosen).numpy() for column in columns]
+    return tuple(part.astype(np.int64) if part.dtype == np.uint32 else part for part in parts)
+
+
+def _shifted(place: Fraction, exponent: int) -> float:
+    """Return the double nearest to place 2^exponent."""
+    return nearest_double(place * Fraction(2) ** int(exponent))
+
+
+def _overlapping(pairs: Candidates) -> Indices:
+    """Return the number of each pair's group: intervals of a ray that overlap, directly or not.
+
+    Pairs are sorted by ray and by the nearest t that is possible.
+    """
+    near, far = pairs.t - pairs.error, pairs.t + pairs.error
+    # The running maximum of `far` along each ray: ranks that grow from ray to ray.
+    order = np.argsort(far, kind="stable")
+    rank = np.empty(len(far), dtype=np.int64)
+    rank[order] = np.arange(len(far))
+    reached = np.maximum.accumulate(pairs.ray * len(far) + rank)
+    begins = np.ones(len(far), dtype=np.bool_)
+    begins[1:] = (np.diff(pairs.ray) > 0) | (near[1:] > far[order[reached[:-1] % len(far)]])
+    return np.cumsum(begins) - 1

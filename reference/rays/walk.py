@@ -1,0 +1,198 @@
+"""Conservative walk of rays through a tree of boxes: pairs of a ray and a triangle that may meet.
+
+Boxes are in float32, and rays too. A ray is restarted at its point closest to the middle of the
+mesh, so that a distant origin costs no precision. Every interval of a ray within a slab is widened
+by the bound of its rounding (docs/truth.md): a ray that meets a triangle visits its leaf. One lane
+walks one ray.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from xfrustum.reference.backend import (
+    Array4f,
+    Float32,
+    UInt32,
+    difference,
+    dot,
+    dr,
+    on_device,
+    product,
+    recording,
+)
+from xfrustum.reference.certify.cone import UNIT_ROUNDOFF
+from xfrustum.reference.rays.tree import Tree
+
+#: unit roundoff of float32
+SINGLE_ROUNDOFF = 2.0**-24
+
+#: Rounding bound of a slab's place along a ray, in roundings of float32 of the coordinates of box
+#: and start: 3 and 6 by the derivation
+SLAB_ROUNDINGS = 6
+
+#: Largest coordinate of a box, the unit cube with roundings
+CUBE = 1.001
+
+#: Smallest component of a direction to divide by. Within the tree, a smaller one moves a ray by
+#: less than 2^-50, which the bound of the slabs covers.
+MIN_COMPONENT = 2.0**-60
+
+#: Distance of an origin, in sizes of the mesh, up to which a ray is walked; its closest point to
+#: the middle is known to within 1 % of the mesh there.
+MAX_DISTANCE = 2.0**40
+
+#: Limit of t: hits of rays from within `MAX_DISTANCE` are nearer
+MAX_PLACE = 2.0**60
+
+#: Squared distance from the middle beyond which a ray surely misses the cube: 3, with a margin
+BESIDE = 4.0
+
+#: Place, relative to the point closest to the middle, before which no ray meets the cube
+BEFORE_THE_CUBE = -4.0
+
+#: Room for pairs of each ray at first. If there are more, the walk is repeated with room for all.
+PAIRS_PER_RAY = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rays:
+    """Rays on the device in the units of a mesh of about unit size; directions at most 1 long.
+
+    `origin`, `direction` and `ends`, first and last t, are doubles, exact but for underflow. The
+    point closest to the middle of the mesh is `start`, relative to it, at t = `restart`; its error
+    is at most `slack`. `far` marks rays whose origins are too distant for a walk, and `missing`
+    rays that surely miss the mesh.
+    """
+
+    origin: list[Any]
+    direction: list[Any]
+    ends: list[Any]
+    start: list[Any]
+    restart: Any
+    slack: Any
+    far: Any
+    missing: Any
+
+    @classmethod
+    def from_origins(
+        cls, origin: list[Any], direction: list[Any], ends: list[Any], middle: list[Any]
+    ) -> "Rays":
+        """Return rays, given in the mesh's units, restarted near its middle."""
+        offset = difference(origin, middle)
+        size = dr.maximum(dr.maximum(abs(offset[0]), abs(offset[1])), abs(offset[2]))
+        far = ~(size <= MAX_DISTANCE)
+        restart = dr.select(far, 0.0, -dot(offset, direction) / dot(direction, direction))
+        start = [
+            dr.select(far, 0.0, x + product(restart, d))
+            for x, d in zip(offset, direction, strict=True)
+        ]
+        rays = cls(
+            origin=origin,
+            direction=direction,
+            ends=ends,
+            start=start,
+            restart=restart,
+            # One rounding each of the offset and of the product, at most as large, and of the sum.
+            slack=4 * UNIT_ROUNDOFF * (size + abs(restart)),
+            far=far,
+            missing=far | (dot(start, start) > BESIDE),
+        )
+        dr.eval(*vars(rays).values())
+        return rays
+
+    def from_restart(self, t: Any) -> Any:
+        """Return t relative to the restart, within `MAX_PLACE`, and the bound of its rounding."""
+        t = dr.clip(t, -MAX_PLACE, MAX_PLACE)
+        place = t - self.restart
+        # The roundings of the difference, and of the conversion to float32.
+        error = product(2 * SINGLE_ROUNDOFF, abs(place))
+        error = error + product(4 * UNIT_ROUNDOFF, abs(t) + abs(self.restart)) + 1e-30
+        return place, error
+
+    def proposed(self) -> tuple[Any, Any, Any]:
+        """Return origins, directions and lengths of rays for a tracer in single precision."""
+        first, last = (self.from_restart(end)[0] for end in self.ends)
+        first = dr.maximum(first, BEFORE_THE_CUBE)
+        origin = [x + first * d for x, d in zip(self.start, self.direction, strict=True)]
+        single = [[Float32(part) for part in vector] for vector in (origin, self.direction)]
+        return single[0], single[1], Float32(dr.select(self.missing, -1.0, last - first))
+
+
+class Boxes:
+    """The boxes of a tree on the device, 32 bytes each."""
+
+    def __init__(self, tree: Tree) -> None:
+        # Boxes and numbers side by side, in rows of four for the wide gathers of a walk.
+        rows = np.zeros((len(tree.skip), 2, 4), dtype=np.float32)
+        rows[:, 0, :3], rows[:, 1, :3] = tree.low.T, tree.high.T
+        numbers = rows.view(np.int32)
+        numbers[:, 0, 3], numbers[:, 1, 3] = tree.skip, tree.triangle
+        with recording():
+            self._rows = on_device(rows)
+            self._count = dr.opaque(UInt32, len(rows))
+
+    def pairs(self, rays: Rays, last: Any) -> tuple[Any, Any]:
+        """Return numbers of rays and triangles that may meet up to a last t of each ray."""
+        room = PAIRS_PER_RAY * dr.width(rays.restart)
+        count, ray, triangle = self._walk(rays, last, room)
+        if count > room:
+            count, ray, triangle = self._walk(rays, last, count)
+        # Kernels need a lane: without any pair, the first ray and triangle are one that may meet.
+        at = dr.arange(UInt32, max(count, 1))
+        return dr.gather(UInt32, ray, at), dr.gather(UInt32, triangle, at)
+
+    def _walk(self, rays: Rays, last: Any, room: int) -> tuple[int, Any, Any]:
+        """Return the number of pairs, and the pairs for which there is room."""
+        inverses, entering, leaving = zip(
+            *(
+                slab_shifts(x, d, rays.slack)
+                for x, d in zip(rays.start, rays.direction, strict=True)
+            ),
+            strict=True,
+        )
+        (begin, early), (end, late) = (rays.from_restart(t) for t in (rays.ends[0], last))
+        begin = dr.select(rays.missing, np.inf, Float32(begin - early))
+        end = Float32(end + late)
+        written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
+        ray_of_pair, triangle_of_pair = dr.zeros(UInt32, room), dr.zeros(UInt32, room)
+        dr.make_opaque(ray_of_pair, triangle_of_pair)
+        lane = dr.arange(UInt32, dr.width(begin))
+
+        def step(node: Any) -> tuple[Any]:
+            low, high = (dr.gather(Array4f, self._rows, 2 * node + k) for k in range(2))
+            enter, leave = begin, end
+            for k in range(3):
+                falling = inverses[k] < 0
+                near = dr.select(falling, high[k], low[k])
+                away = dr.select(falling, low[k], high[k])
+                enter = dr.maximum(enter, dr.fma(near, inverses[k], entering[k]))
+                leave = dr.minimum(leave, dr.fma(away, inverses[k], leaving[k]))
+            hit = enter <= leave
+            skip, triangle = (dr.reinterpret_array(UInt32, row[3]) for row in (low, high))
+            leaf = hit & (skip == node + 1)
+            slot = dr.scatter_inc(written, UInt32(0), leaf)
+            fits = leaf & (slot < limit)
+            dr.scatter(ray_of_pair, lane, slot, fits)
+            dr.scatter(triangle_of_pair, triangle, slot, fits)
+            return (dr.select(hit, node + 1, skip),)
+
+        root = dr.zeros(UInt32, dr.width(begin))
+        dr.while_loop((root,), lambda node: node < self._count, step)
+        dr.eval(written, ray_of_pair, triangle_of_pair)
+        return int(written[0]), ray_of_pair, triangle_of_pair
+
+
+def slab_shifts(start: Any, component: Any, slack: Any) -> tuple[Any, Any, Any]:
+    """Return factor and shifts of the places of an axis's planes along rays, in float32.
+
+    A plane at x lies at t = factor x + shift: at no smaller t with the first shift, and at no
+    larger t with the second. `start` and `component` of the direction are doubles, and `slack`
+    bounds the error of the start.
+    """
+    place, along = Float32(start), Float32(component)
+    inverse = 1.0 / dr.select(abs(along) < MIN_COMPONENT, MIN_COMPONENT, along)
+    error = SLAB_ROUNDINGS * SINGLE_ROUNDOFF * (CUBE + abs(place)) + Float32(slack)
+    error = error * abs(inverse)
+    return inverse, -place * inverse - error, -place * inverse + error

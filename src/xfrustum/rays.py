@@ -1,0 +1,12 @@
+"""Exact rays for any mesh: `mesh.ray = ExactIntersector(mesh)` gives trimesh certain answers.
+
+`ExactIntersector` has the interface of trimesh's own two classes. `first` also returns how certain
+each answer is, as an `xfrustum.scenes.Certainty`, and the triangles of ties; `locate_points`
+returns a `Location`.
+"""
+
+from xfrustum.reference.rays.inside import Location
+from xfrustum.reference.rays.intersector import ExactIntersector
+from xfrustum.reference.rays.rays import FirstHits
+
+__all__ = ["ExactIntersector", "FirstHits", "Location"]

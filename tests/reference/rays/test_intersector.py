@@ -1,0 +1,159 @@
+"""The interface of trimesh: its own tests, ties, keywords, copies, and refusals in one line."""
+
+import copy
+import os
+import pickle
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from xfrustum.rays import ExactIntersector
+from xfrustum.scenes import Certainty, InputError
+
+CHECKOUT = Path(__file__).resolve().parents[3]
+UP = [[0.0, 0.0, 1.0]]
+
+
+@pytest.fixture
+def box() -> trimesh.Trimesh:
+    """Return the unit cube about the origin; the middle of each side lies on its diagonal."""
+    mesh = trimesh.creation.box()
+    mesh.ray = ExactIntersector(mesh)
+    return mesh
+
+
+@pytest.mark.slow
+def test_trimeshs_own_tests_pass() -> None:
+    """A checkout of trimesh, of the version in requirements.lock, runs its tests/test_ray.py."""
+    folder = os.environ.get("XFRUSTUM_TRIMESH")
+    if folder is None:
+        pytest.skip("XFRUSTUM_TRIMESH names no checkout of trimesh, with its tests and models")
+    if find_spec("manifold3d") is None:
+        pytest.skip("manifold3d is not installed, which one of trimesh's tests needs")
+    plugin = "tests.reference.rays.in_place_of_trimesh"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", plugin, "-p", "no:cacheprovider"]
+    path = os.pathsep.join([str(CHECKOUT), *filter(None, sys.path)])
+    run = subprocess.run(
+        [*command, "tests/test_ray.py"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "11 passed" in run.stdout
+
+
+def test_a_shared_edge_is_one_place_and_all_its_triangles(box: trimesh.Trimesh) -> None:
+    below = [[0.0, 0.0, -2.0]]
+    triangle, ray = box.ray.intersects_id(below, UP)
+    first, second = triangle[:2], triangle[2:]
+    assert len(triangle) == 4 and (ray == 0).all()
+    assert first[0] < first[1] and second[0] < second[1]
+    heights = box.triangles[first][..., 2], box.triangles[second][..., 2]
+    assert (heights[0] == -0.5).all() and (heights[1] == 0.5).all()
+    places, ray, smallest = box.ray.intersects_location(below, UP)
+    assert places.tolist() == [[0, 0, -0.5], [0, 0, 0.5]]
+    assert smallest.tolist() == [first[0], second[0]]
+    assert box.ray.intersects_id(below, UP, max_hits=3)[0].tolist() == triangle[:3].tolist()
+    assert len(box.ray.intersects_location(below, UP, max_hits=1)[0]) == 1
+    nearest, _, point = box.ray.intersects_id(below, UP, multiple_hits=False, return_locations=True)
+    assert nearest.tolist() == [first[0]] and point.tolist() == [[0, 0, -0.5]]
+    # Embree's class, which takes `scale_to_box`, returns one triangle for each place.
+    assert ExactIntersector(box, scale_to_box=False).intersects_id(below, UP)[0].tolist() == [
+        first[0],
+        second[0],
+    ]
+
+
+def test_first_hits_have_certainties_and_ties(box: trimesh.Trimesh) -> None:
+    starts = [[0.2, 0.1, -2.0], [0.0, 0.0, -2.0], [0.7, 0.0, -2.0], [0.5, 0.1, -2.0]]
+    first = box.ray.first(starts, UP * 4)
+    assert first.certainty.tolist()[:3] == [Certainty.PROVEN, Certainty.TIE, Certainty.PROVEN]
+    assert first.t.tolist()[:2] == [1.5, 1.5] and np.isnan(first.t[2])
+    # Along a side of the box, in its plane: the bottom has an edge there, the side is not met.
+    assert first.triangle[2] == -1 and first.triangle[3] >= 0 and first.t[3] == 1.5
+    assert first.ties.tolist() == [[1, n] for n in sorted(first.ties[:, 1])]
+    assert box.ray.intersects_first(starts, UP * 4).tolist() == first.triangle.tolist()
+    assert box.ray.intersects_any(starts, UP * 4).tolist() == [True, True, False, True]
+
+
+def test_a_ray_meets_the_surface_on_which_it_starts_unless_told_otherwise(
+    box: trimesh.Trimesh,
+) -> None:
+    start = [[0.2, 0.1, -0.5]]
+    assert box.ray.first(start, UP).t.tolist() == [0.0]
+    beyond = float(np.nextafter(0, 1))
+    assert box.ray.first(start, UP, t_min=beyond).t.tolist() == [1.0]
+    assert box.ray.intersects_first(start, UP, t_min=[beyond], t_max=[0.5]).tolist() == [-1]
+    assert len(box.ray.intersects_id(start, UP, t_min=-1.0, t_max=0.0)[0]) == 1
+    # t counts lengths of the direction, which is not normalized.
+    assert box.ray.first(start, [[0, 0, 4]], t_min=beyond).t.tolist() == [0.25]
+
+
+def test_changes_of_the_mesh_count_and_copies_answer_alike(box: trimesh.Trimesh) -> None:
+    below = [[0.2, 0.1, -2.0]]
+    before = box.ray.first(below, UP)
+    for other in (pickle.loads(pickle.dumps(box.ray)), copy.copy(box.ray), copy.deepcopy(box.ray)):
+        assert other.first(below, UP).t == before.t
+    assert pickle.loads(pickle.dumps(box)).ray.first(below, UP).triangle == before.triangle
+    box.apply_translation([0, 0, 1])
+    assert box.ray.first(below, UP).t == before.t + 1
+
+
+def test_trimesh_answers_by_it(box: trimesh.Trimesh) -> None:
+    assert box.contains([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.6]]).tolist() == [True, False, False]
+
+
+def test_nothing_is_an_answer_too() -> None:
+    empty = ExactIntersector(trimesh.Trimesh())
+    assert empty.intersects_first([[0, 0, 0]], UP).tolist() == [-1]
+    assert [len(part) for part in empty.intersects_location([[0, 0, 0]], UP)] == [0, 0, 0]
+    assert empty.locate_points([[0, 0, 0]]).tolist() == [-1]
+    some = ExactIntersector(trimesh.creation.box())
+    for result in (some.intersects_id([], []), some.intersects_location([], [])):
+        assert all(len(part) == 0 for part in result)
+    assert some.intersects_any([], []).shape == (0,)
+    assert some.contains_points([]).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([[0, 0]], UP), r"ray_origins: the shape is \(1, 2\)"),
+        (([[0, 0, np.nan]], UP), "ray_origins: ray 0 is .*nan"),
+        (([[0, 0, 0]] * 2, [[0, 0, 1], [0, np.inf, 0]]), "ray_directions: ray 1 is .*inf"),
+        (([[0, 0, 0]] * 2, [[0, 0, 1], [0, 0, 0]]), "ray 1 is .*no direction"),
+        (([[0, 0, 0]] * 2, UP), "1 directions for 2 origins"),
+        (("rays", UP), "ray_origins: not an array of numbers"),
+    ],
+)
+def test_bad_rays_are_refused_by_number(
+    box: trimesh.Trimesh, arguments: tuple[Any, Any], message: str
+) -> None:
+    for query in (box.ray.first, box.ray.intersects_id, box.ray.intersects_location):
+        with pytest.raises(InputError, match=message) as refused:
+            query(*arguments)
+        assert "\n" not in str(refused.value)
+
+
+def test_bad_ranges_meshes_and_counts_are_refused(box: trimesh.Trimesh) -> None:
+    start = [[0.0, 0.0, -2.0]]
+    with pytest.raises(InputError, match="t_min: ray 0 is NaN"):
+        box.ray.first(start, UP, t_min=np.nan)
+    with pytest.raises(InputError, match=r"t_max: the shape is \(2,\)"):
+        box.ray.first(start, UP, t_max=[1.0, 2.0])
+    with pytest.raises(InputError, match="max_hits: 0"):
+        box.ray.intersects_id(start, UP, max_hits=0)
+    with pytest.raises(InputError, match="points: point 1"):
+        box.ray.contains_points([[0, 0, 0], [np.nan, 0, 0]])
+    box.vertices[0, 0] = np.nan
+    with pytest.raises(InputError, match="mesh: triangle 0 has a corner that is not finite"):
+        box.ray.first(start, UP)

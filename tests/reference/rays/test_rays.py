@@ -1,0 +1,174 @@
+"""Rays against rational brute force, on the worst that hypothesis draws, and negative controls."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from tests.reference.rays.worst import Problem, problems
+from tests.support.long_tail import examples
+from xfrustum.compare.selfcheck.selfcheck import position_bound
+from xfrustum.reference.backend import Float32, Float64, cross, difference, dot, dr, recording
+from xfrustum.reference.certify import cone
+from xfrustum.reference.rays import filter as filter_module
+from xfrustum.reference.rays import walk
+from xfrustum.reference.rays.filter import triple_product
+from xfrustum.reference.rays.integers import meet, nearest_double
+from xfrustum.reference.rays.rays import ExactMesh, RayBatch
+from xfrustum.reference.rays.tree import Tree, build_tree
+from xfrustum.reference.rays.walk import slab_shifts
+from xfrustum.scenes import Certainty
+from xfrustum.scenes.arrays import Floats
+
+
+def batch(problem: Problem) -> RayBatch:
+    return RayBatch(origins=problem.origins, directions=problem.directions, ends=problem.ends)
+
+
+@examples(100)
+@given(problems())
+def test_first_surfaces_are_those_of_rationals(problem: Problem) -> None:
+    first = ExactMesh(problem.triangles).first(batch(problem))
+    for ray in range(len(problem.origins)):
+        hits = problem.hits(ray)
+        tied = [number for t, number in hits if t == hits[0][0]]
+        assert first.triangle[ray] == (tied[0] if tied else -1)
+        listed = first.ties[first.ties[:, 0] == ray, 1].tolist()
+        assert listed == (tied if len(tied) > 1 else [])
+        assert (first.certainty[ray] == Certainty.TIE) == (len(tied) > 1)
+        if not hits:
+            assert np.isnan(first.t[ray])
+        elif first.certainty[ray] != Certainty.PROVEN:
+            assert first.t[ray] == nearest_double(hits[0][0])
+        elif first.t[ray] != nearest_double(hits[0][0]):
+            t, d = np.array([nearest_double(hits[0][0])]), problem.directions[[ray]]
+            unit = np.abs(d).max()
+            corners = problem.triangles[tied[0]][None] - problem.origins[ray]
+            bound = position_bound(corners, d / unit, t * unit) / unit
+            assert abs(first.t[ray] - t) <= bound
+
+
+@examples(100)
+@given(problems())
+def test_all_surfaces_are_those_of_rationals_in_order(problem: Problem) -> None:
+    hits = ExactMesh(problem.triangles).all(batch(problem))
+    for ray in range(len(problem.origins)):
+        expected, own = problem.hits(ray), hits.ray == ray
+        assert hits.triangle[own].tolist() == [number for _, number in expected]
+        places = sorted({t for t, _ in expected})
+        assert hits.place[own].tolist() == [places.index(t) for t, _ in expected]
+
+
+def test_half_of_the_bound_of_an_edge_function_is_too_little() -> None:
+    """These doubles, by hill climbing, are rounded in one direction at nearly every step."""
+    origin, p, q, d = np.array(
+        [
+            [-0.8869499050578171, 0.6575147141159208, -0.5532586191310437],
+            [-0.887412036883079, 0.9352459071458401, 0.5351180157888564],
+            [-0.8640638588863622, -0.974398231408247, 0.7619531951938838],
+            [0.467847850581862, 0.012648159002810078, -0.01475835506202633],
+        ]
+    )
+    value, magnitude = triple_product(d.tolist(), (p - origin).tolist(), (q - p).tolist())
+    o, a, b, along = ([Fraction(x) for x in row] for row in (origin, p, q, d))
+    exact = dot(along, cross(difference(a, o), difference(b, a)))
+    error = abs(Fraction(value) - exact)
+    bound = Fraction(filter_module.EDGE_ROUNDING) * Fraction(magnitude)
+    assert bound / 2 < error < bound
+
+
+def test_half_of_the_bound_of_a_slab_is_too_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, along = float.fromhex("-0x1.174ad900001b4p+0"), float.fromhex("0x1.cbafdafffffeap-1")
+
+    def holds() -> bool:
+        with recording():
+            factor, low, high = slab_shifts(Float64(start), Float64(along), Float64(0.0))
+            near, far = (dr.fma(Float32(1.0), factor, shift).numpy()[0] for shift in (low, high))
+        exact = (1 - Fraction(start)) / Fraction(along)
+        return bool(Fraction(float(near)) <= exact <= Fraction(float(far)))
+
+    assert holds()
+    monkeypatch.setattr(walk, "SLAB_ROUNDINGS", walk.SLAB_ROUNDINGS / 2)
+    assert not holds()
+
+
+def boxes_hold(tree: Tree, triangles: Floats) -> bool:
+    """Return whether leaves hold their triangles and nodes their descendants."""
+    node = np.arange(len(tree.skip))
+    leaf = tree.skip == node + 1
+    corners = triangles[tree.triangle[leaf]]
+    within = (tree.low[:, leaf].T[:, None] <= corners) & (corners <= tree.high[:, leaf].T[:, None])
+    inner = node[~leaf]
+    children = np.concatenate((inner + 1, tree.skip[inner + 1]))
+    parents = np.concatenate((inner, inner))
+    nested = (tree.low[:, parents] <= tree.low[:, children]) & (
+        tree.high[:, parents] >= tree.high[:, children]
+    )
+    return bool(within.all() and nested.all())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 50, 777])
+def test_boxes_hold_their_triangles_and_no_ulp_less(count: int) -> None:
+    """Each triangle has one leaf; a box that is drawn in by one ulp at any side is too small."""
+    triangles = np.random.default_rng(count).uniform(-1, 1, (count, 3, 3))
+    tree = build_tree(triangles)
+    assert sorted(tree.triangle[tree.triangle >= 0].tolist()) == list(range(count))
+    assert boxes_hold(tree, triangles)
+    for axis in range(3):
+        low, high = tree.low.copy(), tree.high.copy()
+        low[axis] = np.nextafter(low[axis], np.float32(np.inf))
+        assert not boxes_hold(replace(tree, low=low), triangles)
+        high[axis] = np.nextafter(high[axis], np.float32(-np.inf))
+        assert not boxes_hold(replace(tree, high=high), triangles)
+
+
+@pytest.mark.parametrize("shape", ["equal", "growing", "in a row"])
+def test_trees_of_odd_meshes_are_built_in_few_rounds(shape: str) -> None:
+    """Equal boxes and boxes that grow along the curve would let each cluster choose the next."""
+    count = 5000
+    triangles = np.zeros((count, 3, 3)) + np.eye(3) / count
+    if shape == "growing":
+        triangles *= np.linspace(1, 2, count)[:, None, None]
+    if shape != "equal":
+        triangles[:, :, 0] += np.cumsum(np.linspace(1, 2, count))[:, None] / (2 * count)
+    tree = build_tree(triangles)
+    assert boxes_hold(tree, triangles)
+    depth = np.zeros(len(tree.skip), dtype=int)
+    for node, skip in enumerate(tree.skip.tolist()):
+        depth[node + 1 : skip] += 1
+    assert depth.max() < 80
+
+
+@pytest.mark.parametrize("bound", ["EDGE_ROUNDING", "ROUNDING"])
+def test_filters_without_bounds_are_caught(monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
+    """Rays through rounded points of edges, and planes a rounding before rays' origins."""
+    rng = np.random.default_rng(3)
+    triangles = rng.uniform(-1, 1, (100, 3, 3))
+    share = rng.uniform(0, 1, (100, 1))
+    middle = triangles[:, 0] + share * (triangles[:, 1] - triangles[:, 0])
+    if bound == "ROUNDING":
+        middle = triangles.mean(axis=1)
+    origins = rng.uniform(-1, 1, (100, 3)) if bound == "EDGE_ROUNDING" else middle
+    directions = middle - origins if bound == "EDGE_ROUNDING" else rng.normal(size=(100, 3))
+    rays = RayBatch(origins=origins, directions=directions, ends=np.tile([0.0, np.inf], (100, 1)))
+    exact = [
+        meet(triangles[[k]], origins[[k]], directions[[k]], rays.ends[[k]]).met[0]
+        for k in range(100)
+    ]
+
+    def wrong() -> int:
+        count = 0
+        for k in range(100):
+            first = ExactMesh(triangles[[k]]).first(rays[[k]])
+            count += (first.triangle[0] == 0) != exact[k]
+        return count
+
+    assert wrong() == 0
+    monkeypatch.setattr(filter_module, "EDGE_ROUNDING", 0.0)
+    monkeypatch.setattr(filter_module, "UNDERFLOW_BOUND", 0.0)
+    if bound == "ROUNDING":
+        monkeypatch.setattr(cone, "ROUNDING", 0.0)
+        monkeypatch.setattr(filter_module, "ROUNDING", 1.0)
+    assert wrong() > 0
