@@ -100,7 +100,8 @@ class ExactGrid:
             if pencil.aims_past(0):
                 kept[k] = False
             elif apart[k].any():
-                continue
+                # A triangle seen edge-on leaves the hogel's pixels open that lie in its own box.
+                kept[k] = np.isfinite(error[k]) or pencil.box_holds(0)
             elif pencil.contains_center(0):
                 # A line that may lie in the triangle's plane is left to the integers.
                 if np.isfinite(error[k]):

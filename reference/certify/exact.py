@@ -94,16 +94,20 @@ class ExactPencil:
         x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._bundle.center)
         return x, y, z
 
-    def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
-        """Return edge planes, plane normal and plane offset of a triangle, all integers."""
-        q0, q1, q2 = (
+    def _corners(self, triangle: int) -> list[Integers]:
+        """Return a triangle's corners relative to the center, times 2**bits."""
+        return [
             (
                 _scaled(p[0], self._bits) - self._center[0],
                 _scaled(p[1], self._bits) - self._center[1],
                 _scaled(p[2], self._bits) - self._center[2],
             )
             for p in self._triangles[triangle].tolist()
-        )
+        ]
+
+    def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
+        """Return edge planes, plane normal and plane offset of a triangle, all integers."""
+        q0, q1, q2 = self._corners(triangle)
         e01, e12, e20 = _cross(q0, q1), _cross(q1, q2), _cross(q2, q0)
         # (p1 - p0) x (p2 - p0), multiplied out, is the sum of the three.
         normal = (e01[0] + e12[0] + e20[0], e01[1] + e12[1] + e20[1], e01[2] + e12[2] + e20[2])
@@ -143,10 +147,26 @@ class ExactPencil:
         edges, _, _ = self.cone(triangle)
         if edges != ((0, 0, 0),) * 3:
             return False
-        corners = ([_scaled(x, self._bits) for x in p] for p in self._triangles[triangle].tolist())
-        toward = ([x - c for x, c in zip(p, self._center, strict=True)] for p in corners)
         d = self.direction(0)
-        return any(_cross(d, (q[0], q[1], q[2])) != (0, 0, 0) for q in toward)
+        return any(_cross(d, q) != (0, 0, 0) for q in self._corners(triangle))
+
+    def box_holds(self, triangle: int) -> bool:
+        """Return whether pixel 0 lies in the triangle's box on one side of the center; see `boxes`.
+
+        The box bounds slopes x / s: it holds dx if x - s dx has no single sign on that side, at the
+        corners there and where edges cross s = 0.
+        """
+        q, d, unit = self._corners(triangle), self.direction(0), 1 << self._slope_bits
+        s = [-corner[2] for corner in q]
+
+        def between(axis: int, side: int) -> bool:
+            ahead = [side * depth > 0 for depth in s]
+            signs = [q[i][axis] * unit - s[i] * d[axis] for i in range(3) if ahead[i]]
+            crossing = [(i, j) for i in range(3) for j in range(3) if ahead[i] and not ahead[j]]
+            signs += [side * (q[j][axis] * s[i] - q[i][axis] * s[j]) for i, j in crossing]
+            return bool(signs) and min(signs) <= 0 <= max(signs)
+
+        return any(between(0, side) and between(1, side) for side in (1, -1))
 
     def contains_center(self, triangle: int) -> bool:
         """Return whether the center lies in a closed triangle, which every line meets at s = 0."""

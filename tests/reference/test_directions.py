@@ -96,6 +96,14 @@ def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> Non
     assert_equal_to_hogels(scene, tile, every)
 
 
+def test_edge_on_triangles_leave_the_same_pixels_open() -> None:
+    """Pixel 28, 20 lies beside a triangle in its plane, which reaches the screen's height."""
+    scene = small("hard/edge-through-aperture", (9, 7), (40, 32))
+    columns, rows = map(range, scene.plate.hogels)
+    tile = PlateTile(plate=scene.plate, columns=columns, rows=rows)
+    assert_equal_to_hogels(scene, tile, 20 * 64 + 28)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*builtin.names(), *hard_cases.names(giants=False)])
 def test_whole_plates_by_direction_equal_those_by_hogels(name: str) -> None:
