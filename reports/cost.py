@@ -14,8 +14,16 @@ from typing import Any
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.planning.ways import (
+    TIMED_PASSES,
+    PlateWay,
+    spread_pixels,
+    tile_about,
+)
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Drawn, Rasterizer
+from xfrustum.raster.plate.directions import DirectionRenderer
+from xfrustum.raster.plate.targets import TargetFormat
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled
@@ -26,6 +34,7 @@ from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import DISPLACEMENT_TIE_PX, aligned, displacement_words
+from xfrustum.reports.ways import CONTENT, DEPTH, DirectionsResult, measure_directions
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -58,6 +67,9 @@ NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
 
+#: largest side of the tile whose passes by directions are timed, hogels
+TIMED_SIDE = 1024
+
 #: Second, stricter tolerance as a share of the first: 0.1 px for a tolerance of 0.5 px.
 STRICTER_FRACTION = 0.2
 
@@ -78,6 +90,8 @@ class Way:
     label: str
     #: its group of options: a depth buffer, or another varied setting
     family: str
+    #: None for a tracer
+    way: PlateWay | None = None
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -93,6 +107,8 @@ class Option(Way):
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
+    #: attachments of one image by direction; None for all others
+    memory_bytes: int | None = None
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -197,6 +213,7 @@ class CostReport(NotebookRepr):
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]
+    directions: DirectionsResult
 
     @cached_property
     def sentences(self) -> list[str]:
@@ -239,6 +256,7 @@ class CostReport(NotebookRepr):
                 "renderer": option.renderer,
                 "label": option.label,
                 "family": option.family,
+                "way": option.way,
                 **option.configuration,
                 "error": {
                     "displacement_p99_px": option.displacement_p99_px,
@@ -247,6 +265,7 @@ class CostReport(NotebookRepr):
                 "time_s": times(option.time_s),
                 "gpu_s": times(option.gpu_s),
                 "read_back_s": times(option.read_s),
+                "memory_bytes": option.memory_bytes,
                 "pareto": best,
             }
             for option, best in zip(self.options, pareto(self.options), strict=True)
@@ -273,6 +292,7 @@ class CostReport(NotebookRepr):
                 "rows": rows,
                 "answers": answers,
                 "answer": self.answer,
+                "directions": self.directions.summary(),
                 **{name: getattr(self, name) for name in names},
             }
         )
@@ -282,7 +302,8 @@ class CostReport(NotebookRepr):
         *answers, answer = self.sentences
         head = ("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")
         rows = [option.cells for option, best in self.ascending() if best]
-        return "\n".join([*answers, "", aligned([head, *rows]), "", answer])
+        words = self.directions.words(self.scene)
+        return "\n".join([*answers, "", aligned([head, *rows]), "", answer, words])
 
 
 def cost(
@@ -333,9 +354,16 @@ def cost(
         # At every aperture the first picture is judged and not timed; only the first aperture is
         # timed.
         timed = ways[apertures[0]]
+        usual = DoubleFrustum(near=USUAL_NEAR_PER_REACH * scene.frustum.longest_reach)
+        turned = measure_directions(tracers["embree"], apertures, usual)
+        if turned.errors is not None:
+            timed = [*timed, _by_directions(scene, stack)]
         pictures = len(timed) * (len(ways) + repeat)
         with progress_bar(pictures, "cost", "picture", shown=progress) as bar:
             errors = _errors(ways, tracers["embree"], bar.update)
+            if turned.errors is not None:
+                # A line by direction is moved by nothing: it has no near.
+                errors.append((0.0, turned.errors.fraction))
             seconds = _seconds(timed, repeat, bar.update)
     options = [
         Option(
@@ -345,6 +373,8 @@ def cost(
         )
         for (way, _), (p99, wrong), taken in zip(timed, errors, seconds, strict=True)
     ]
+    if turned.errors is not None:
+        options[-1] = _of_hogels(options[-1], scene)
     libraries = {key: value for used in tracers.values() for key, value in used.versions.items()}
     return CostReport(
         scene=scene,
@@ -358,11 +388,12 @@ def cost(
             **{f"OpenGL {name}": value for name, value in device.items()},
         },
         versions={**provenance.versions(), **libraries},
+        directions=turned,
     )
 
 
 #: a way, and the function that makes its picture
-_Made = tuple[Way, Callable[[], HogelImage | Drawn]]
+_Made = tuple[Way, Callable[[], HogelImage | Drawn | None]]
 
 
 def _errors(
@@ -375,6 +406,7 @@ def _errors(
         for number, (way, make) in enumerate(those):
             made = make()
             image = made.image if isinstance(made, Drawn) else made
+            assert image is not None, "passes by directions have no image of a hogel"
             judged = compare_images(truth, image, reference, radiance=False)
             assert judged.surface is not None, "the reference has the scene at hand"
             # Tracers draw exact lines: their only errors are wrong surfaces.
@@ -426,6 +458,7 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
             renderer="raster",
             label=label,
             family=family or settings.depth_label,
+            way=PlateWay.from_settings(settings),
             configuration={
                 **{name: getattr(settings, name) for name in names},
                 "aperture_samples": samples,
@@ -452,6 +485,43 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
         yield way(usual, "aperture samples", count)
     if "all" in drawers:
         yield way(usual, "all effects", effects="all")
+
+
+def _by_directions(scene: Scene, stack: ExitStack) -> _Made:
+    """Return the way by directions, and the function that draws some passes over the plate."""
+    tile = tile_about(scene.plate, scene.plate.middle, TIMED_SIDE)
+    renderer = stack.enter_context(DirectionRenderer(scene, tile, CONTENT, DEPTH))
+    pixels, count = spread_pixels(scene.frustum, TIMED_PASSES), math.prod(scene.frustum.resolution)
+    columns, rows = tile.size
+    described = Way(
+        renderer="raster",
+        label=f"raster, by directions with {DEPTH.upper()} linear depth, a hogel's share of "
+        f"{count:,} passes over {columns:,} x {rows:,}",
+        family="directions",
+        way=PlateWay.DIRECTIONS,
+        configuration={
+            "depth": DEPTH,
+            "mapping": DepthMapping.LINEAR,
+            "effects": sorted(renderer.effects, key=list(Effect).index),
+        },
+    )
+
+    def draw() -> None:
+        for _ in renderer.images(pixels):
+            pass
+
+    draw()
+    return described, draw
+
+
+def _of_hogels(option: Option, scene: Scene) -> Option:
+    """Return an option whose time is a hogel's share of all passes, of some timed passes."""
+    columns, rows = tile_about(scene.plate, scene.plate.middle, TIMED_SIDE).size
+    passes = math.prod(scene.frustum.resolution)
+    timed = len(spread_pixels(scene.frustum, TIMED_PASSES))
+    size = TargetFormat(depth=DEPTH, content=CONTENT).bytes_per_pixel * columns * rows
+    share = option.time_s.divided_by(columns * rows * timed / passes)
+    return replace(option, time_s=share, memory_bytes=size)
 
 
 def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_Made]:

@@ -39,6 +39,7 @@ from xfrustum.compare.planning.search import (
     SEPARATION_MARGIN,
     BufferLimit,
 )
+from xfrustum.compare.planning.ways import PlateWay
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, PlateScan, scout
@@ -56,6 +57,7 @@ from xfrustum.reports.heat_map import choices, plate_cells, plate_map
 from xfrustum.reports.notebook import NotebookRepr
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import aligned
+from xfrustum.reports.ways import DirectionsResult, measure_directions
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.representation import digits, percent
@@ -69,6 +71,9 @@ LINE_CHARACTERS = 100
 #: Pixels of both eyes' films that confirm a plan, each in its own hogel: a minute of two cores or
 #: less.
 CONFIRMED_HOGELS = 20_000
+
+#: near of timed hogels where there is no plan, over the reach
+USUAL_NEAR_PER_REACH = 1e-3
 
 #: shares of the scanned hogels whose largest near is listed
 QUANTILES = (0.01, 0.1, 0.5, 0.9)
@@ -101,6 +106,8 @@ class PlanReport(NotebookRepr):
     scan: PlateScan | None = None
     #: at the viewer's distance; None without a viewer
     view_zone: ViewZone | None = None
+    #: the plate drawn by directions; None for a plan of some apertures
+    directions: DirectionsResult | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:
@@ -141,6 +148,11 @@ class PlanReport(NotebookRepr):
         # Cuts were placed for one near: a smaller one needs other cuts.
         least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
         return min(least or self.plan.near, self.plan.near), self.plan.near
+
+    @property
+    def by_directions(self) -> str:
+        """Figures of the plate drawn by directions, in words; "" for a plan of some apertures."""
+        return "" if self.directions is None else self.directions.words(self.scene)
 
     @cached_property
     def _sentences(self) -> list[str]:
@@ -250,6 +262,8 @@ class PlanReport(NotebookRepr):
                 "predicted": made.predicted or unknown,
                 "measured": made.measured or unknown,
                 "plate": self._plate(),
+                "ways": self._ways(),
+                "directions": self.directions and self.directions.summary(),
                 "apertures": self.auto and choices(self.auto),
                 "buffers": () if limits is None else limits.buffers,
                 "hogels": {f"{q:g}": np.quantile(hogels, q) for q in QUANTILES if hogels.size},
@@ -257,6 +271,25 @@ class PlanReport(NotebookRepr):
             }
             | ({} if made.requirement.viewer is None else {"viewer": self._viewer()})
         )
+
+    def _ways(self) -> list[dict[str, Any]]:
+        """Return error and predicted seconds of the whole plate for each way to draw it."""
+        settings, measured, turned = self.plan.settings, self.plan.measured, self.directions
+        speeds = None if turned is None else turned.speeds
+        hogels, ways = math.prod(self.scene.plate.hogels), list[dict[str, Any]]()
+
+        def add(way: PlateWay, moved: float, wrong: float, seconds: float | None) -> None:
+            errors = {"displacement_p99_px": moved, "surface_fraction": wrong}
+            ways.append({"way": way, **errors, "seconds": seconds})
+
+        if settings is not None and measured is not None:
+            seconds = None if speeds is None else speeds.hogels_s(hogels)
+            moved, wrong = measured.displacement_p99_px, measured.surface_fraction
+            add(PlateWay.from_settings(settings), moved, wrong, seconds)
+        if turned is not None and turned.errors is not None and speeds is not None:
+            seconds = speeds.directions_s(hogels)
+            add(PlateWay.DIRECTIONS, 0.0, turned.errors.fraction, seconds)
+        return ways
 
     def _plate(self) -> dict[str, Any] | None:
         if (known := self.plan.plate) is None:
@@ -311,6 +344,8 @@ class PlanReport(NotebookRepr):
             counts = f"{known.hogels:,} hogels: {known.scouted} scanned, {known.measured} measured"
             infeasible = f", {known.infeasible} infeasible" if known.infeasible else ""
             lines.append(f"{counts}{infeasible}{self._worst()}")
+        if self.by_directions:
+            lines.append(filled(self.by_directions))
         return "\n".join([*lines, *self.commands])
 
     def _worst(self) -> str:
@@ -430,8 +465,19 @@ def _plate_plan(
             done=bar.update,
         )
         made = planner.plan(sample)
-    middle = (scene.plate.middle,)
-    return PlanReport(scene=scene, plan=made, apertures=middle, scan=scan, view_zone=zone)
+    middle = scene.plate.middle
+    # Times hardly depend on near: without a plan, an ordinary near is timed.
+    settings = made.settings or DoubleFrustum(
+        near=USUAL_NEAR_PER_REACH * scene.frustum.longest_reach
+    )
+    return PlanReport(
+        scene=scene,
+        plan=made,
+        apertures=(middle,),
+        scan=scan,
+        view_zone=zone,
+        directions=measure_directions(planner.reference, (middle,), settings),
+    )
 
 
 def scanned_plate(scene: Scene, progress: bool) -> PlateScan:

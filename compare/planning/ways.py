@@ -1,7 +1,8 @@
 """Two ways to draw a plate: by hogels with two cameras each, or by directions, all hogels at once.
 
 A hogel costs the same on every plate. A pass by directions pays for the vertices once, and then for
-each hogel: it is the faster way from some number of hogels on (`WaySpeeds.crossover`).
+each hogel: it is the faster way from some number of hogels on (`WaySpeeds.crossover`). Its lines
+have no near plane: no surface is displaced, and the wrong ones lie at edges that snapping moves.
 """
 
 from __future__ import annotations
@@ -11,15 +12,22 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reference import Reference
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Indices, Mask, Numbers
+from xfrustum.scenes.model.direction_image import DirectionImage
+from xfrustum.scenes.model.effects import CAMERAS, needed
+from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
-from xfrustum.scenes.plate.plate import Frustum, Plate, PlateTile
+from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate, PlateTile
 
 #: Hogels along the longer side of two plates whose passes are timed: few, where vertices count, and
 #: many, where hogels do.
@@ -28,6 +36,21 @@ FEW_HOGELS, MANY_HOGELS = 64, 512
 TIMED_PASSES, TIMED_HOGELS = 8, 32
 #: Timings of each quantity: the least counts, because other load only adds to it.
 TIMINGS = 3
+#: Largest side of a tile whose images are compared with the truth, hogels, and their number.
+COMPARED_SIDE, COMPARED_PASSES = 96, 16
+
+
+class PlateWay(StrEnum):
+    """Way to draw a plate."""
+
+    TWO_CAMERAS = "two cameras"
+    SLABS = "slabs"
+    DIRECTIONS = "directions"
+
+    @classmethod
+    def from_settings(cls, settings: DoubleFrustum) -> PlateWay:
+        """Return the way of two cameras, with their frusta cut or whole."""
+        return cls.SLABS if settings.slabs else cls.TWO_CAMERAS
 
 
 def spread_pixels(frustum: Frustum, count: int) -> list[tuple[int, int]]:
@@ -116,3 +139,70 @@ def measure_speeds(scene: Scene, settings: DoubleFrustum, content: PlateContent)
         cell_s=cell_s,
         hogel_s=hogel_s,
     )
+
+
+# Wrong surfaces by directions
+# -------------------------------------------------------------------------------------------------
+
+
+def tile_about(plate: Plate, aperture: Aperture, most: int) -> PlateTile:
+    """Return a tile of at most `most` columns and rows of hogels about an aperture."""
+    columns, rows = (
+        range(first, first + min(most, count))
+        for count, place in zip(plate.hogels, aperture.index, strict=True)
+        for first in [max(0, min(place - most // 2, count - most))]
+    )
+    return PlateTile(plate=plate, columns=columns, rows=rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionErrors:
+    """Pixels of images by direction that were compared with the truth; ties are left out."""
+
+    judged: int
+    wrong: int  #: with a wrong surface
+
+    @property
+    def fraction(self) -> float:
+        """Share of the judged pixels with a wrong surface."""
+        return self.wrong / self.judged if self.judged else 0.0
+
+
+def direction_errors(
+    reference: Reference, tile: PlateTile, pixels: Iterable[tuple[int, int]], depth: DepthFormat
+) -> DirectionErrors:
+    """Draw and trace some pixels of all hogels of a tile, and count the wrong surfaces.
+
+    InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
+    """
+    scene, requested, judged, wrong = reference.scene, list(pixels), 0, 0
+    content = PlateContent(ids=True, effects=needed(scene) & CAMERAS)
+    _, points = np.unique(scene.vertices, axis=0, return_inverse=True)
+    corners = points.reshape(-1)[scene.faces]
+    truths = reference.by_directions(tile, requested, normals=False, colored=False)
+    with DirectionRenderer(replace(scene, sampling=Sampling()), tile, content, depth) as renderer:
+        for truth, drawn in zip(truths, renderer.images(requested), strict=True):
+            assert drawn.triangle is not None
+            known = np.ones(truth.triangle.shape, dtype=np.bool_)
+            known[truth.tied_triangles[:, 0], truth.tied_triangles[:, 1]] = False
+            judged += int(np.count_nonzero(known))
+            hidden = _wrong_surfaces(truth, drawn.triangle, scene, corners)
+            wrong += int(np.count_nonzero(known & hidden))
+    return DirectionErrors(judged=judged, wrong=wrong)
+
+
+def _wrong_surfaces(truth: DirectionImage, drawn: Numbers, scene: Scene, corners: Indices) -> Mask:
+    """Return the pixels with another object, or a part of the same object that is hidden there.
+
+    Triangles with a corner in common take over each other's pixels where snapping moves their edge,
+    and the drawn point is visible; all others of the same object count as hidden, which bounds
+    their number from above. `corners` are numbers of points by triangle, the same number for equal
+    points.
+    """
+    wrong: Mask = (truth.triangle == NOTHING) != (drawn == NOTHING)
+    both = np.nonzero((truth.triangle != drawn) & ~wrong)
+    ours, theirs = truth.triangle[both], drawn[both]
+    joined = (corners[ours][:, :, None] == corners[theirs][:, None, :]).any(axis=(1, 2))
+    same = scene.object_of_triangle[ours] == scene.object_of_triangle[theirs]
+    wrong[both] = ~(joined & same)
+    return wrong

@@ -38,7 +38,7 @@ def test_json_and_page_are_as_promised(
         "near near_range slabs split depth mapping within sentence reason binds limits command "
         "confirm"
     )
-    rest = "predicted measured plate apertures buffers hogels device_model"
+    rest = "predicted measured plate ways directions apertures buffers hogels device_model"
     assert list(made) == [*names.split(), *rest.split()]
     assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
     assert list(made["predicted"]) == list(made["measured"]) == KEYS
@@ -46,6 +46,13 @@ def test_json_and_page_are_as_promised(
     least, largest = made["near_range"]
     assert least <= largest == made["near"] and made["split"] == bool(made["slabs"])
     assert list(made["hogels"].values()) == sorted(made["hogels"].values())
+    pair, turned = made["ways"]
+    assert (pair["way"], turned["way"]) == (
+        "slabs" if made["split"] else "two cameras",
+        "directions",
+    )
+    assert pair["surface_fraction"] == made["measured"]["surface_fraction"]
+    assert turned["displacement_p99_px"] == 0 and turned["seconds"] > 0
     command, confirm = shlex.split(made["command"]), shlex.split(made["confirm"])
     assert command[:2] == ["xfrustum", "plate"] and confirm[:2] == ["xfrustum", "survey"]
     assert made == json.loads((tmp_path / "plan.json").read_text())

@@ -3,13 +3,24 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xfrustum.compare.planning.ways import WaySpeeds, measure_speeds, spread_pixels
-from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
+from xfrustum.compare.planning.ways import (
+    WaySpeeds,
+    direction_errors,
+    measure_speeds,
+    spread_pixels,
+    tile_about,
+)
+from xfrustum.reference import Reference
+from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene, open_scene
 from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.scene import SceneObject
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate.plate import Frustum, PlateTile
 
 SECONDS = st.floats(1e-7, 1.0)
 
@@ -55,3 +66,47 @@ def test_speeds_are_measured_and_scenes_around_the_screen_refused() -> None:
     screen = replace(screen, frustum=replace(screen.frustum, screen=inside))
     with pytest.raises(InputError, match="draw the plate by hogels"):
         measure_speeds(screen, DoubleFrustum(near=1.0), content)
+
+
+def sheets(apart: float) -> Scene:
+    """Return two leaning sheets over the whole plate, of which the hidden one reaches higher.
+
+    Triangles are drawn from the highest on: in equal depths the hidden sheet remains.
+    """
+
+    def sheet(name: str, z: float, right: float) -> SceneObject:
+        x = np.array([-100.0, right, right, -100.0])
+        vertices = np.column_stack([x, [-100.0, -100.0, 100.0, 100.0], z + x / 20])
+        return SceneObject(name=name, vertices=vertices, faces=np.array([(0, 1, 2), (0, 2, 3)]))
+
+    objects = (sheet("lower", -40.0 - apart, 300.0), sheet("upper", -40.0, 100.0))
+    plate = Plate(size=(40.0, 30.0), hogels=(24, 17))
+    frustum = Frustum(resolution=(8, 6), reach=(100.0, 100.0), fov=(0.8, 0.7))
+    return Scene(name="sheets", units="mm", plate=plate, frustum=frustum, objects=objects)
+
+
+@pytest.mark.parametrize(
+    ("depth", "apart", "wrong"),
+    # Depth is linear over 200: its steps are 200/65535 = 3e-3 in D16, and 6e-6 or less in D32F;
+    # 1e-4 / 3e-3 of the leaning sheets lie on both sides of a step.
+    [(DepthFormat.D16, 1e-2, 0.0), (DepthFormat.D16, 1e-4, 1.0), (DepthFormat.D32F, 1e-4, 0.0)],
+)
+def test_linear_depth_orders_sheets_that_are_more_than_a_step_apart(
+    depth: DepthFormat, apart: float, wrong: float
+) -> None:
+    scene = sheets(apart)
+    pixels = spread_pixels(scene.frustum, 5)
+    errors = direction_errors(Reference(scene), PlateTile.whole(scene.plate), pixels, depth)
+    assert errors.judged == 5 * 24 * 17 and errors.fraction == pytest.approx(wrong, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_few_surfaces_are_wrong_by_directions(name: str) -> None:
+    scene = small(name)
+    tile = tile_about(scene.plate, scene.plate.aperture(0, 60), 40)
+    assert tile.size == (40, 40) and 0 in tile.columns and 60 in tile.rows
+    errors = direction_errors(
+        Reference(scene), tile, spread_pixels(scene.frustum, 9), DepthFormat.D24
+    )
+    # Edges are moved by at most 1/512 of a cell in x and in y: contours of 10 cells for each 100.
+    assert errors.judged > 14_000 and errors.fraction < 2e-3

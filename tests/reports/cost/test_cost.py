@@ -144,6 +144,10 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert {"raster", "embree", "mitsuba", "certified"} == {
         row["renderer"] for row in printed["rows"]
     }
+    (turned,) = (row for row in printed["rows"] if row["way"] == "directions")
+    assert turned["error"]["displacement_p99_px"] == 0 and turned["memory_bytes"] > 0
+    assert {row["way"] for row in printed["rows"]} == {"two cameras", "slabs", "directions", None}
+    assert printed["directions"]["refused"] is None and printed["directions"]["speeds"]["hogel_s"]
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     assert len(stays) == len(cost_module.NEARS_WITHOUT_OFFSET_PER_REACH)
     # Cameras in the aperture displace nothing: the rounding of positions is measured.
