@@ -21,9 +21,16 @@ from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import Rasterizer
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import (
+    Channel,
+    ColorType,
+    PlateContent,
+    PlateDirection,
+    PlateHogel,
+)
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -73,16 +80,25 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
 def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
     """Return the stored images of a hogel in the types of a plate."""
     assert image.color is not None
-    channels = content.channels
+    color = stored(image.color, content.color)
+    surfaces = _surfaces(image, content.channels)
+    return PlateHogel(aperture=image.camera.aperture, color=color, **surfaces)
+
+
+def plate_direction(image: DirectionImage, content: PlateContent) -> PlateDirection:
+    """Return the stored images of a pixel of all hogels in the types of a plate."""
+    color = None if image.color is None else stored(image.color, content.color)
+    return PlateDirection(pixel=image.pixel, color=color, **_surfaces(image, content.channels))
+
+
+def _surfaces(image: HogelImage | DirectionImage, channels: Sequence[Channel]) -> dict[str, Any]:
     normal = image.normal if Channel.NORMAL in channels else None
-    return PlateHogel(
-        aperture=image.camera.aperture,
-        color=stored(image.color, content.color),
-        triangle=image.triangle if Channel.TRIANGLE in channels else None,
-        height=image.height.astype("f4") if Channel.HEIGHT in channels else None,
-        normal=None if normal is None else normal.astype("f4"),
-        certainty=image.certainty if Channel.CERTAINTY in channels else None,
-    )
+    return {
+        "triangle": image.triangle if Channel.TRIANGLE in channels else None,
+        "height": image.position[..., 2].astype("f4") if Channel.HEIGHT in channels else None,
+        "normal": None if normal is None else normal.astype("f4"),
+        "certainty": image.certainty if Channel.CERTAINTY in channels else None,
+    }
 
 
 class OneByOne(ContextOwner):

@@ -22,7 +22,7 @@ from xfrustum.reports.plate.arrays import (
     METADATA,
     reason_of,
 )
-from xfrustum.reports.plate.reader import checked_group, read_hogel
+from xfrustum.reports.plate.reader import checked_group, read_hogel, read_hogels
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
@@ -110,18 +110,18 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
     except DAMAGE as error:
         raise InputError(f"{place}: array {FINISHED} is damaged; draw the plate again") from error
 
+    must_exist = drawn and finished is not None
+
     def hogel(column: int, number: int) -> NDArray[Any] | None:
         if not done[number, column]:
             return None
-        must_exist = drawn and finished is not None
         image: NDArray[Any] = read_hogel(place, stored, column, number, must_exist=must_exist)
         return image
 
     def row(number: int) -> layouts.Pixels:
         pixels = plate_files.empty_row(shape, dtype)
-        for column in np.flatnonzero(done[number]).tolist():
-            image = hogel(column, number)
-            assert image is not None, "this hogel is finished"
+        chosen = np.flatnonzero(done[number]).tolist()
+        for column, image in read_hogels(place, stored, number, chosen, must_exist=must_exist):
             pixels[column] = image if colored else packed(image)
         return pixels
 

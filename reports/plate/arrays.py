@@ -7,14 +7,15 @@ command that opens a plate compares them with it.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import warnings
-from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import zarr
@@ -25,7 +26,7 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.scenes import NOTHING, Certainty, Frustum, InputError
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 #: Largest size of a block's pixels by default, bytes before compression: held in memory by each
@@ -35,6 +36,10 @@ BLOCK_BYTES = 1 << 26
 #: Largest number of columns and of rows of a block by default: a killed process loses at most 256
 #: hogels, and a plate of ten million hogels has 40,000 files for each of its arrays.
 MAX_BLOCK_SIDE = 16
+
+#: Columns and rows of hogels, and of their pixels, in a shard by directions. Its chunks are rows of
+#: hogels: long ones, since each costs Zarr some 200 us, and 8 MiB of triangle numbers to a file.
+SHARD_HOGELS, SHARD_PIXELS = (512, 64), (8, 8)
 
 #: attribute of the group with everything that decides its pixels
 ATTRIBUTE = "xfrustum"
@@ -120,18 +125,41 @@ class ImageArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Rectangle of hogels in one shard of every array, and the requested hogels among them."""
+    """Rectangle of hogels in one shard of every array, and the requested hogels among them.
+
+    By directions: a rectangle of pixels of the hogels of a tile, in whole shards.
+    """
 
     #: row by row from the top left
     number: int
     columns: range
     rows: range
-    apertures: tuple[Aperture, ...]
+    #: empty by directions
+    apertures: tuple[Aperture, ...] = ()
+    #: columns and rows of the film by directions; None for whole films
+    film: tuple[range, range] | None = None
 
     @property
     def selection(self) -> tuple[slice, slice]:
         """Part of an array over (row, column)."""
-        return slice(self.rows.start, self.rows.stop), slice(self.columns.start, self.columns.stop)
+        return _slice(self.rows), _slice(self.columns)
+
+    @property
+    def image_selection(self) -> tuple[slice, ...]:
+        """Part of an array of images."""
+        film = () if self.film is None else tuple(map(_slice, reversed(self.film)))
+        return (*self.selection, *film)
+
+    @property
+    def pixels(self) -> list[tuple[int, int]]:
+        """Columns and rows of the pixels by directions, row by row."""
+        columns, rows = self.film or ((), ())
+        return [(column, row) for row in rows for column in columns]
+
+    @property
+    def tile(self) -> tuple[range, range]:
+        """Columns and rows of the hogels."""
+        return self.columns, self.rows
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -143,9 +171,13 @@ class Block:
         return aperture.row - self.rows.start, aperture.column - self.columns.start
 
 
+def _slice(places: range) -> slice:
+    return slice(places.start, places.stop)
+
+
 @dataclass(kw_only=True, eq=False)
 class Tile:
-    """Images of some hogels of a block: the product of a source, which a store writes at once."""
+    """Images of a block: the product of a source, which a store writes at once."""
 
     block: Block
     #: (rows, columns, H, W, ..) by the name of the array; measures (rows, columns)
@@ -157,19 +189,36 @@ class Tile:
     def empty(cls, block: Block, arrays: PlateArrays) -> Tile:
         """Return a tile of fill values."""
         values: dict[str, NDArray[Any]] = {
-            array.name: np.full((*block.shape, *array.shape), array.fill, array.dtype)
-            for array in arrays.images
+            array.name: _filled(block, array) for array in arrays.images
         }
         values |= {name: np.full(block.shape, np.nan) for name, _ in arrays.measures}
         return cls(block=block, values=values, drawn=np.zeros(block.shape, bool))
 
-    def put(self, hogel: PlateHogel) -> None:
-        """Copy the images and the measures of a hogel to its place."""
+    def put(self, image: PlateHogel | PlateDirection) -> None:
+        """Copy the images and the measures of a hogel, or a pixel of all hogels, to its place."""
+        if isinstance(image, PlateDirection):
+            assert self.block.film is not None
+            columns, rows = self.block.film
+            column, row = image.pixel[0] - columns.start, image.pixel[1] - rows.start
+            for name, values in self.values.items():
+                values[:, :, row, column] = image.image(Channel(name))
+            return
+        hogel = image
         place = self.block.place_of(hogel.aperture)
         measures = hogel.measures if isinstance(hogel, JudgedPlateHogel) else {}
         for name, values in self.values.items():
             values[place] = measures[name] if name in measures else hogel.image(Channel(name))
         self.drawn[place] = True
+
+
+def _filled(block: Block, array: ImageArray) -> NDArray[Any]:
+    """Return fill values (rows, columns, H, W, ..) of the pixels of a block."""
+    if block.film is None:
+        return np.full((*block.shape, *array.shape), array.fill, array.dtype)
+    columns, rows = block.film
+    # In the order in which images by direction arrive: each is written to one place in memory.
+    images = (len(rows), len(columns), *block.shape, *array.shape[2:])
+    return np.full(images, array.fill, array.dtype).transpose(2, 3, 0, 1, *range(4, len(images)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,8 +229,13 @@ class PlateArrays:
     frustum: Frustum
     units: str
     content: PlateContent
-    #: columns and rows of a block
+    #: columns and rows of hogels in a shard
     side: tuple[int, int]
+    #: columns and rows of pixels in a shard by directions; None for whole hogels
+    film: tuple[int, int] | None = None
+    #: Columns and rows of hogels that are drawn together by directions. The rounding of a view's
+    #: pixels depends on it.
+    tile: tuple[int, int] | None = None
     #: name and unit of each, where hogels are judged
     measures: tuple[tuple[str, str], ...] = ()
 
@@ -205,6 +259,38 @@ class PlateArrays:
             )
             arrays.append(array)
         return tuple(arrays)
+
+    @property
+    def layout(self) -> dict[str, Any]:
+        """Division into shards and tiles, in the description of a plate."""
+        sides = {"block": self.side, "film": self.film, "tile": self.tile}
+        return {name: list(side) for name, side in sides.items() if side is not None}
+
+    def laid_out(self, layout: object) -> Self | None:
+        """Return the arrays in a layout of the same kind; None if a stored one does not fit."""
+        own = self.layout
+        if not isinstance(layout, dict) or layout.keys() != own.keys():
+            return None
+        most = {"film": self.frustum.resolution}
+        for name, side in layout.items():
+            if not (isinstance(side, list) and [type(count) for count in side] == [int, int]):
+                return None
+            bounds = zip(side, most.get(name, self.plate.hogels), strict=True)
+            if not all(1 <= count <= bound for count, bound in bounds):
+                return None
+        pairs: dict[str, Any] = {name: tuple(side) for name, side in layout.items()}
+        return replace(self, side=pairs.pop("block"), **pairs)
+
+    def chunks(self, array: ImageArray) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+        """Return the shapes of chunks and of shards, None without shards.
+
+        Chunks by directions are rows of hogels, because readers take hogels row by row.
+        """
+        columns, rows = self.side
+        film = array.shape if self.film is None else (*self.film[::-1], *array.shape[2:])
+        chunk = (1, 1 if self.film is None else columns, *film)
+        shard = (rows, columns, *film)
+        return chunk, None if shard == chunk else shard
 
     @property
     def hogel_bytes(self) -> int:
@@ -364,16 +450,23 @@ def _declared(array: Any, *, exactly: bool) -> dict[str, str]:
     return {key.replace("_", " "): json.dumps(facts.get(key), default=str) for key in keys}
 
 
-def shard_file(place: Path, array: Any, column: int, row: int) -> Path:
-    """Return the file that holds a hogel of a plate's array."""
-    side = (array.shards or array.chunks)[:2]
-    number = (row // side[0], column // side[1], *(0 for _ in array.shape[2:]))
-    return place / str(array.basename) / str(array.metadata.encode_chunk_key(number))
+def shard_files(place: Path, array: Any, selection: Sequence[slice]) -> Iterator[Path]:
+    """Yield the files that hold a part of a plate's array, given by its first axes."""
+    whole = [slice(0, count) for count in array.shape[len(selection) :]]
+    sides = array.shards or array.chunks
+    numbers = (
+        range(part.start // side, -(-part.stop // side))
+        for part, side in zip((*selection, *whole), sides, strict=True)
+    )
+    folder = place / str(array.basename)
+    for number in itertools.product(*numbers):
+        yield folder / str(array.metadata.encode_chunk_key(number))
 
 
 def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]) -> zarr.Group:
-    """Make an empty group: a chunk for each hogel, and a shard for each block of several."""
+    """Make an empty group in the chunks and shards of its arrays."""
     columns, rows = arrays.side
+    chunks = {array.name: arrays.chunks(array) for array in arrays.images}
     # The unit of lengths is also an attribute of the group, because xarray prints only these.
     attributes = {"coordinates": "x y", "units": arrays.units, ATTRIBUTE: dict(description)}
     group = zarr.create_group(store, attributes=attributes)
@@ -381,8 +474,8 @@ def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]
         group.create_array(
             array.name,
             shape=(*arrays.plate.hogels[::-1], *array.shape),
-            chunks=(1, 1, *array.shape),
-            shards=None if rows == columns == 1 else (rows, columns, *array.shape),
+            chunks=chunks[array.name][0],
+            shards=chunks[array.name][1],
             dtype=array.dtype,
             compressors=[COMPRESSOR],
             fill_value=array.fill,

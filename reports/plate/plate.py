@@ -11,7 +11,7 @@ from functools import cached_property, partial
 from importlib import metadata
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +27,8 @@ from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.records import columns_of
 from xfrustum.reports.plate.arrays import (
+    SHARD_HOGELS,
+    SHARD_PIXELS,
     Block,
     JudgedPlateHogel,
     PlateArrays,
@@ -37,9 +39,11 @@ from xfrustum.reports.plate.store import SOURCE, PlateStore, open_store
 from xfrustum.scenes import Certainty, DoubleFrustum, HogelImage, InputError
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection, PlateHogel
 from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,27 +96,46 @@ class HogelSource:
     def tiles(
         self, blocks: Iterable[Block], arrays: PlateArrays, done: Callable[[int], object]
     ) -> Iterator[Tile]:
-        """Yield the requested hogels of blocks; `done` takes the number of new hogels.
+        """Yield the requested hogels of blocks; `done` takes the number of new hogels."""
+        return filled(((block, block.apertures) for block in blocks), arrays, self.hogels, done)
 
-        All blocks form one stream of hogels, so that the renderer is never idle between them.
-        """
-        # The renderer reads ahead: blocks wait here until their hogels arrive.
-        begun: deque[Block] = deque()
 
-        def apertures() -> Iterator[Aperture]:
-            for block in blocks:
-                begun.append(block)
-                yield from block.apertures
+class Source(Protocol):
+    """Renderer of blocks of a plate."""
 
-        hogels = iter(self.hogels(apertures()))
-        for hogel in hogels:
-            # Hogels arrive in the order of requests: they belong to the oldest open block.
-            block = begun.popleft()
-            tile = Tile.empty(block, arrays)
-            for some in chain([hogel], islice(hogels, len(block.apertures) - 1)):
-                tile.put(some)
-                done(1)
-            yield tile
+    def tiles(
+        self, blocks: Iterable[Block], arrays: PlateArrays, done: Callable[[int], object]
+    ) -> Iterator[Tile]:
+        """Yield the images of blocks; `done` takes the number of new images."""
+
+
+def filled(
+    blocks: Iterable[tuple[Block, Sequence[Item]]],
+    arrays: PlateArrays,
+    images: Callable[[Iterable[Item]], Iterator[PlateHogel | PlateDirection]],
+    done: Callable[[int], object],
+) -> Iterator[Tile]:
+    """Yield blocks with the images of their items, apertures or pixels.
+
+    All blocks form one stream of items, so that the renderer is never idle between them.
+    """
+    # The renderer reads ahead: blocks wait here until their images arrive.
+    begun: deque[tuple[Block, int]] = deque()
+
+    def items() -> Iterator[Item]:
+        for block, some in blocks:
+            begun.append((block, len(some)))
+            yield from some
+
+    stream = iter(images(items()))
+    for image in stream:
+        # Images arrive in the order of requests: they belong to the oldest open block.
+        block, count = begun.popleft()
+        tile = Tile.empty(block, arrays)
+        for some in chain([image], islice(stream, count - 1)):
+            tile.put(some)
+            done(1)
+        yield tile
 
 
 @contextmanager
@@ -261,6 +284,10 @@ class PlateFiles:
     damaged: int
     #: sentences for the user
     notes: tuple[str, ...]
+    #: number of images: drawn hogels, or views of a tile by direction
+    passes: int
+    #: number of rectangles of hogels whose images were drawn together
+    tiles: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -310,17 +337,20 @@ class PlateJob(Job):
 class PlateSession:
     """Renderer and store of a job in one process."""
 
-    source: HogelSource
+    source: Source
     store: PlateStore
-    check: bool
+    check: bool = False
 
     def place(self) -> Path:
         """Return the folder of the store, which is open by then."""
         return self.store.out
 
     def make(self, block: Block) -> None:
-        """Draw the missing hogels of a block."""
-        self.draw([replace(block, apertures=self.store.missing(block, check=self.check)[0])])
+        """Draw the missing hogels of a block, or all of its pixels by directions."""
+        if block.film is None:
+            missing = self.store.missing(block, check=self.check)[0]
+            block = replace(block, apertures=missing)
+        self.draw([block])
 
     def draw(
         self, blocks: Iterable[Block], done: Callable[[int], object] = lambda hogels: None
@@ -359,7 +389,7 @@ def write_plate(
         requested = list(dict.fromkeys(requested))
     arrays = arrays_of(scene, options.content, options.block, judged=options.judge)
     job = PlateJob(scene=scene, settings=settings, out=out, arrays=arrays, options=options)
-    drawn = broken = 0
+    drawn = broken = tiles = 0
     count = sum(1 for _ in islice(part.of(arrays.blocks(requested)), MOST_WORKERS))
     with open_workers(engine, count, draws=settings is not None) as workers:
         workers.ask(job, PlateSession.place)
@@ -370,11 +400,12 @@ def write_plate(
             return part.of(job.store.arrays.blocks(requested))
 
         def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:
-            nonlocal drawn, broken
+            nonlocal drawn, broken, tiles
             for some in blocks():
                 missing, damaged = job.store.missing(some, check=check)
                 drawn, broken = drawn + len(missing), broken + damaged
                 done(len(some.apertures) - len(missing))
+                tiles += bool(missing)
                 if missing:
                     yield replace(some, apertures=missing)
 
@@ -390,12 +421,24 @@ def write_plate(
         drawn=drawn,
         present=total - drawn,
         damaged=broken,
-        notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
+        notes=damage_notes(out, broken),
+        passes=drawn,
+        tiles=tiles,
     )
 
 
+def damage_notes(out: Path, hogels: int) -> tuple[str, ...]:
+    """Return a sentence about the number of damaged hogels, if there are any."""
+    return (f"{out}: {hogels} damaged hogels were drawn again",) if hogels else ()
+
+
 def arrays_of(
-    scene: Scene, content: PlateContent, block: tuple[int, int] | None, *, judged: bool = False
+    scene: Scene,
+    content: PlateContent,
+    block: tuple[int, int] | None,
+    *,
+    judged: bool = False,
+    directions: bool = False,
 ) -> PlateArrays:
     """Return the arrays of a new store; parameters as for `write_plate`."""
     columns, rows = scene.plate.hogels
@@ -403,13 +446,16 @@ def arrays_of(
         raise InputError(
             f"a block must have at least one column and one row, not {block[0]} x {block[1]}"
         )
-    side = block or default_side(scene.plate, scene.frustum, content)
+    usual = SHARD_HOGELS if directions else default_side(scene.plate, scene.frustum, content)
+    side = block or usual
+    pixels = [min(most, n) for most, n in zip(SHARD_PIXELS, scene.frustum.resolution, strict=True)]
     return PlateArrays(
         plate=scene.plate,
         frustum=scene.frustum,
         units=scene.units,
         content=content,
         side=(min(side[0], columns), min(side[1], rows)),
+        film=(pixels[0], pixels[1]) if directions else None,
         measures=tuple(measures_of(scene).items()) if judged else (),
     )
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,14 @@ from xfrustum.reports.plate.arrays import (
     open_group,
     reason_of,
     require_arrays,
-    shard_file,
+    shard_files,
 )
 from xfrustum.scenes import DoubleFrustum, Frustum, HogelCamera, InputError
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.plate.plate import Aperture, Plate
+
+#: largest size of the images of hogels that are read together, bytes
+MOST_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,18 +142,46 @@ class PlateReader:
 def read_hogel(
     place: Path, array: zarr.Array[Any], column: int, row: int, *, must_exist: bool = True
 ) -> Any:
-    """Return an image of a hogel; InputError if its file is damaged, or missing but required."""
-    reason = "its file is gone"
-    # Zarr returns the fill value for a missing shard, which equals a black hogel.
-    if not must_exist or shard_file(place, array, column, row).is_file():
-        try:
-            return np.asarray(array[row, column])
-        except DAMAGE as error:
-            reason = reason_of(error)
-    raise InputError(
-        f"{place}: hogel {column},{row} is damaged ({reason}); `xfrustum plate --check` draws it "
-        "again"
-    )
+    """Return an image of a hogel; InputError if a file is damaged, or missing but required."""
+    ((_, image),) = read_hogels(place, array, row, [column], must_exist=must_exist)
+    return image
+
+
+def read_hogels(
+    place: Path,
+    array: zarr.Array[Any],
+    row: int,
+    columns: Sequence[int],
+    *,
+    must_exist: bool = True,
+) -> Iterator[tuple[int, Any]]:
+    """Yield columns, in increasing order, with images of hogels of a row; see `read_hogel`.
+
+    A chunk of a plate by directions has pixels of many hogels, which are read together.
+    """
+    together = max(1, min(array.chunks[1], MOST_BYTES // image_bytes(array)))
+    for _, group in groupby(columns, lambda column: column // together):
+        some = list(group)
+        part = slice(row, row + 1), slice(some[0], some[-1] + 1)
+        reason = "its file is gone"
+        # Zarr returns the fill value for a missing shard, which equals a black hogel.
+        if not must_exist or all(file.is_file() for file in shard_files(place, array, part)):
+            try:
+                images = np.asarray(array[part])[0]
+            except DAMAGE as error:
+                reason = reason_of(error)
+            else:
+                yield from ((column, images[column - some[0]]) for column in some)
+                continue
+        raise InputError(
+            f"{place}: hogel {some[0]},{row} is damaged ({reason}); `xfrustum plate --check` draws "
+            "it again"
+        )
+
+
+def image_bytes(array: zarr.Array[Any]) -> int:
+    """Return the size of the image of a hogel, bytes."""
+    return math.prod(array.shape[2:]) * int(array.dtype.itemsize)
 
 
 def camera_of(store: Any, column: int, row: int) -> HogelCamera:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import fcntl
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,11 +39,11 @@ from xfrustum.reports.plate.arrays import (
     make_group,
     open_group,
     require_arrays,
-    shard_file,
+    shard_files,
 )
 from xfrustum.scenes import Aperture, InputError
 from xfrustum.scenes.disk.input_files import in_words
-from xfrustum.scenes.plate.plate import ApertureBlocks, Plate
+from xfrustum.scenes.plate.plate import ApertureBlocks
 
 SOURCE = "source"
 """Key of the place of a scene in its description, for people: it need not agree to go on."""
@@ -54,8 +54,7 @@ class PlateStore:
 
     def __init__(self, out: Path, arrays: PlateArrays) -> None:
         # An existing store keeps its blocks, even if a new one would have others.
-        side = _stored_side((description_of(out) or {}).get(LAYOUT), arrays.plate)
-        self.arrays = arrays if side is None else replace(arrays, side=side)
+        self.arrays = arrays.laid_out((description_of(out) or {}).get(LAYOUT)) or arrays
         self.out, self._place = out, out.resolve()
         require_arrays(out, self.arrays, exactly=True)
         group = open_group(out, "r+")
@@ -72,7 +71,7 @@ class PlateStore:
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
         """Return the unfinished hogels of a block, and the number of damaged ones with `check`."""
         flags = self._flags(block)
-        files = all(self._shard(name, block).is_file() for name in self._arrays)
+        files = self.has_files(block)
         missing, damaged = [], 0
         for aperture in block.apertures:
             there = bool(flags[block.place_of(aperture)]) and files
@@ -86,9 +85,31 @@ class PlateStore:
                 missing.append(aperture)
         return tuple(missing), damaged
 
+    def damaged(self, block: Block) -> NDArray[np.bool_]:
+        """Return the hogels (rows, columns) of a block by directions with damaged pixels."""
+        damaged = np.zeros(block.shape, np.bool_)
+        # A file at a time: a block fills the memory.
+        (width, height), edges = self.arrays.side, block.image_selection[2:]
+        for row in range(0, block.shape[0], height):
+            for column in range(0, block.shape[1], width):
+                rows, columns = (
+                    block.rows[row : row + height],
+                    block.columns[column : column + width],
+                )
+                part = replace(block, rows=rows, columns=columns).selection
+                try:
+                    for array in self._arrays.values():
+                        array[(*part, *edges)]
+                except DAMAGE:
+                    damaged[row : row + height, column : column + width] = True
+        return damaged
+
     def write(self, tile: Tile) -> None:
-        """Add the hogels of a tile to its block; InputError if the disk is full."""
+        """Add the images of a tile to its block; InputError if the disk is full."""
         block = tile.block
+        if block.film is not None:
+            self._write_pixels(tile)
+            return
         whole = fcntl.LOCK_SH if tile.drawn.all() else fcntl.LOCK_EX
         with (
             refused(f"--out {self.out}: cannot write there"),
@@ -110,10 +131,43 @@ class PlateStore:
                     array[block.selection] = values
                 except ValueError:
                     # Zarr reads the index of an existing shard, and this one is damaged.
-                    self._shard(name, block).unlink()
+                    for file in self._files(name, block):
+                        file.unlink()
                     array[block.selection] = values
             flags[tile.drawn] = 1
             self._finished[block.selection] = flags
+
+    def _write_pixels(self, tile: Tile) -> None:
+        """Write some pixels of all hogels of a tile: whole shards, each of which is one file.
+
+        A file that is there is complete, and so a block by directions with all of its files. The
+        writer of the last block marks the hogels as finished.
+        """
+        block = tile.block
+        with (
+            refused(f"--out {self.out}: cannot write there"),
+            (self._place / METADATA).open("r+b") as lock,
+        ):
+            # Shared: `remove_partial` must not delete the files of a writer.
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            for name, array in self._arrays.items():
+                try:
+                    array[block.image_selection] = tile.values[name]
+                except OSError:
+                    raise
+                except DAMAGE:
+                    # Zarr reads existing shards at the edges of the film, and one is damaged.
+                    for file in self._files(name, block):
+                        file.unlink(missing_ok=True)
+                    array[block.image_selection] = tile.values[name]
+        self.mark(block)
+
+    def mark(self, block: Block) -> None:
+        """Mark the hogels of a tile by directions as finished if all of their pixels are there."""
+        if self._flags(block).all() or not self.has_files(replace(block, film=None)):
+            return
+        with refused(f"--out {self.out}: cannot write there"):
+            self._finished[block.selection] = np.ones(block.shape, np.uint8)
 
     def remove_partial(self) -> None:
         """Remove the files of killed processes, unless a process is writing."""
@@ -132,8 +186,13 @@ class PlateStore:
         except DAMAGE:
             return np.zeros(block.shape, np.uint8)
 
-    def _shard(self, name: str, block: Block) -> Path:
-        return shard_file(self._place, self._arrays[name], block.columns.start, block.rows.start)
+    def has_files(self, block: Block) -> bool:
+        """Return whether all files of a block are there."""
+        return all(file.is_file() for name in self._arrays for file in self._files(name, block))
+
+    def _files(self, name: str, block: Block) -> Iterator[Path]:
+        array = self._arrays[name]
+        return shard_files(self._place, array, block.image_selection[: array.ndim])
 
 
 def open_store(
@@ -144,7 +203,7 @@ def open_store(
     If `free`, an existing store keeps its size of blocks. InputError if it was drawn from another
     scene or with other settings, is something else, or is damaged.
     """
-    expected = json.loads(json.dumps({**description, LAYOUT: {"block": arrays.side}}))
+    expected = json.loads(json.dumps({**description, LAYOUT: arrays.layout}))
     if not out.exists():
         try:
             # Zarr writes from its own thread, which would continue after an interrupt.
@@ -163,7 +222,7 @@ def open_store(
     scene = stored.get("scene")
     if isinstance(scene, dict) and SOURCE in scene:
         expected["scene"][SOURCE] = scene[SOURCE]
-    if free and _stored_side(stored.get(LAYOUT), arrays.plate) is not None:
+    if free and arrays.laid_out(stored.get(LAYOUT)) is not None:
         expected[LAYOUT] = stored[LAYOUT]
     if stored != expected:
         raise InputError(
@@ -173,15 +232,6 @@ def open_store(
     store = PlateStore(out, arrays)
     store.remove_partial()
     return store
-
-
-def _stored_side(layout: object, plate: Plate) -> tuple[int, int] | None:
-    """Return columns and rows of a block by a description; None if it is damaged."""
-    side = layout.get("block") if isinstance(layout, dict) else None
-    if not (isinstance(side, list) and [type(count) for count in side] == [int, int]):
-        return None
-    inside = all(1 <= count <= most for count, most in zip(side, plate.hogels, strict=True))
-    return (side[0], side[1]) if inside else None
 
 
 IGNORING_OPTION = "--ignore-disk-space"

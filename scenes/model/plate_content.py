@@ -83,7 +83,7 @@ class FilmPart:
 class PlateImages(ShortRepr):
     """Images in the types of a plate, row 0 on top; pixels outside the request are undefined."""
 
-    color: NDArray[Any]  #: (H, W, 3) linear RGB in the requested type
+    color: NDArray[Any] | None  #: (H, W, 3) linear RGB in the requested type
     triangle: Numbers | None  #: (H, W), -1 where there is no surface
     height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
     normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN likewise
@@ -101,6 +101,7 @@ class PlateHogel(PlateImages):
     """The images of one aperture."""
 
     aperture: Aperture
+    color: NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

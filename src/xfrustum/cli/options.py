@@ -256,6 +256,14 @@ def _length(text: str) -> tuple[float, str | None]:
     return POSITIVE.read(match[1]), match[2] or None
 
 
+def _bytes(text: str) -> int:
+    # Powers of 1024, with or without the letter of bytes.
+    match = re.fullmatch(r"([.\d]+)\s*([KMGT]?)(?:I?B)?", text.upper())
+    if match is None:
+        raise ValueError
+    return int(POSITIVE.read(match[1]) * 1024 ** (" KMGT".index(match[2] or " ")))
+
+
 def _size(text: str) -> tuple[tuple[float, str | None], ...]:
     """Return width and height; a unit after the last applies to both."""
     first, second = (_length(part.strip()) for part in text.split(","))
@@ -322,6 +330,7 @@ DEPTHS = list_of(
     wants=f"a list of {', '.join(DepthFormat)}, "
     f"each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
+MEMORY = Read("SIZE", _bytes, "a size in bytes such as 500M or 1G")
 _DEVICES = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
 _PART = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
 TEXT, COUNT_FROM_1 = click.STRING, click.IntRange(min=1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from functools import cached_property
 from operator import truediv
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,13 @@ class _Plate(options.Measured):
     blocks = option(
         options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures"
     )
-    settings = options.settings_options()
+    by = choice(
+        "auto directions hogels",
+        "Images of one pixel of all hogels, without near, or of one hogel.",
+        default="auto",
+    )
+    memory = option(options.MEMORY, "For tiles of hogels by directions, per process.", default="1G")
+    named = options.group(options.present, **options.settings_members())
     light = light_options(*ALL)
     color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
     ids = flag("Store triangle numbers too: the channel triangle.")
@@ -30,7 +38,10 @@ class _Plate(options.Measured):
         "Images; certainty is of truths alone.  [default: color]",
         default=(),
     )
-    block = option(options.TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
+    block = option(
+        options.TILES,
+        "Hogels in one shard.  [default: at most 16x16 and 64 MiB; by directions 512x64]",
+    )
     truth = flag("Store truths, traced and certified, instead of --near.")
     judge = flag("Trace every hogel too, and store the measures of `compare`.")
     check = flag("Read all finished hogels in full, and draw damaged ones again.")
@@ -42,12 +53,25 @@ class _Plate(options.Measured):
     engine = options.engine_options("this process")
     out = option(options.FOLDER, "Folder of a Zarr group.", required=True)
 
+    @cached_property
+    def settings(self) -> DoubleFrustum | None:
+        """The two cameras; None for truths and by directions."""
+        # By directions there is a depth buffer, and no other setting of the cameras.
+        directions = self.by == "directions" or (self.by == "auto" and not self.truth)
+        others = [name for name in self.named if name != "depth" or not directions]
+        if self.by == "directions" and others:
+            raise click.UsageError(
+                f"--{others[0]} is a setting of two cameras, and --by directions has none: leave "
+                "it out"
+            )
+        return options.settings_of(**self.named) if others else None
+
     def refuse_contradictions(self) -> None:
         """Refuse a plate with no renderer or two, and light that a rasterizer lacks."""
         problem, light = "", self.light
         if self.truth and self.settings is not None:
             problem = "--truth is traced with the true frustum: leave out --near and its options"
-        elif not self.truth and self.settings is None:
+        elif not self.truth and self.settings is None and self.needs_near:
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
         # Silently dropping light would store a plate that looks complete.
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
@@ -60,16 +84,24 @@ class _Plate(options.Measured):
         if problem:
             raise click.UsageError(problem)
 
+    @property
+    def needs_near(self) -> bool:
+        """True for hogels that are drawn: chosen, or requested by options that have no views."""
+        return self.by == "hogels" or (self.by == "auto" and bool(self.blocks or self.judge))
+
 
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
 def plate(request: _Plate) -> None:
-    """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
+    """Draw a plate, or blocks of it, into a Zarr group, hogel by hogel or by directions.
 
-    Stored hogels are kept: stopped at any moment and called again, it goes on where it was.
-    Several processes may draw one plate at once, and --workers, --scheduler or --part divide it.
-    Any reader of Zarr opens it, xarray with names and units. With --aperture-samples, a number, a
-    share such as 5%, or auto, each hogel is the mean over points of its area (band limiting).
+    By directions an image is one pixel of all hogels: a parallel view without near, faster where a
+    plate has more hogels than each has pixels. Stored hogels are kept: stopped at any moment and
+    called again, it goes on where it was. Several processes may draw one plate at once, and
+    --workers, --scheduler or --part divide it. Any reader of Zarr opens it, xarray with names and
+    units. With --aperture-samples, a number, a share such as 5%, or auto, each hogel is the mean
+    over points of its area (band limiting).
     """
+    started = time.monotonic()
     request.refuse_contradictions()
     light = request.light
     opened = light.applied(options.open_scene(request.scene))
@@ -80,6 +112,7 @@ def plate(request: _Plate) -> None:
         )
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
+    from xfrustum.reports.plate.directions import write_directions
     from xfrustum.reports.plate.plate import (
         PlateOptions,
         arrays_of,
@@ -87,6 +120,7 @@ def plate(request: _Plate) -> None:
         write_plate,
     )
     from xfrustum.reports.plate.store import plate_size
+    from xfrustum.reports.plate.ways import DEPTH, By, Request, choose
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     placed = (
@@ -114,15 +148,35 @@ def plate(request: _Plate) -> None:
         progress=request.progress,
     )
     group = request.out if placed is None else placed.group
+    by, reason = choose(
+        opened,
+        Request(
+            by=By(request.by),
+            out=group,
+            options=how,
+            truth=request.truth,
+            near=request.settings is not None,
+            some=bool(request.blocks),
+            memory=request.memory,
+        ),
+    )
+    if reason:
+        options.note(reason)
     arrays = arrays_of(opened, content, None, judged=request.judge)
     size = plate_size(group, arrays, chosen, files=placed is not None)
     # The estimate is an upper bound: compressed hogels usually need less.
     if not request.ignore_disk_space:
         size.require_room()
+
     # Printed only once drawing starts, after all refusals.
-    files = write_plate(
-        opened, request.settings, group, chosen, how, begun=lambda: options.note(size.words)
-    )
+    def begun() -> None:
+        options.note(size.words)
+
+    if by is By.DIRECTIONS:
+        depth = None if request.truth else request.named.get("depth", DEPTH)
+        files = write_directions(opened, depth, group, how, request.memory, begun)
+    else:
+        files = write_plate(opened, request.settings, group, chosen, how, begun)
     for line in files.notes:
         options.note(line)
     written = None if placed is None else placed.write(opened)
@@ -133,9 +187,14 @@ def plate(request: _Plate) -> None:
         "found": files.present,
         "damaged": files.damaged,
         "bytes_at_most": size.needed,
+        "by": by,
+        "passes": files.passes,
+        "tiles": files.tiles,
+        "wall_s": time.monotonic() - started,
         "layout": None,
     }
-    lines = [f"{files.drawn} hogels drawn, {files.present} found"]
+    views = f" by {files.passes:,} views" if by is By.DIRECTIONS else ""
+    lines = [f"{files.drawn} hogels drawn{views}, {files.present} found"]
     lines += [str(files.out)] if summary["out"] else []
     if written is not None:
         tell_losses(written)

@@ -1,0 +1,292 @@
+"""Plates by directions: an image is one pixel of all hogels of a tile as large as memory permits.
+
+A block of work is a rectangle of pixels of a tile, and fills whole shards, so that every file is
+written once and nothing is transposed on the disk. A block is finished when all of its files are
+there. Names, shapes, types and values are the same as by hogels.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import groupby, islice
+from pathlib import Path
+from typing import Any
+
+from xfrustum.raster.plate.directions import DirectionRenderer, Pixel
+from xfrustum.raster.plate.one_by_one import plate_direction
+from xfrustum.reference import Reference
+from xfrustum.reports.blocks import Job, open_workers
+from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.reports.plate.arrays import LAYOUT, Block, PlateArrays, Tile, description_of
+from xfrustum.reports.plate.plate import (
+    MOST_WORKERS,
+    PlateFiles,
+    PlateOptions,
+    PlateSession,
+    arrays_of,
+    damage_notes,
+    described_as,
+    filled,
+)
+from xfrustum.reports.plate.store import PlateStore, open_store
+from xfrustum.scenes import InputError
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.disk.input_files import in_words
+from xfrustum.scenes.model.effects import CAMERAS, needed
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate.plate import PlateTile
+
+#: memory for the images of a tile by default, bytes
+MEMORY = 1 << 30
+#: largest number of columns and of rows of a tile: the smallest bound of OpenGL 4.5 for images
+MAX_SIDE = 1 << 14
+#: Working memory of one image, bytes for each hogel of the tile: attachments and read-back of two
+#: rounds; places, normals, colors and their bounds of a truth.
+DRAWN_BYTES, TRACED_BYTES = 100, 400
+
+
+def arrays_by_directions(
+    scene: Scene,
+    content: PlateContent,
+    block: tuple[int, int] | None,
+    memory: int,
+    *,
+    drawn: bool,
+) -> PlateArrays:
+    """Return the arrays of a new store by directions; parameters as for `write_directions`.
+
+    Its tiles are whole shards, of which two blocks of pixels fit into the memory: one is written
+    while the next one is drawn. InputError if the memory is too small for a tile.
+    """
+    arrays = arrays_of(scene, content, block, directions=True)
+    (columns, rows), (width, height) = arrays.plate.hogels, arrays.side
+    assert arrays.film is not None
+    share = math.prod(arrays.film) / math.prod(arrays.frustum.resolution)
+    hogel_bytes = 2 * arrays.hogel_bytes * share + (DRAWN_BYTES if drawn else TRACED_BYTES)
+    room = int(memory / hogel_bytes)
+    if room < width * height:
+        raise InputError(
+            f"--memory {in_words(memory)}: a tile of {width} x {height} hogels takes "
+            f"{in_words(int(width * height * hogel_bytes))}; give more, or a smaller --block"
+        )
+
+    def longest(count: int, side: int, most: int) -> int:
+        return count if count <= most else most // side * side
+
+    across = longest(columns, width, min(MAX_SIDE, room // height))
+    down = longest(rows, height, min(MAX_SIDE, room // across))
+    return replace(arrays, tile=(across, down))
+
+
+def blocks_by_directions(arrays: PlateArrays) -> Iterator[Block]:
+    """Yield the blocks of a plate, tile by tile."""
+    assert arrays.film is not None and arrays.tile is not None
+    number = itertools.count()
+    for rows, columns in _rectangles(arrays.plate.hogels, arrays.tile):
+        for down, across in _rectangles(arrays.frustum.resolution, arrays.film):
+            yield Block(number=next(number), columns=columns, rows=rows, film=(across, down))
+
+
+def _rectangles(counts: tuple[int, int], sides: tuple[int, int]) -> Iterator[tuple[range, range]]:
+    """Yield rows and columns of rectangles that fill (columns, rows), row by row."""
+    across, down = (
+        [range(first, min(first + side, count)) for first in range(0, count, side)]
+        for count, side in zip(counts, sides, strict=True)
+    )
+    return itertools.product(down, across)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionSource:
+    """Renderer of images by direction."""
+
+    #: function that yields images of pixels of a tile, in order
+    images: Callable[[PlateTile, Iterable[Pixel]], Iterator[PlateDirection]]
+    #: everything that decides the pixels
+    description: dict[str, Any]
+
+    def tiles(
+        self, blocks: Iterable[Block], arrays: PlateArrays, done: Callable[[int], object]
+    ) -> Iterator[Tile]:
+        """Yield the images of blocks; `done` takes the number of new images."""
+        for (columns, rows), some in groupby(blocks, lambda block: block.tile):
+            tile = PlateTile(plate=arrays.plate, columns=columns, rows=rows)
+            requested = ((block, block.pixels) for block in some)
+            yield from filled(requested, arrays, partial(self.images, tile), done)
+
+
+@contextmanager
+def open_directions(
+    scene: Scene, depth: DepthFormat | None, content: PlateContent, tile: PlateTile
+) -> Iterator[DirectionSource]:
+    """Open the rasterizer with a depth format, beginning with a tile, or the reference."""
+    colored = Channel.COLOR in content.channels
+    if depth is None:
+        reference = Reference(scene, effects=content.effects)
+
+        def traced(tile: PlateTile, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
+            normals = Channel.NORMAL in content.channels
+            images = reference.by_directions(tile, pixels, normals=normals, colored=colored)
+            return (plate_direction(image, content) for image in images)
+
+        effects = frozenset(reference.rendering().effects) & needed(scene)
+        described = described_as(scene, content, "reference, certified", effects, None)
+        yield DirectionSource(images=traced, description=described)
+        return
+    # Unshaded triangles take half the time, and have the same numbers.
+    drawing = content if colored else replace(content, effects=needed(scene) & CAMERAS)
+    renderer = DirectionRenderer(scene, tile, drawing, depth)
+
+    def drawn(tile: PlateTile, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
+        nonlocal renderer
+        if tile != renderer.tile:
+            renderer.release()
+            renderer = DirectionRenderer(scene, tile, drawing, depth)
+        return renderer.images(pixels)
+
+    try:
+        device = str(renderer.device["renderer"])
+        described = described_as(scene, content, device, renderer.effects & needed(scene), None)
+        described["directions"] = {"depth": depth.value}
+        yield DirectionSource(images=drawn, description=described)
+    finally:
+        renderer.release()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionJob(Job):
+    """Plate that is drawn by directions; parameters as for `write_directions`."""
+
+    name = "plate"
+    unit = "view"
+    scene: Scene
+    #: None for truths
+    depth: DepthFormat | None
+    out: Path
+    arrays: PlateArrays
+    options: PlateOptions
+
+    @cached_property
+    def store(self) -> PlateStore:
+        """The store, opened for reading by this process after a session has created it."""
+        return PlateStore(self.out, self.arrays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Every process opens the store separately.
+        return {name: value for name, value in vars(self).items() if name != "store"}
+
+    def finished(self, block: Block) -> bool:
+        """Return whether the store has a block."""
+        return self.store.has_files(block)
+
+    def size(self, block: Block) -> int:
+        """Return the number of images of a block."""
+        return len(block.pixels)
+
+    def words(self, block: Block) -> str:
+        """Return the number of a block and its store."""
+        return f"block {block.number} of {self.out}"
+
+    @contextmanager
+    def open(self) -> Iterator[PlateSession]:
+        """Open the renderer, and open or create the store; InputError if another device drew it."""
+        # The store keeps its tiles, and the renderer is opened with the first one.
+        stored = self.arrays.laid_out((description_of(self.out) or {}).get(LAYOUT)) or self.arrays
+        first = next(blocks_by_directions(stored))
+        tile = PlateTile(plate=stored.plate, columns=first.columns, rows=first.rows)
+        with open_directions(self.scene, self.depth, self.options.content, tile) as source:
+            free = self.options.block is None
+            store = open_store(self.out, self.arrays, source.description, free=free)
+            yield PlateSession(source, store)
+
+
+def write_directions(
+    scene: Scene,
+    depth: DepthFormat | None,
+    out: Path | str,
+    options: PlateOptions | None = None,
+    memory: int = MEMORY,
+    begun: Callable[[], object] = lambda: None,
+) -> PlateFiles:
+    """Draw a whole plate by directions, or trace it with a depth of None; see `write_plate`.
+
+    Parameters
+    ----------
+    memory
+        Bytes for the images of a tile in each process; an existing plate keeps its tiles.
+
+    Raises
+    ------
+    InputError
+        As in `write_plate`; the content or the sampling has no images by direction; surfaces reach
+        the screen of a recentered frustum; the memory is too small for a tile.
+    """
+    options, out = options or PlateOptions(), Path(out)
+    if problem := no_directions(scene, options, drawn=depth is not None):
+        raise InputError(problem)
+    part, drawn = options.engine.part, depth is not None
+    arrays = arrays_by_directions(scene, options.content, options.block, memory, drawn=drawn)
+    job = DirectionJob(scene=scene, depth=depth, out=out, arrays=arrays, options=options)
+    count = sum(1 for _ in islice(part.of(blocks_by_directions(arrays)), MOST_WORKERS))
+    with open_workers(options.engine, count, draws=drawn) as workers:
+        workers.ask(job, PlateSession.place)
+        begun()
+        store = job.store
+        blocks = list(part.of(blocks_by_directions(store.arrays)))
+        missing = [block for block in blocks if not store.has_files(block)]
+        broken: dict[tuple[range, range], Any] = {}
+        if options.check:
+            for block in set(blocks).difference(missing):
+                if (damaged := store.damaged(block)).any():
+                    missing.append(block)
+                    broken[block.tile] = broken.get(block.tile, False) | damaged
+        missing.sort(key=lambda block: block.number)
+        with progress_bar(
+            sum(map(job.size, blocks)), job.name, job.unit, shown=options.progress
+        ) as bar:
+            if workers.count == 1 and not workers.elsewhere:
+                bar.update(sum(map(job.size, blocks)) - sum(map(job.size, missing)))
+                workers.ask(job, PlateSession.draw, iter(missing), bar.update)
+            else:
+                workers.make(job, blocks, bar)
+        # A process that was killed after its last block has not marked its hogels.
+        for block in {block.tile: block for block in blocks}.values():
+            store.mark(block)
+    begun_tiles = {block.tile for block in missing}
+    hogels = sum(len(columns) * len(rows) for columns, rows in begun_tiles)
+    damaged_hogels = sum(int(hogel.sum()) for hogel in broken.values())
+    return PlateFiles(
+        out=out,
+        drawn=hogels,
+        present=scene.plate.hogels[0] * scene.plate.hogels[1] - hogels,
+        damaged=damaged_hogels,
+        notes=damage_notes(out, damaged_hogels),
+        passes=sum(map(job.size, missing)),
+        tiles=len(begun_tiles),
+    )
+
+
+def no_directions(scene: Scene, options: PlateOptions, *, drawn: bool) -> str:
+    """Return the reason why a plate cannot be drawn or traced by directions; "" if it can."""
+    channels = options.content.channels
+    if options.judge:
+        return "--judge compares hogels with their truths: add --by hogels and --near"
+    if Channel.COLOR in channels and scene.sampling != Sampling():
+        return (
+            f"{scene.name}: has several samples a pixel, and images by direction have one: add "
+            "--by hogels, or --supersample 1 --multisample 1 --aperture-samples 1"
+        )
+    if drawn and Channel.CERTAINTY in channels:
+        return "certainty is the truth's alone: leave it out of the channels, or add --truth"
+    if not drawn and scene.transport.simulated:
+        return (
+            "light paths are traced hogel by hogel: add --by hogels, or --no-shadows and the like"
+        )
+    return ""
