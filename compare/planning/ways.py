@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -90,14 +91,18 @@ class WaySpeeds:
         return self.pixels * self.pass_s / gained if gained > 0 else math.inf
 
 
-def _seconds(run: Callable[[], Iterable[object]]) -> float:
-    """Return the least seconds of exhausting an iterable; the first time warms up."""
-    taken = []
+def _seconds(runs: Sequence[Callable[[], Iterable[object]]]) -> list[float]:
+    """Return the least seconds of exhausting each iterable; the first time warms up.
+
+    All take turns, so that other load slows all of them down.
+    """
+    taken: list[list[float]] = [[] for _ in runs]
     for _ in range(TIMINGS + 1):
-        begun = time.perf_counter()
-        deque(run(), maxlen=0)
-        taken.append(time.perf_counter() - begun)
-    return min(taken[1:])
+        for run, seconds in zip(runs, taken, strict=True):
+            begun = time.perf_counter()
+            deque(run(), maxlen=0)
+            seconds.append(time.perf_counter() - begun)
+    return [min(seconds[1:]) for seconds in taken]
 
 
 def with_hogels(scene: Scene, longest: int) -> Scene:
@@ -108,36 +113,78 @@ def with_hogels(scene: Scene, longest: int) -> Scene:
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(columns, rows)))
 
 
-def pass_seconds(scene: Scene, content: PlateContent, depth: DepthFormat) -> float:
-    """Return the seconds of a pass over the whole plate of a scene."""
-    pixels = spread_pixels(scene.frustum, TIMED_PASSES)
-    with DirectionRenderer(scene, PlateTile.whole(scene.plate), content, depth) as renderer:
-        return _seconds(lambda: renderer.images(pixels)) / len(pixels)
+@dataclass(frozen=True, kw_only=True)
+class TimedPlate:
+    """Parts of a plate that are timed for the whole: some passes, and some hogels all over it."""
+
+    scene: Scene
+    content: PlateContent
+
+    def passes(self, stack: ExitStack, depth: DepthFormat) -> Callable[[], Iterable[object]]:
+        """Open the renderer, and return the function that draws `TIMED_PASSES` passes."""
+        tile, pixels = PlateTile.whole(self.scene.plate), self.pixels
+        renderer = stack.enter_context(DirectionRenderer(self.scene, tile, self.content, depth))
+        return lambda: renderer.images(pixels)
+
+    def hogels(self, stack: ExitStack, settings: DoubleFrustum) -> Callable[[], Iterable[object]]:
+        """Open the renderer, and return the function that draws `TIMED_HOGELS` hogels."""
+        apertures = self.apertures
+        renderer = stack.enter_context(PlateRenderer(self.scene, settings, self.content))
+        return lambda: renderer.hogels(apertures)
+
+    @property
+    def pixels(self) -> list[tuple[int, int]]:
+        """Pixels of the timed passes."""
+        return spread_pixels(self.scene.frustum, TIMED_PASSES)
+
+    @property
+    def apertures(self) -> list[Aperture]:
+        """Apertures of the timed hogels."""
+        columns, rows = self.scene.plate.hogels
+        places = np.linspace(0, columns * rows - 1, TIMED_HOGELS).astype(int).tolist()
+        return [self.scene.plate.aperture(k % columns, k // columns) for k in dict.fromkeys(places)]
+
+
+def plate_seconds(
+    scene: Scene, settings: Sequence[DoubleFrustum], content: PlateContent
+) -> tuple[float, list[float]]:
+    """Return the seconds of the whole plate by directions, and by hogels with each setting.
+
+    They follow from a part of the plate; all take turns. InputError where the scene cannot be drawn
+    by directions, or there is no usable OpenGL.
+    """
+    timed = TimedPlate(scene=scene, content=content)
+    shares = (
+        math.prod(scene.frustum.resolution) / len(timed.pixels),
+        math.prod(scene.plate.hogels) / len(timed.apertures),
+    )
+    with ExitStack() as stack:
+        runs = [timed.passes(stack, settings[0].depth)]
+        runs += [timed.hogels(stack, each) for each in settings]
+        first, *others = _seconds(runs)
+    return shares[0] * first, [shares[1] * seconds for seconds in others]
 
 
 def measure_speeds(scene: Scene, settings: DoubleFrustum, content: PlateContent) -> WaySpeeds:
     """Return the measured speeds of both ways to draw the plates of a scene.
 
     Passes are timed over two plates of the scene's size, of few hogels and of many: a straight line
-    through both is the prediction. Hogels are timed with the settings, spread over the plate.
+    through both is the prediction. Hogels are timed with the settings, all over the plate.
     InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
     """
-    few, many = (with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS))
-    (least, first), (most, second) = (
-        (math.prod(coarse.plate.hogels), pass_seconds(coarse, content, settings.depth))
-        for coarse in (few, many)
-    )
+    plates = [with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS)]
+    few, many, own = (TimedPlate(scene=each, content=content) for each in (*plates, scene))
+    with ExitStack() as stack:
+        runs = [each.passes(stack, settings.depth) for each in (few, many)]
+        first, second, hogels = _seconds([*runs, own.hogels(stack, settings)])
+    first, second = first / len(few.pixels), second / len(many.pixels)
+    least, most = (math.prod(each.plate.hogels) for each in plates)
     cell_s = max(second - first, 0.0) / (most - least)
-    columns, rows = scene.plate.hogels
-    places = np.linspace(0, columns * rows - 1, TIMED_HOGELS).astype(int).tolist()
-    apertures = [scene.plate.aperture(k % columns, k // columns) for k in dict.fromkeys(places)]
-    with PlateRenderer(scene, settings, content) as renderer:
-        hogel_s = _seconds(lambda: renderer.hogels(apertures)) / len(apertures)
     return WaySpeeds(
         pixels=math.prod(scene.frustum.resolution),
         pass_s=max(first - least * cell_s, 0.0),
         cell_s=cell_s,
-        hogel_s=hogel_s,
+        hogel_s=hogels / len(own.apertures),
     )
 
 

@@ -61,6 +61,17 @@ def noticeable(request: _Study) -> None:
     request.made(own)
 
 
+@options.command("xfrustum study ways --quick --out ways", study)
+def ways(request: _Study) -> None:
+    """Measure plates by two cameras, slabs and directions; write ways.md, a figure and its data.
+
+    Every measured plate is kept: a run that was stopped goes on from there.
+    """
+    from xfrustum.research import ways as own
+
+    request.made(own)
+
+
 class _Figure7(options.Asked):
     scene: str = options.argument(default="car-studio")
     aperture = options.aperture_option

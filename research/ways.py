@@ -1,0 +1,321 @@
+"""`xfrustum study ways`: plates by two cameras, by slabs and by directions, up to a million hogels.
+
+Errors are measured over the same part of each plate; seconds of the whole plate follow from an even
+part of its hogels or passes. Both times are also predicted from two other plates of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.beyond import displacement_p99
+from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.planning import ways
+from xfrustum.compare.planning.ways import PlateWay, WaySpeeds
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.blocks import HERE, Engine, open_workers
+from xfrustum.reports.common.figure_style import look
+from xfrustum.reports.common.outputs import json_object
+from xfrustum.reports.common.templates_environment import fragment, plain_text
+from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.research.table1 import tessellated_car
+from xfrustum.scenes import DepthFormat, DoubleFrustum, Scene, open_scene
+from xfrustum.scenes.model.plate_content import PlateContent
+
+DEFAULT_FOLDER = Path("study") / "ways"
+#: columns and rows of the pixels of a hogel
+RESOLUTION = (64, 64)
+#: triangles of the subdivided car, as in the paper's larger database
+TRIANGLES = 272_074
+FINE_CAR = "car of 272,074 triangles"
+#: number of judged hogels by two cameras, spread over the part that is judged by directions
+JUDGED_HOGELS = 8
+#: images that are timed: color in the usual type, and triangle numbers
+CONTENT = PlateContent(ids=True)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One question: a way to draw a plate; lengths in shares of the reach."""
+
+    scene: str
+    longest: int  #: hogels along the longer side of the plate
+    way: PlateWay
+    near: float | None = None  #: None by directions
+    cuts: tuple[float, ...] = ()
+
+    def settings(self, scene: Scene) -> DoubleFrustum:
+        """Return the settings of the two cameras."""
+        reach = scene.frustum.longest_reach
+        assert self.near is not None
+        slabs = tuple(cut * reach for cut in self.cuts)
+        return DoubleFrustum(near=self.near * reach, slabs=slabs, depth=DepthFormat.D24)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(Cell):
+    """A cell with its answers."""
+
+    hogels: int  #: hogels of the plate
+    judged: int  #: pixels
+    surface_fraction: float  #: share of the judged pixels with a wrong surface
+    displacement_p99_px: float  #: of the worst judged hogel; 0 by directions
+    seconds: float  #: of the whole plate, from a part
+    predicted_s: float  #: from the scene's speeds on two other plates
+
+
+@dataclass(frozen=True)
+class Study:
+    """Grid of a study."""
+
+    scenes: tuple[str, ...]
+    plates: tuple[int, ...]  #: hogels along the longer side
+    nears: tuple[float, ...]
+    cuts: tuple[tuple[float, ...], ...]
+
+    def blocks(self) -> list[tuple[Cell, ...]]:
+        """Return the cells, one plate in each block."""
+        return [
+            (
+                *(Cell(scene, longest, PlateWay.TWO_CAMERAS, near) for near in self.nears),
+                *(Cell(scene, longest, PlateWay.SLABS, cut[0] / 1000, cut) for cut in self.cuts),
+                Cell(scene, longest, PlateWay.DIRECTIONS),
+            )
+            for scene, longest in product(self.scenes, self.plates)
+        ]
+
+
+FULL = Study(
+    scenes=("asymmetric", "car", FINE_CAR),
+    plates=(25, 81, 256, 1155),
+    nears=(1e-2, 1e-3, 1e-4, 1e-5),
+    cuts=((0.1,), (0.01, 0.05, 0.25)),
+)
+QUICK = replace(FULL, scenes=("asymmetric",), plates=(25, 256), nears=(1e-3,), cuts=((0.1,),))
+
+
+@cache
+def _opened(name: str) -> Scene:
+    scene = tessellated_car(TRIANGLES, 0.0).scene if name == FINE_CAR else open_scene(name)
+    return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
+
+
+@cache
+def _speeds(name: str) -> WaySpeeds:
+    """Return the speeds of a scene, once in a process."""
+    scene = _opened(name)
+    usual = DoubleFrustum(near=1e-3 * scene.frustum.longest_reach, depth=DepthFormat.D24)
+    return ways.measure_speeds(scene, usual, CONTENT)
+
+
+def measure(cells: Sequence[Cell]) -> Iterator[Row]:
+    """Measure the ways to draw one plate."""
+    scene = ways.with_hogels(_opened(cells[0].scene), cells[0].longest)
+    speeds, hogels = _speeds(cells[0].scene), math.prod(scene.plate.hogels)
+    tile = ways.tile_about(scene.plate, scene.plate.middle, ways.COMPARED_SIDE)
+    columns, rows = (
+        np.linspace(side[0], side[-1], JUDGED_HOGELS).astype(int).tolist()
+        for side in (tile.columns, tile.rows)
+    )
+    # No column and no row twice, and off the diagonal.
+    rows = [rows[3 * k % JUDGED_HOGELS] for k in range(JUDGED_HOGELS)]
+    apertures = [scene.plate.aperture(*place) for place in zip(columns, rows, strict=True)]
+    reference = Reference(scene)
+    truths = [reference.trace(aperture, colored=False) for aperture in apertures]
+    pairs = [cell.settings(scene) for cell in cells if cell.way is not PlateWay.DIRECTIONS]
+    turned, taken = ways.plate_seconds(scene, pairs, CONTENT)
+    seconds = dict(zip(pairs, taken, strict=True))
+    with Rasterizer(scene) as rasterizer:
+        for cell in cells:
+            if cell.way is PlateWay.DIRECTIONS:
+                pixels = ways.spread_pixels(scene.frustum, ways.COMPARED_PASSES)
+                errors = ways.direction_errors(reference, tile, pixels, DepthFormat.D24)
+                yield Row(
+                    **vars(cell),
+                    hogels=hogels,
+                    judged=errors.judged,
+                    surface_fraction=errors.fraction,
+                    displacement_p99_px=0.0,
+                    seconds=turned,
+                    predicted_s=speeds.directions_s(hogels),
+                )
+                continue
+            settings = cell.settings(scene)
+            drawn = [rasterizer.render(a, settings, normals=False, color=False) for a in apertures]
+            numbers = [
+                compare_images(truth, image, reference, radiance=False).numbers
+                for truth, image in zip(truths, drawn, strict=True)
+            ]
+            judged = sum(each.judged for each in numbers)
+            wrong = sum(0 if each.surface is None else each.surface.wrong for each in numbers)
+            yield Row(
+                **vars(cell),
+                hogels=hogels,
+                judged=judged,
+                surface_fraction=wrong / judged,
+                displacement_p99_px=max(map(displacement_p99, numbers)),
+                seconds=seconds[settings],
+                predicted_s=speeds.hogels_s(hogels),
+            )
+
+
+def make_study(
+    out: Path = DEFAULT_FOLDER,
+    study: Study = FULL,
+    engine: Engine = HERE,
+    *,
+    progress: bool = False,
+) -> StudyFiles | None:
+    """Measure the ways, and write document, figure and data.
+
+    A block that is in the folder already, from the same libraries and device, is not measured
+    again. Returns None if other parts of a job array are not measured yet.
+    """
+    check_folder(out, "ways")
+    sweep, blocks = Sweep.from_measure("ways", out, Row, measure), study.blocks()
+    with open_workers(engine, len(blocks)) as workers:
+        rows = sweep.rows(blocks, workers, engine.part, progress=progress)
+    if rows is None:
+        return None
+    return write_study(out, "ways", rows, sweep.origin, document, {"ways": svg(rows)})
+
+
+# Answers
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crossover:
+    """Hogels from which a scene's plates are faster by directions; None outside the plates."""
+
+    scene: str
+    measured: float | None
+    predicted: float | None
+
+    @property
+    def ratio(self) -> float | None:
+        """Predicted over measured."""
+        return self.predicted / self.measured if self.measured and self.predicted else None
+
+
+def crossovers(rows: Sequence[Row]) -> list[Crossover]:
+    """Return the crossovers of all scenes: two cameras with the middle near, and directions."""
+    return [
+        Crossover(
+            scene=scene,
+            measured=_crossing(_lines(rows, scene, "seconds")),
+            predicted=_crossing(_lines(rows, scene, "predicted_s")),
+        )
+        for scene in dict.fromkeys(row.scene for row in rows)
+    ]
+
+
+def _lines(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float, float]]:
+    """Return hogels, seconds by two cameras (least of all nears), and seconds by directions."""
+    own = [row for row in rows if row.scene == scene]
+    lines = []
+    for hogels in sorted({row.hogels for row in own}):
+        taken = {
+            way: min(getattr(row, name) for row in own if (row.hogels, row.way) == (hogels, way))
+            for way in (PlateWay.TWO_CAMERAS, PlateWay.DIRECTIONS)
+        }
+        lines.append((hogels, *taken.values()))
+    return lines
+
+
+def _crossing(lines: Sequence[tuple[int, float, float]]) -> float | None:
+    """Return the hogels where both lines meet, straight between plates; None if they do not."""
+    for (fewer, *first), (more, *second) in pairwise(lines):
+        before, after = first[0] - first[1], second[0] - second[1]
+        if before < 0 <= after:
+            return fewer + (more - fewer) * before / (before - after)
+    return None
+
+
+def sentence(rows: Sequence[Row]) -> str:
+    """Return the result in one sentence."""
+    turned = [row for row in rows if row.way is PlateWay.DIRECTIONS]
+    pairs = [row for row in rows if row.way is PlateWay.TWO_CAMERAS]
+    largest = max(turned, key=lambda row: row.hogels)
+    same = [row for row in pairs if (row.scene, row.hogels) == (largest.scene, largest.hogels)]
+    faster = min(row.seconds for row in same) / largest.seconds
+    worst = max(row.surface_fraction for row in turned)
+    return (
+        f"By directions at most {100 * worst:.2g} % of the surfaces are wrong and nothing is "
+        f"displaced; {largest.hogels:,} hogels of {largest.scene} take {largest.seconds:.3g} s, "
+        f"{faster:.3g} times less than hogel by hogel."
+    )
+
+
+def record(files: StudyFiles) -> dict[str, Any]:
+    """Return the study as `xfrustum study ways --json` prints it."""
+    crossed = [{**asdict(each), "ratio": each.ratio} for each in crossovers(files.rows)]
+    return json_object({**files.record, "sentence": sentence(files.rows), "crossovers": crossed})
+
+
+def document(rows: Sequence[Row], origin: Origin) -> str:
+    """Return the study as Markdown."""
+    values = {
+        "sentence": sentence(rows),
+        "rows": rows,
+        "resolution": RESOLUTION,
+        "crossovers": crossovers(rows),
+        "devices": origin.devices,
+    }
+    return plain_text("ways.md.j2", values)
+
+
+#: size of a panel of the figure and of its margins, px
+_PANEL, _LEFT, _TOP = (250, 220), 60, 40
+
+
+def svg(rows: Sequence[Row]) -> str:
+    """Draw seconds of plates by their hogels, on logarithmic axes, one panel for each scene."""
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    ends = [
+        (math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))))
+        for values in ([row.hogels for row in rows], [row.seconds for row in rows])
+    ]
+    (left, right), (low, high) = ends
+    width, height = _PANEL
+
+    def place(hogels: float, seconds: float) -> str:
+        x = width * (math.log10(hogels) - left) / (right - left)
+        y = height * (high - math.log10(seconds)) / (high - low)
+        return f"{x:.1f},{y:.1f}"
+
+    panels = []
+    for number, scene in enumerate(scenes):
+        curves = []
+        for way in PlateWay:
+            own = [row for row in rows if (row.scene, row.way) == (scene, way)]
+            # The fastest of several settings: near hardly changes the time.
+            fastest = {
+                hogels: min(row.seconds for row in own if row.hogels == hogels)
+                for hogels in sorted({row.hogels for row in own})
+            }
+            curves.append(" ".join(place(*point) for point in fastest.items()))
+        panels.append({"title": scene, "x": _LEFT + number * (width + _LEFT), "curves": curves})
+    drawn = {
+        "panels": panels,
+        "size": _PANEL,
+        "top": _TOP,
+        "width": _LEFT + len(scenes) * (width + _LEFT),
+        "legend": [(str(way), look(number)[0]) for number, way in enumerate(PlateWay)],
+        "across": [(10**k, width * (k - left) / (right - left)) for k in range(left, right + 1)],
+        "up": [(10**k, height * (high - k) / (high - low)) for k in range(low, high + 1)],
+    }
+    return fragment("study-ways.svg.j2", drawn, {"power": _power})
+
+
+def _power(value: float) -> str:
+    return f"{value:,g}" if value < 1e4 else f"{value:.0e}".replace("e+0", "e")
