@@ -184,6 +184,20 @@ def selfcheck_table(check: SelfCheck) -> str:
             f"{sphere.edge_misses:,} missed (float32 {sphere.tracer_edge_misses:,}); "
             f"{sphere.wrong:,} wrong"
         )
+    pixels, still_open, differing, wrong = (
+        sum(getattr(each, count) for each in check.directions)
+        for count in ("pixels", "open", "differing", "wrong")
+    )
+    lines += [
+        f"by direction: {pixels:,} pixels of {sum(each.directions for each in check.directions):,} "
+        f"images, {still_open:,} not proven, {differing:,} unlike those of hogels, {wrong:,} wrong"
+    ]
+    lines += [
+        f"{each.scene} by direction: hogel column {each.columns[0] + at.column}, "
+        f"row {each.rows[0] + at.row}, {at.about}: expected {at.expected}, got {at.got}"
+        for each in check.directions
+        for at in each.disagreements
+    ]
     lines += [
         f"{view.scene} {view.aperture[0]},{view.aperture[1]}: column {at.column}, row {at.row}, "
         f"{at.about}: expected {at.expected}, got {at.got}"

@@ -1,9 +1,10 @@
 """Independent truth by brute force in integers, to check the reference.
 
 This module is independent of the reference on purpose. The two share only the definition of the
-line of a pixel (`RayBundle`). Here a line is intersected with a triangle's plane first; then the
-point is compared with the three edges in two dimensions, seen along the axis that the plane faces
-most. All doubles are integers over a common power of two, so that nothing is ever rounded.
+line of a pixel (`RayBundle`, `LineGrid`). Here a line is intersected with a triangle's plane first;
+then the point is compared with the three edges in two dimensions, seen along the axis that the
+plane faces most. All doubles are integers over a common power of two, so that nothing is ever
+rounded.
 Conventions (CONVENTIONS.md): triangles are closed, a line that lies in a triangle's plane does not
 meet the triangle, the first s within the reach wins, and equal s is a tie.
 """
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines.lines import LineGrid, RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
@@ -64,6 +65,23 @@ def first_by_brute_force(triangles: Floats, bundle: RayBundle, rows: range) -> E
         if len(winners) > 1:
             ties.extend((rows.start + row, column, winner) for winner in winners)
     return ExactRows(triangle=triangle, s=s, ties=np.array(ties, dtype=np.int64).reshape(-1, 3))
+
+
+def first_on_lines(triangles: Floats, lines: LineGrid) -> ExactRows:
+    """Decide in integers the first of the triangles (F, 3, 3) on every line of a grid.
+
+    Each line passes through a point of its own, and is decided alone.
+    """
+    width, height = lines.resolution
+    triangle = np.full((height, width), NOTHING, dtype=np.int32)
+    s = np.full((height, width), np.nan)
+    ties = [np.zeros((0, 3), dtype=np.int64)]
+    for row in range(height):
+        for column in range(width):
+            line = first_by_brute_force(triangles, lines.line(column, row), range(1))
+            triangle[row, column], s[row, column] = line.triangle[0, 0], line.s[0, 0]
+            ties.append(line.ties + np.array([row, column, 0]))
+    return ExactRows(triangle=triangle, s=s, ties=np.concatenate(ties))
 
 
 def _boxes_met(

@@ -13,16 +13,17 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
+from xfrustum.compare.selfcheck.comparison import Disagreement, ImageLines, disagreements
+from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
-from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin, hard_cases
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.hogel_image import Certainty
 
 Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13
@@ -36,34 +37,14 @@ Hard cases keep the resolution at which their lines are aimed."""
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
 """Apertures as shares of the columns and rows of a plate: middle, off center, two corners."""
 
-MAX_LISTED = 5  #: largest number of disagreements of one image that are described one by one
-UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double
-
-PLANE_ROUNDINGS = 16
-"""Roundings in each of the two dot products of s = (q . n) / (d . n).
-
-They are relative to the sum of absolute products. A component of n has 4: 1 for each of the two
-differences of coordinates in a product, 1 for the product, and 1 for the difference of two
-products. The product with q, a difference itself, has 2 more, and the sum of three products 2 more:
-8, in any order. The number is doubled to cover terms of second order and the rounding of this bound
-itself."""
-
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
 
 COUNTS = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
 """Counts of each view that are summed over all views."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Disagreement:
-    """One pixel that the reference decides wrongly, with the answers of integers and reference."""
-
-    row: int
-    column: int
-    about: str  #: "triangle", "certainty", "companions" or "position"
-    expected: str
-    got: str
+DIRECTION_COUNTS = ("pixels", "open", "differing", "wrong")
+"""Counts of the checks by direction that are summed, with `direction_` before their names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,15 +95,16 @@ class SelfCheck:
     """All checked images, and the sphere; None if it was not checked."""
 
     views: tuple[ViewCheck, ...]
+    directions: tuple[DirectionCheck, ...]  #: for each scene
     sphere: SphereCheck | None
     seconds: float
 
     @property
     def agrees(self) -> bool:
-        """True if no image and no line of the sphere is wrong."""
-        return not any(view.wrong for view in self.views) and (
-            self.sphere is None or self.sphere.agrees
-        )
+        """True if no image, no pixel by direction and no line of the sphere is wrong."""
+        wrong = [view.wrong for view in self.views]
+        wrong += [each.wrong + each.differing for each in self.directions]
+        return not any(wrong) and (self.sphere is None or self.sphere.agrees)
 
     def total(self, count: str) -> int:
         """Return the sum of one of the counts over all views."""
@@ -131,6 +113,8 @@ class SelfCheck:
     def summary(self) -> dict[str, Any]:
         """Return the record that `selfcheck --json` prints."""
         counts = {count: self.total(count) for count in COUNTS}
+        for count in DIRECTION_COUNTS:
+            counts[f"direction_{count}"] = sum(getattr(each, count) for each in self.directions)
         return {"agrees": self.agrees, **counts, **asdict(self)}
 
 
@@ -159,12 +143,18 @@ def selfcheck(
         with tqdm(total=pixels, unit="px", unit_scale=True, disable=not progress) as bar:
             # All tasks are submitted at once: the other processes stay busy while this one traces.
             waiting = [(*view, _exact_rows(compute, *view[1:])) for view in views]
+            first_of_scene = {view[0]: view for view in reversed(views)}
+            directions = [
+                check_directions(*first_of_scene[name], Reference, quick=quick)
+                for name in dict.fromkeys(name for name, *_ in views)
+            ]
             checked = [_check(*view, bar) for view in waiting]
     finally:
         # After an error the remaining tasks are dropped.
         pool.shutdown(cancel_futures=True)
     return SelfCheck(
         views=tuple(checked),
+        directions=tuple(directions),
         sphere=None if names else check_sphere(quick=quick),
         seconds=time.perf_counter() - started,
     )
@@ -225,7 +215,7 @@ def _check(
     triangle, s, ties = (np.concatenate(part) for part in zip(*parts, strict=True))
     exact = ExactRows(triangle=triangle, s=s, ties=ties)
     bundle = crossed_frustum(scene.frustum, aperture)
-    wrong, listed = disagreements(image, exact, bundle, scene.triangles)
+    wrong, listed = disagreements(image, exact, ImageLines.from_bundle(bundle), scene.triangles)
     counts = np.bincount(image.certainty.ravel(), minlength=len(Certainty))
     return ViewCheck(
         scene=name,
@@ -241,106 +231,6 @@ def _check(
         tracer_wrong=int(image.overruled.sum()),
         seconds=time.perf_counter() - started,
     )
-
-
-def disagreements(
-    image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles: Floats
-) -> tuple[Mask, tuple[Disagreement, ...]]:
-    """Compare every pixel of a traced image with the exact answer for all its rows.
-
-    A pixel is wrong where its triangle differs; where a tie is not marked, a pixel without a tie is
-    marked, or it was not examined; where other triangles are tied; and
-    where its position is off its line, or farther from the exact position along it than
-    `position_bound`, than one rounding where the reference claims rational arithmetic. Returns (H,
-    W) pixels with any disagreement, and descriptions of the first few.
-    """
-    assert image.certainty is not None and image.tied_triangles is not None
-    shape = exact.triangle.shape
-    expected, got = (
-        set(map(tuple, exact.ties.tolist())),
-        set(map(tuple, image.tied_triangles.tolist())),
-    )
-    tie, tied_triangles = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
-    for mask, places in ((tie, expected), (tied_triangles, got ^ expected)):
-        for row, column, _ in places:
-            mask[row, column] = True
-    claimed = image.certainty == Certainty.TIE
-    wrong_by_kind: dict[str, Mask] = {
-        "triangle": image.triangle != exact.triangle,
-        "certainty": (claimed != tie) | (image.certainty == Certainty.UNEXAMINED),
-        "companions": tied_triangles,
-        "position": _misplaced(image, exact, bundle, triangles),
-    }
-
-    def described(about: str, pixel: tuple[int, int]) -> Disagreement:
-        """Describe the integers' answer and the reference's."""
-        tied, marked = (
-            sorted(number for *at, number in ties if tuple(at) == pixel) for ties in (expected, got)
-        )
-        assert image.certainty is not None
-        words = {
-            "triangle": (str(exact.triangle[pixel]), str(image.triangle[pixel])),
-            "certainty": (
-                "tie" if tied else "no tie",
-                Certainty(image.certainty[pixel]).name.lower(),
-            ),
-            "companions": (str(tied), str(marked)),
-            "position": (f"s = {exact.s[pixel]!r}", f"position {image.position[pixel].tolist()}"),
-        }[about]
-        return Disagreement(
-            row=pixel[0], column=pixel[1], about=about, expected=words[0], got=words[1]
-        )
-
-    pixels = [
-        (about, (row, column))
-        for about, mask in wrong_by_kind.items()
-        for row, column in np.argwhere(mask)
-    ]
-    listed = tuple(
-        described(about, (int(row), int(column))) for about, (row, column) in pixels[:MAX_LISTED]
-    )
-    return np.logical_or.reduce(list(wrong_by_kind.values())), listed
-
-
-def _misplaced(image: HogelImage, exact: ExactRows, bundle: RayBundle, triangles: Floats) -> Mask:
-    """Return the pixels whose position is not where the line meets the exact triangle, (H, W)."""
-    assert image.certainty is not None
-    mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
-    same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
-    d, s = bundle.directions()[same], exact.s[same]
-    center = np.asarray(bundle.center)
-    allowed = position_bound(triangles[exact.triangle[same]] - center, d, s)
-    allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
-    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8
-    # covers these and the same operations in this check.
-    reach = np.abs(center) + np.abs(s[:, None] * d)
-    off = np.abs(image.position[same] - (center + s[:, None] * d))
-    mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
-    return mask
-
-
-def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
-    """Return the largest error (N,) of an s that was computed in double precision.
-
-    `corners` (N, 3, 3) belong to the triangles met, relative to the center; d (N, 3) the
-    directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n in
-    doubt, only rational arithmetic can decide s: there the bound holds for a rounded exact s.
-    """
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    magnitude = np.stack(
-        [
-            np.abs(a[:, i] * b[:, j]) + np.abs(a[:, j] * b[:, i])
-            for i, j in ((1, 2), (2, 0), (0, 1))
-        ],
-        axis=1,
-    )
-    rounding = PLANE_ROUNDINGS * UNIT_ROUNDOFF
-    offset_error = rounding * np.sum(np.abs(corners[:, 0]) * magnitude, axis=1)
-    slope_error = rounding * np.sum(np.abs(d) * magnitude, axis=1)
-    slope = np.abs(np.sum(np.cross(a, b) * d, axis=1)) - slope_error
-    decidable = slope > 0
-    error = (offset_error + np.abs(s) * slope_error) / np.where(decidable, slope, 1.0)
-    return np.where(decidable, error, 0.0) + 2 * UNIT_ROUNDOFF * np.abs(s)
 
 
 def check_sphere(*, quick: bool = False) -> SphereCheck:

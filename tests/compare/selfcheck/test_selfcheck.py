@@ -1,7 +1,7 @@
 """The self-check: integers agree with fractions, and detect every defect of the truth."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,8 +15,10 @@ from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
 from tests.support.views import at, soup
 from xfrustum.compare.selfcheck import selfcheck as module
+from xfrustum.compare.selfcheck.comparison import ImageLines, disagreements
+from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck.selfcheck import check_sphere, disagreements, selfcheck
+from xfrustum.compare.selfcheck.selfcheck import SelfCheck, check_sphere, selfcheck
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
@@ -35,6 +37,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
+from xfrustum.scenes.model.direction_image import DirectionImage
 
 several = examples(20)
 
@@ -116,6 +119,9 @@ def test_a_part_of_the_self_check_agrees() -> None:
         "pixels"
     )
     assert min(check.total("exact"), check.total("ties"), check.total("tracer_wrong")) > 0
+    assert {each.scene for each in check.directions} == {view.scene for view in check.views}
+    assert sum(each.pixels for each in check.directions) > 1000
+    assert check.summary()["direction_open"] > 50
     assert check.sphere is not None and check.sphere.triangles == 5120
     assert json.loads(json.dumps(check.summary(), allow_nan=False))["agrees"] is True
 
@@ -167,9 +173,10 @@ def test_whatever_is_wrong_is_found(kind: str) -> None:
     scene, aperture = small_scene(), at(0, 0)
     image = Reference(scene).trace(aperture)
     exact, bundle = all_rows(scene.triangles, scene.frustum, aperture)
-    wrong, listed = disagreements(image, exact, bundle, scene.triangles)
+    lines = ImageLines.from_bundle(bundle)
+    wrong, listed = disagreements(image, exact, lines, scene.triangles)
     assert not wrong.any() and listed == ()
-    wrong, listed = disagreements(spoil(image), exact, bundle, scene.triangles)
+    wrong, listed = disagreements(spoil(image), exact, lines, scene.triangles)
     assert wrong.any()
     assert {finding.about for finding in listed} >= {about}
     assert all(
@@ -197,6 +204,53 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(
     assert check.total("wrong") == check.total("tracer_wrong") > 0
     assert 0 < len(check.views[0].disagreements) <= 5
     assert "DISAGREE" in selfcheck_table(check)
+
+
+def by_direction(spoil: Callable[[DirectionImage], DirectionImage]) -> DirectionCheck:
+    """Check a truth by direction that is spoiled, on ties, open pixels and plain ones."""
+
+    class Spoiled(Reference):
+        def by_directions(self, *args: Any, **chosen: Any) -> Iterator[DirectionImage]:
+            return map(spoil, super().by_directions(*args, **chosen))
+
+    scene = small_scene()
+    return check_directions("small", scene, scene.plate.middle, Spoiled, quick=True)
+
+
+def test_truths_by_direction_agree_with_hogels_and_integers() -> None:
+    check = by_direction(lambda image: image)
+    assert (check.columns, check.rows, check.directions) == ((6, 10), (7, 9), 6)
+    assert check.pixels == 6 * 15 and 0 < check.open < check.pixels
+    assert check.differing == check.wrong == 0 and check.disagreements == ()
+
+
+SPOILED_DIRECTIONS: dict[str, tuple[str, Callable[[DirectionImage], DirectionImage]]] = {
+    "the next hogel": ("position", lambda i: replace(i, position=np.roll(i.position, 1, axis=1))),
+    "rows flipped": ("position", lambda i: replace(i, position=i.position[::-1])),
+    "another triangle": ("triangle", lambda i: replace(i, triangle=i.triangle + np.int32(1))),
+    "a companion lost": ("companions", lambda i: replace(i, tied_triangles=i.tied_triangles[1:])),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILED_DIRECTIONS)
+def test_a_wrong_truth_by_direction_is_detected_twice(kind: str) -> None:
+    about, spoil = SPOILED_DIRECTIONS[kind]
+    check = by_direction(spoil)
+    assert check.wrong > 0 and check.differing > 0
+    assert about in {disagreement.about for disagreement in check.disagreements}
+    whole = SelfCheck(views=(), directions=(check,), sphere=None, seconds=0.0)
+    assert not whole.agrees and whole.summary()["direction_wrong"] == check.wrong
+    assert "DISAGREE" in selfcheck_table(whole)
+
+
+def test_other_bits_than_by_hogel_differ() -> None:
+    """Integers allow a position its error bound, and do not distinguish proofs."""
+    check = by_direction(lambda i: replace(i, position=np.nextafter(i.position, 9.0)))
+    assert check.differing > 0 and check.wrong == 0
+    whole = SelfCheck(views=(), directions=(check,), sphere=None, seconds=0.0)
+    assert not whole.agrees
+    unsure = by_direction(lambda i: replace(i, certainty=np.maximum(i.certainty, 1)))
+    assert unsure.differing > 0 and unsure.wrong == 0
 
 
 @pytest.mark.slow
