@@ -12,7 +12,8 @@ Read it in this order, beside docs/truth.md:
 * eye: views of eyes in front of the plate, true and replayed
 * tracers: ray tracers as second opinions
 * rays: first surfaces along any rays, with trimesh's interface
-* transport: shadows and interreflection by light paths
+* shadows: shadows of lights, each decided exactly
+* transport: interreflection and other light transport by light paths
 * llvm: the LLVM that Dr.Jit uses, Mitsuba's variant, and the number of threads
 * backend: the device of Dr.Jit's arrays, and their conversion from and to NumPy
 * memory: bands of rows, which bound memory, and arrays that kernels may read in place

@@ -18,6 +18,7 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.memory import BAND_PIXELS, bands
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.shadows import ShadowedShader
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
@@ -46,7 +47,7 @@ def points_per_side(sampling: Sampling) -> int:
 def mean_color(
     scene: Scene,
     triangles: Triangles,
-    shader: Shader,
+    shader: Shader | ShadowedShader,
     apertures: Sequence[Aperture],
     side: int,
     rows: range,

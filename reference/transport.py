@@ -1,5 +1,8 @@
 """Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
 
+Shadows alone need no paths: they are decided exactly (`shadows`). Mitsuba traces interreflection,
+with shadows or without, and direct light as a second opinion.
+
 Paths start at the reference's samples: the centers of `supersample` x `supersample` cells of each
 pixel, one of them at random for each path. The mean over many paths therefore differs from the mean
 of `Reference.trace` only by light transport and noise. Points and their light are in double
@@ -27,11 +30,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.averages import points_per_side
+from xfrustum.reference.averages import mean_color, points_per_side
+from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.shading.light import LINEAR
+from xfrustum.reference.shadows import ShadowedShader
 from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
 from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
 from xfrustum.reference.tracers.tracer import unit_scale
@@ -416,12 +421,26 @@ class PathTracer:
     def _paths(self) -> LightPaths:
         return LightPaths(self.scene)
 
+    @cached_property
+    def _shadowed(self) -> tuple[Triangles, ShadowedShader]:
+        return Triangles(self.scene.triangles), ShadowedShader(self.scene)
+
+    def _with_shadows(self, aperture: Aperture) -> Floats:
+        """Return mean direct light (H, W, 3) over the points of each pixel, with exact shadows."""
+        side, rows = points_per_side(self.scene.sampling), range(self.scene.frustum.resolution[1])
+        return mean_color(self.scene, *self._shadowed, [aperture], side, rows)
+
     def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
         """Return the radiance through the middle of an aperture.
 
         The same seed gives the same paths. Without shadows and interreflection the result is the
-        direct light that `Reference.trace` shows.
+        direct light that `Reference.trace` shows; with shadows alone it is exact, and has no noise.
         """
+        if transport.shadows and not transport.interreflection and len(self.scene.faces):
+            mean = self._with_shadows(aperture)
+            return RadianceEstimate(
+                mean=mean, variance_of_mean=np.zeros_like(mean), samples=transport.samples
+            )
         width, height = self.scene.frustum.resolution
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
         if len(self.scene.faces):

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -17,11 +18,12 @@ from xfrustum.compare.selfcheck.comparison import Disagreement, ImageLines, disa
 from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import worker_count
+from xfrustum.reference.rays.rays import ExactMesh, FirstHits, RayBatch
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.hogel_image import Certainty
 
@@ -243,10 +245,8 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
     )
     edges = np.asarray(mesh.edges_unique, dtype=np.int64)
     middles = vertices[edges].mean(axis=1)
-    # s runs from the center to beyond the unit sphere, which is met at about 1.
     at_vertices, at_edges = (
-        first_surfaces_along(vertices[faces], (0.0, 0.0, 0.0), lines, (0.0, 2.0))
-        for lines in (vertices, middles)
+        first_from_center(vertices[faces], lines) for lines in (vertices, middles)
     )
     # Plate and frustum play no part for the tracer.
     scene = Scene(
@@ -262,12 +262,14 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
     for number, corners in enumerate(faces.tolist()):
         for vertex in corners:
             around[vertex].append(number)
+    ties = _by_ray(at_vertices)
     wrong = sum(
-        at_vertices.ties.get(vertex, ()) != tuple(numbers) or float(at_vertices.s[vertex]) != 1.0
+        ties[vertex] != numbers or float(at_vertices.t[vertex]) != 1.0
         for vertex, numbers in enumerate(around)
     )
+    ties = _by_ray(at_edges)
     for line, ends in enumerate(edges.tolist()):
-        met = at_edges.ties.get(line, (int(at_edges.triangle[line]),))
+        met = ties[line] or [int(at_edges.triangle[line])]
         wrong += not all(set(ends) <= set(faces[number].tolist()) for number in met)
     return SphereCheck(
         triangles=len(faces),
@@ -280,3 +282,20 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
         tracer_edge_misses=int((tracer.first_hits(np.zeros_like(middles), middles) < 0).sum()),
         seconds=time.perf_counter() - started,
     )
+
+
+def first_from_center(triangles: Floats, directions: Floats) -> FirstHits:
+    """Return the first surfaces along rays (N, 3) from the origin, at most two directions away."""
+    # The unit sphere is met at about 1.
+    ends = np.tile([0.0, 2.0], (len(directions), 1))
+    return ExactMesh(triangles).first(
+        RayBatch(origins=np.zeros_like(directions), directions=directions, ends=ends)
+    )
+
+
+def _by_ray(hits: FirstHits) -> dict[int, list[int]]:
+    """Return the tied triangles of each ray."""
+    ties: dict[int, list[int]] = defaultdict(list)
+    for ray, triangle in hits.ties.tolist():
+        ties[ray].append(triangle)
+    return ties

@@ -6,5 +6,4 @@
 * certify: the decision: proven by bounds, a tie of coincident triangles, or decided in integers
 * exact: decisions in integers: whether and where a line meets a triangle
 * occlusion: points of an image hidden by other surfaces on their own lines
-* arbitrary_lines: first surfaces along arbitrary lines through one point, in integers
 """

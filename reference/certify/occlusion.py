@@ -38,7 +38,6 @@ from xfrustum.reference.backend import (
     recording,
     vectors_on_device,
 )
-from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.boxes import FilmAxis, bounding_boxes
 from xfrustum.reference.certify.cone import (
     ROUNDING,
@@ -52,6 +51,7 @@ from xfrustum.reference.certify.cone import (
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.llvm import worker_count
+from xfrustum.reference.rays.integers import meet
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 #: distance, in pixels, of a cell's sides from its center
@@ -214,21 +214,17 @@ class Occlusion:
         dx, dy = offset[:, 0] / -offset[:, 2], offset[:, 1] / -offset[:, 2]
         ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
-        numbers, which = np.unique(triangle, return_inverse=True)
+        corners = self._triangles.corners[triangle]
+        centers = np.tile(bundle.center, (len(point), 1))
         # A line that ends before the range begins meets nothing.
-        ends = np.maximum(ends, bundle.s_range[0]).tolist()
-        corners = self._triangles.corners
-        exact = ExactLines(
-            corners[numbers], bundle.center, directions, (bundle.s_range[0], max(ends))
-        )
-        return np.array(
-            [
-                (s := exact.meets(pair, number)) is not None
-                and s < Fraction(ends[pair])
-                and _off_plane(position[pair], corners[triangle[pair]], float(tolerance[pair]))
-                for pair, number in enumerate(which.tolist())
-            ]
-        )
+        ranges = np.stack((np.full(len(point), bundle.s_range[0]), ends), axis=1)
+        decided = meet(corners, centers, directions, ranges)
+        hides = decided.met
+        for pair in np.flatnonzero(hides).tolist():
+            hides[pair] = decided.place(pair) < Fraction(ends[pair]) and _off_plane(
+                position[pair], corners[pair], float(tolerance[pair])
+            )
+        return hides
 
 
 def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:

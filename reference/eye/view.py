@@ -13,8 +13,8 @@ import numpy as np
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.eye.first import Axis, first_along_grid
 from xfrustum.reference.lines.lines import LineGrid, RayBundle, crossed_frustum, film_window
+from xfrustum.reference.rays.rays import ExactMesh, RayBatch
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
@@ -225,6 +225,10 @@ class EyeReference:
         return Triangles(self.scene.triangles)
 
     @cached_property
+    def _mesh(self) -> ExactMesh:
+        return ExactMesh(self.scene.triangles)
+
+    @cached_property
     def _occlusion(self) -> Occlusion:
         return Occlusion(self._triangles)
 
@@ -244,14 +248,33 @@ class EyeReference:
         self, eye: Eye, pixels: HogelPixels, point: Floats | None
     ) -> tuple[LineGrid, FirstSurfaces]:
         """Return the lines of some hogels' pixels and their first surfaces."""
-        rays = eye_bundle(self.scene, eye, point)
         grid = hogel_lines(self.scene, pixels)
-        x, y, height = rays.center
-        columns = Axis(
-            place=grid.x, slope=grid.dx, seen=rays.dx[pixels.columns], eye=x, height=height
+        return grid, self._first(grid)
+
+    def _first(self, grid: LineGrid) -> FirstSurfaces:
+        """Return the first surfaces along the lines of a grid."""
+        width, height = grid.resolution
+        if not len(self._triangles):
+            return FirstSurfaces(
+                triangle=np.full((height, width), NOTHING, dtype=np.int32),
+                s=np.full((height, width), np.nan),
+                certainty=np.full((height, width), Certainty.PROVEN, dtype=np.uint8),
+                tied_triangles=np.zeros((0, 3), dtype=np.int64),
+            )
+        first = self._mesh.first(
+            RayBatch(
+                origins=grid.points().reshape(-1, 3),
+                directions=grid.directions().reshape(-1, 3),
+                ends=np.tile(grid.s_range, (width * height, 1)),
+            )
         )
-        rows = Axis(place=grid.y, slope=grid.dy, seen=rays.dy[pixels.rows], eye=y, height=height)
-        return grid, first_along_grid(self._triangles, grid, columns, rows)
+        line, number = first.ties.T
+        return FirstSurfaces(
+            triangle=first.triangle.reshape(height, width).astype(np.int32),
+            s=first.t.reshape(height, width),
+            certainty=first.certainty.reshape(height, width),
+            tied_triangles=np.stack((line // width, line % width, number), axis=1),
+        )
 
     def _decided(self, bundle: RayBundle) -> FirstSurfaces:
         return Certifier(self._triangles, bundle).decide(range(bundle.resolution[1]))

@@ -9,6 +9,7 @@ lie before the limit, the filter (`filter`) keeps the triangles that may be firs
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,12 @@ class RayBatch:
     def __len__(self) -> int:
         """Return the number of rays."""
         return len(self.origins)
+
+    @cached_property
+    def exponents(self) -> Indices:
+        """Exponents e (N,): the largest component of each direction is in [2^(e-1), 2^e)."""
+        x, y, z = np.abs(self.directions).T
+        return np.frexp(np.maximum(np.maximum(x, y), z))[1].astype(np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,15 +212,11 @@ class ExactMesh:
 
     def _on_device(self, batch: RayBatch) -> Rays:
         """Return rays in the mesh's units; t of a ray is multiplied by 2^`_exponents`."""
-        # Beyond the range of doubles a ray comes from afar, and an end is infinite or zero.
-        with np.errstate(over="ignore", under="ignore"):
-            exponents = _exponents(batch.directions)
-            ends = np.ldexp(batch.ends, (exponents + self._scale)[:, None])
-            columns = (
-                np.ldexp(batch.origins, self._scale),
-                np.ldexp(batch.directions, -exponents[:, None]),
-                ends,
-            )
+        columns = (
+            _shifted(batch.origins, self._scale),
+            _shifted(batch.directions, -batch.exponents[:, None]),
+            _shifted(batch.ends, (batch.exponents + self._scale)[:, None]),
+        )
         origin, direction, both_ends = (vectors_on_device(values) for values in columns)
         return Rays.from_origins(origin, direction, both_ends, self._middle)
 
@@ -254,7 +257,7 @@ class ExactMesh:
             doubtful = _compressed(possible, ray, triangle)
             far = np.flatnonzero(rays.far.numpy())
             settled = number.numpy().astype(np.int64), place.numpy()
-        return settled[0], self._in_lengths(settled[1], batch.directions), *doubtful, far
+        return settled[0], _shifted(settled[1], -batch.exponents - self._scale), *doubtful, far
 
     def _proposed_limit(self, rays: Rays) -> Any:
         """Return the last t at which the first surface of each ray may lie, as Embree suggests."""
@@ -271,11 +274,6 @@ class ExactMesh:
         limit = dr.select(sure & (proposed >= 0), dr.minimum(t + error, last), last)
         dr.make_opaque(limit)
         return limit
-
-    def _in_lengths(self, t: Floats, directions: Floats) -> Floats:
-        """Return t, given in the mesh's units, in lengths of directions (N, 3)."""
-        with np.errstate(over="ignore", under="ignore"):
-            return np.asarray(np.ldexp(t, -_exponents(directions) - self._scale))
 
     def _decided(
         self, batch: RayBatch, ray: Indices, triangle: Indices, far: Indices
@@ -305,13 +303,13 @@ class ExactMesh:
     def _ordered(self, batch: RayBatch, start: int) -> AllHits:
         """Return all surfaces along rays in their exact order; rays are numbered from `start`."""
         pairs = self.candidates(batch)
-        exponents = _exponents(batch.directions) + self._scale
+        exponents = batch.exponents + self._scale
         # Integers decide the pairs in doubt.
         met, doubtful = pairs.sure.copy(), np.flatnonzero(~pairs.sure)
         for pair, place in self._places(batch, pairs.ray[doubtful], pairs.triangle[doubtful]):
             number = doubtful[pair]
             met[number] = True
-            pairs.t[number] = _shifted(place, exponents[pairs.ray[number]])
+            pairs.t[number] = _nearest(place, exponents[pairs.ray[number]])
             pairs.error[number] = UNDERFLOW + ROUNDING * abs(pairs.t[number])
         pairs = pairs[np.flatnonzero(met)]
         pairs = pairs[np.lexsort((pairs.t - pairs.error, pairs.ray))]
@@ -332,20 +330,18 @@ class ExactMesh:
             begins[position] = keys[chosen][:2] != before
             before = keys[chosen][:2]
             exponent = exponents[pairs.ray[order[position]]]
-            pairs.t[order[position]] = _shifted(places[chosen], exponent)
+            pairs.t[order[position]] = _nearest(places[chosen], exponent)
         pairs = pairs[order]
         # Places are numbered through all rays, and again from the first of each ray.
         number = np.cumsum(begins)
         first = np.searchsorted(pairs.ray, pairs.ray, "left")
-        origins, directions = batch.origins[pairs.ray], batch.directions[pairs.ray]
-        with np.errstate(over="ignore", under="ignore"):
-            unit = np.ldexp(directions, -_exponents(directions)[:, None])
-            moved = np.ldexp(pairs.t[:, None] * unit, -self._scale)
+        rays = batch[pairs.ray]
+        moved = pairs.t[:, None] * _shifted(rays.directions, -rays.exponents[:, None])
         return AllHits(
             ray=pairs.ray + start,
             triangle=pairs.triangle,
-            t=self._in_lengths(pairs.t, directions),
-            position=origins + moved,
+            t=_shifted(pairs.t, -rays.exponents - self._scale),
+            position=rays.origins + _shifted(moved, -self._scale),
             place=number - number[first],
         )
 
@@ -356,9 +352,13 @@ def _batches(count: int) -> Iterator[slice]:
         yield slice(start, start + RAYS_AT_ONCE)
 
 
-def _exponents(directions: Floats) -> Indices:
-    """Return e (N,) for which the largest component of each direction is in [2^(e-1), 2^e)."""
-    return np.frexp(np.abs(directions).max(axis=1, initial=0.0))[1].astype(np.int64)
+def _shifted(values: Floats, exponents: Indices | int) -> Floats:
+    """Return values times 2^exponents, infinite or zero beyond the range of doubles."""
+    # Two factors, because one may exceed doubles; beyond 2^2000 nothing else changes.
+    exponents = np.clip(exponents, -2000, 2000)
+    half = exponents // 2
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(values * np.ldexp(1.0, half) * np.ldexp(1.0, exponents - half))
 
 
 def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:
@@ -368,7 +368,7 @@ def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:
     return tuple(part.astype(np.int64) if part.dtype == np.uint32 else part for part in parts)
 
 
-def _shifted(place: Fraction, exponent: int) -> float:
+def _nearest(place: Fraction, exponent: int) -> float:
     """Return the double nearest to place 2^exponent."""
     return nearest_double(place * Fraction(2) ** int(exponent))
 

@@ -212,10 +212,13 @@ class LightModel:
         if Effect.REFLECTION in effects and appearance.environment is not None:
             self._environment = Surroundings(appearance.environment)
 
-    def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
+    def radiance(
+        self, triangle: Any, position: Vector, direction: Vector, hidden: Sequence[Any] = ()
+    ) -> list[Any]:
         """Return the channels of linear RGB toward the viewer at points of triangles, scene units.
 
-        `direction` is d of each point's line, of any length, from the viewer to the back.
+        `direction` is d of each point's line, of any length, from the viewer to the back. `hidden`
+        masks the points in the shadow of each light; none for lights without shadows.
         """
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
@@ -228,8 +231,10 @@ class LightModel:
         color: list[Any] = [0.0] * self._channels
         if Effect.AMBIENT in self._effects:
             color = [term * own for term, own in zip(ambient, albedo, strict=True)]
-        for toward, intensity in self._lights:
-            cosine = turn * dot(normal, toward)
+        masks = hidden or [False] * len(self._lights)
+        for (toward, intensity), mask in zip(self._lights, masks, strict=True):
+            # A light behind a surface adds nothing, and neither does a hidden one.
+            cosine = dr.select(mask, 0.0, turn * dot(normal, toward))
             if Effect.DIFFUSE in self._effects:
                 onto = dr.maximum(cosine, 0.0)
                 terms = zip(color, diffuse, albedo, intensity, strict=True)

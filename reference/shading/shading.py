@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
 from xfrustum.reference.backend import Float64, dr, on_device, recording, vectors_on_device
 from xfrustum.reference.shading.light import TERMS, LightModel
-from xfrustum.scenes.arrays import Floats, Numbers
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
@@ -54,19 +55,29 @@ class Shader:
         with recording():
             return LightModel(self._scene, self.effects, self._channels)
 
-    def radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
+    def radiance(
+        self,
+        triangle: Numbers,
+        position: Floats,
+        direction: Floats,
+        hidden: Sequence[Mask] = (),
+    ) -> Floats:
         """Return linear RGB of points toward the viewer, (N, 3), or (N, 1) where all is gray.
 
         Points (N, 3) lie on triangles with numbers (N,); (N, 3) directions d of their lines have
-        any length, from the viewer to the back.
+        any length, from the viewer to the back. `hidden` has for each light the points (N,) in its
+        shadow; none for lights without shadows.
         """
         if self._automatic and self._out_of_sight(position[:, 2]):
-            return self._of_everything.radiance(triangle, position, direction)
+            return self._of_everything.radiance(triangle, position, direction, hidden)
         if not len(triangle):
             return np.zeros((0, self._channels))
         with recording():
             channels = self.model.radiance(
-                on_device(triangle), vectors_on_device(position), vectors_on_device(direction)
+                on_device(triangle),
+                vectors_on_device(position),
+                vectors_on_device(direction),
+                [on_device(mask) for mask in hidden],
             )
             # A channel may be a single number for all lanes, for example without lights: broadcast
             # it.

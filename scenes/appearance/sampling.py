@@ -38,7 +38,7 @@ class Sampling:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """Light transport that only Mitsuba simulates; InputError for values out of range."""
+    """Light transport beyond direct light without shadows; InputError for values out of range."""
 
     shadows: bool = False  #: whether surfaces hide lights from each other
     interreflection: bool = False  #: whether surfaces light each other

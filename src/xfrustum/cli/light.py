@@ -53,7 +53,9 @@ class Light(Asked):
         f"Points of the aperture's area; P%: edges are off by no more; auto: 1/255.{_OF_SCENE}",
     )
     shadows = flag(
-        f"Shadows, traced by Mitsuba.{_OF_SCENE}", "--shadows/--no-shadows", default=None
+        f"Shadows, exact; with interreflection by Mitsuba.{_OF_SCENE}",
+        "--shadows/--no-shadows",
+        default=None,
     )
     interreflection = flag(
         f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",

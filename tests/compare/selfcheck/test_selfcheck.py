@@ -18,10 +18,15 @@ from xfrustum.compare.selfcheck import selfcheck as module
 from xfrustum.compare.selfcheck.comparison import ImageLines, disagreements
 from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck.selfcheck import SelfCheck, check_sphere, selfcheck
+from xfrustum.compare.selfcheck.selfcheck import (
+    SelfCheck,
+    check_sphere,
+    first_from_center,
+    selfcheck,
+)
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reference.rays.rays import FirstHits
 from xfrustum.reports.text import selfcheck_table
 from xfrustum.scenes import (
     NOTHING,
@@ -85,25 +90,6 @@ def test_integers_decide_coincidences_as_fractions_do(
     lines = bundle.directions().reshape(-1, 3)
     corners = data.draw(coincidences(np.array(bundle.center), lines))
     assert_decided_as_by_fractions(corners, frustum, aperture)
-
-
-@several
-@given(st.data(), triangles(), apertures())
-def test_arbitrary_lines_are_decided_as_fractions_do(
-    data: st.DataObject, corners: Floats, aperture: Aperture
-) -> None:
-    """Lines toward corners, the middles of edges, and anywhere, on both sides of the center."""
-    center = (aperture.x, aperture.y, 0.5)
-    toward = np.concatenate((corners.reshape(-1, 3), corners.mean(axis=1))) - np.array(center)
-    component = st.integers(-4, 4).map(float)
-    drawn = data.draw(st.lists(st.tuples(component, component, component), max_size=4))
-    directions = np.array([d for d in (*toward.tolist(), *drawn) if any(d)]).reshape(-1, 3)
-    decided = first_surfaces_along(corners, center, directions, (-2.0, 1.0))
-    for line, d in enumerate(directions):
-        s, winners = exact_first(corners, np.array(center), d, (-2.0, 1.0))
-        assert decided.triangle[line] == (winners[0] if winners else NOTHING)
-        assert decided.ties.get(line, ()) == (tuple(winners) if len(winners) > 1 else ())
-        np.testing.assert_equal(decided.s[line], np.nan if s is None else float(s))
 
 
 @pytest.mark.slow
@@ -278,10 +264,10 @@ def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch
 def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three vertices and three edges lose a triangle, and no line through them a hit."""
 
-    def all_but_one(corners: Floats, *lines: Any) -> Any:
-        return first_surfaces_along(corners[:-1], *lines)
+    def all_but_one(corners: Floats, directions: Floats) -> FirstHits:
+        return first_from_center(corners[:-1], directions)
 
-    monkeypatch.setattr(module, "first_surfaces_along", all_but_one)
+    monkeypatch.setattr(module, "first_from_center", all_but_one)
     monkeypatch.setattr(module, "QUICK_SUBDIVISIONS", 2)
     check = check_sphere(quick=True)
     assert not check.agrees
