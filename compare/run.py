@@ -36,7 +36,7 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, PlateTile
 from xfrustum.scenes.representation import ShortRepr
 
 Result = TypeVar("Result")
@@ -170,7 +170,7 @@ class Evaluator:
         self.scene = scene
         self.reference = Reference(scene, tracer, effects) if reference is None else reference
         self.rasterizer = Rasterizer(scene, effects, model)
-        self._released = False
+        self._by_hogels, self._released = self.reference, False
 
     def __enter__(self) -> Self:
         return self
@@ -183,6 +183,12 @@ class Evaluator:
         if not self._released:
             self._released = True
             self.rasterizer.release()
+
+    def decide(self, tile: PlateTile) -> None:
+        """Decide the truths of all hogels of a tile by directions, before they are judged."""
+        # The last tile's memory is free for this one.
+        self.reference = self._by_hogels
+        self.reference = self._by_hogels.with_tile(tile, gaps=True)
 
     @property
     def model(self) -> DeviceModel:

@@ -1,8 +1,10 @@
 """True images: decisions of `certify` for each pixel, with points, normals and color."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from xfrustum.reference.lines.triangles import drawn_triangles
 from xfrustum.reference.memory import BAND_PIXELS, WHOLE_PIXELS, bands
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.tiles import HogelDecisions, TileDecisions
 from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.reference.tracers.proposals import SecondOpinion, uncertified
@@ -57,6 +60,7 @@ class Reference:
         self.tracer_name = tracer
         self._shader = Shader(scene, None if effects is None else checked(effects))
         self._pictures = Pictures(scene, self._shader)
+        self._tile: TileDecisions | None = None
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -76,6 +80,34 @@ class Reference:
     @cached_property
     def _occlusion(self) -> Occlusion:
         return Occlusion(self._triangles)
+
+    @cached_property
+    def _certifiers(self) -> Callable[[RayBundle], Certifier]:
+        # An image and its gaps share their boxes, the larger part of the work for few pixels.
+        return lru_cache(maxsize=2)(lambda bundle: Certifier(self._triangles, bundle))
+
+    def _certifier(self, bundle: RayBundle, *, gaps: bool = False) -> Certifier | HogelDecisions:
+        """Return the decisions along the lines of a bundle, from the tile if it has them."""
+        known = None if self._tile is None else self._tile.of(bundle)
+        if known is None or (gaps and known.behind is None):
+            return self._certifiers(bundle)
+        return known
+
+    def with_tile(self, tile: PlateTile, *, gaps: bool = False) -> Self:
+        """Return a reference that has decided all hogels of a tile, with the same bits.
+
+        Directions are decided one by one (`tiles`), in some 13 bytes for each pixel of all hogels,
+        and 16 more with the `gaps` that predictions of depth errors read.
+        """
+        # The copy shares what both need.
+        _ = self._triangles, self._occlusion, self._certifiers
+        other = copy(self)
+        other._tile = TileDecisions(self._triangles, self.scene.frustum, tile, gaps=gaps)
+        return other
+
+    def first_surfaces(self, bundle: RayBundle) -> FirstSurfaces:
+        """Decide the first surface of every pixel of a bundle's image at once."""
+        return self._certifier(bundle).decide(range(bundle.resolution[1]))
 
     @property
     def decided_by(self) -> str:
@@ -161,7 +193,7 @@ class Reference:
     ) -> Iterator[HogelImage]:
         """Yield the true image in bands of some pixels, one sample a pixel or without color."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, bundle)
+        certifier = self._certifier(bundle)
         for rows in bands(bundle.resolution[0], range(bundle.resolution[1]), pixels):
             decided = certifier.decide(rows)
             image = self._pictures.image(
@@ -210,7 +242,7 @@ class Reference:
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
         """Yield the first surfaces, without points or color, in bands of rows from the top."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, bundle)
+        certifier = self._certifier(bundle)
         for rows in bands(bundle.resolution[0], range(bundle.resolution[1])):
             yield certifier.decide(rows)
 
@@ -270,7 +302,7 @@ class Reference:
         that triangle.
         """
         bundle = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self._triangles, bundle)
+        certifier = self._certifier(bundle, gaps=True)
         width, height = bundle.resolution
         numbers = None if before is None else before.triangle.astype(np.int64)
         return np.concatenate(

@@ -99,7 +99,7 @@ def drawn(
         bundle = model.bundle(scene, aperture, side)
         key = (bundle, last, model.culled, model.film)
         if key not in known and model.film is EVEN:
-            known[key] = layer(scene, bundle, last=last, culled=model.culled)
+            known[key] = layer(reference, bundle, last=last, culled=model.culled)
         elif key not in known:
             known[key] = uneven_layer(reference, bundle, model.film, last=last)
         return known[key]
@@ -113,10 +113,10 @@ def drawn(
 
 
 def layer(
-    scene: Scene, bundle: RayBundle, *, last: bool = False, culled: Culled = Culled.NONE
+    reference: Reference, bundle: RayBundle, *, last: bool = False, culled: Culled = Culled.NONE
 ) -> Layer:
     """Return the first surfaces along a camera's lines, or the last ones."""
-    triangles, film = scene.triangles, unflipped(bundle)
+    triangles, film = reference.scene.triangles, unflipped(bundle)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
         # The faces that are left out turn this side to the viewer.
@@ -128,6 +128,8 @@ def layer(
         (low, high), mirrored = film.s_range, 2 * np.asarray(film.center) - triangles
         decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
         decided = replace(decided, s=-decided.s)
+    elif culled is Culled.NONE:
+        decided = reference.first_surfaces(film)
     else:
         decided = first_surfaces(triangles, film)
     result = Layer.from_surfaces(film, decided.renumbered(kept))

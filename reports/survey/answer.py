@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.sampling import SampleExtent
+from xfrustum.compare.truths import TruthBy
 from xfrustum.reports import inspection
 from xfrustum.reports.common.figure_style import Figure as Plot
 from xfrustum.reports.common.figure_style import log_axis, look, styled
@@ -38,6 +39,8 @@ class Survey(NotebookRepr):
     extent: SampleExtent
     #: largest displacement (p99) of a hogel within the limits, pixels
     tolerance_px: float
+    #: order of the truths
+    truth_by: TruthBy
     #: number of processes
     workers: int
     wall_s: float
@@ -94,6 +97,7 @@ class Survey(NotebookRepr):
             "limit": sample.until,
             "complete": self.extent.complete,
             "seed": sample.description["seed"],
+            "truth_by": self.truth_by,
             "workers": self.workers,
             "wall_s": self.wall_s,
             "sentence": self.sentence,

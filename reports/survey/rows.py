@@ -19,6 +19,8 @@ from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.run import Evaluator, JudgedDrawing
+from xfrustum.compare.truths import TruthBy, row_tile
+from xfrustum.reference.tiles import tile_rows
 from xfrustum.reports.blocks import HogelBlock, HogelJob, device_index
 from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of
@@ -234,6 +236,12 @@ def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
     return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
 
 
+def rows_per_block(scene: Scene) -> int:
+    """Return the whole rows of a block whose truths are decided by directions."""
+    columns, rows = scene.plate.hogels
+    return min(tile_rows(scene.frustum, columns), math.ceil(rows / MIN_BLOCKS))
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShownHogel:
     """Pictures of one hogel as data URLs by caption, and all its channels."""
@@ -251,6 +259,8 @@ class SurveyJob(HogelJob):
     tolerance_px: float
     settings: tuple[DoubleFrustum, ...]
     tracer: str
+    #: order of the truths; by directions, blocks are whole rows of the plate
+    truth_by: TruthBy
 
     @contextmanager
     def open(self) -> Iterator[SurveySession]:
@@ -269,6 +279,9 @@ class SurveySession:
     def make(self, block: HogelBlock) -> None:
         """Judge the hogels of a block and write their rows."""
         job, device = self.job, Device(self.evaluator.device["renderer"], device_index())
+        if job.truth_by is TruthBy.DIRECTIONS:
+            first, last = block.apertures[0].row, block.apertures[-1].row
+            self.evaluator.decide(row_tile(job.scene.plate, first, last + 1))
         hogels = self.evaluator.stream(block.apertures, job.settings, causes=True)
         rows = [
             SurveyRow.from_drawing(hogel.aperture, setting, drawing, job.tolerance_px, device)

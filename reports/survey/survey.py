@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest, places_of
+from xfrustum.compare.truths import TruthBy, chosen_order
 from xfrustum.reports.blocks import Engine, blocks_of, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import ParquetParts, scene_description
@@ -20,10 +21,11 @@ from xfrustum.reports.survey.rows import (
     SurveySession,
     counted_rows,
     hogels_per_block,
+    rows_per_block,
     stats_of,
 )
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
-from xfrustum.scenes.arguments import one_of, real
+from xfrustum.scenes.arguments import choice, one_of, real
 from xfrustum.scenes.model.visibility import apertures_drawn
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -39,6 +41,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     *,
     tolerance_px: float = TOLERANCE_PX,
     tracer: str = "embree",
+    truth_by: TruthBy | str = TruthBy.AUTO,
     engine: Engine | None = None,
     note: Callable[[str], object] = lambda line: None,
     progress: bool = False,
@@ -46,8 +49,9 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
 
     Every hogel is drawn with each of the settings, and counts as beyond `tolerance_px` by
-    `compare.beyond`; `tracer` gives the truth a second opinion. Hogels are judged by `engine`, by
-    default in one process per processor; `note` takes notes, a sentence each.
+    `compare.beyond`; `tracer` gives the truth a second opinion. `truth_by` is the order in which
+    truths are decided, with the same rows. Hogels are judged by `engine`, by default in one process
+    per processor; `note` takes notes, a sentence each.
 
     A stopped survey continues where it was. Its rows equal those from an undisturbed run, except
     the index of `device`, which names the worker's device.
@@ -67,15 +71,28 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     require_seen(scene, scene.plate.apertures())
     drawn = _each(settings, scene)
     parts = ParquetParts(out=out.absolute(), name=ROWS)
-    job = SurveyJob(
-        scene=scene, parts=parts, tolerance_px=tolerance_px, settings=drawn, tracer=tracer
-    )
     hogels = math.prod(scene.plate.hogels)
     everything = request.sample is None and request.until is None
+    order = chosen_order(
+        choice(TruthBy, truth_by, "truth_by"),
+        scene,
+        refusal="" if everything else "decides all hogels of a plate: give --all too",
+        rows=rows_per_block(scene),
+    )
+    job = SurveyJob(
+        scene=scene,
+        parts=parts,
+        tolerance_px=tolerance_px,
+        settings=drawn,
+        tracer=tracer,
+        truth_by=order,
+    )
     # Samples are of the hogels that can show something.
     population = None if everything else places_of(apertures_drawn(scene, drawn))
     sample = PlateSample.from_request(hogels, request, population, len(drawn))
     size = hogels_per_block(sample.first_size, scene.frustum, len(drawn))
+    if order is TruthBy.DIRECTIONS:
+        size = rows_per_block(scene) * scene.plate.hogels[0]
     work = {
         "settings": drawn,
         "tracer": tracer,
@@ -114,6 +131,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             stats=stats,
             extent=extent,
             tolerance_px=tolerance_px,
+            truth_by=order,
             workers=workers.count,
             wall_s=time.perf_counter() - begun,
         )

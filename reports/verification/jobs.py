@@ -28,6 +28,7 @@ from pydantic import TypeAdapter
 
 from xfrustum.compare.judging.verdict import Hogel, Outcome
 from xfrustum.compare.sampling import SampleExtent
+from xfrustum.compare.truths import TruthBy
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import (
     Engine,
@@ -156,7 +157,8 @@ def verify_on(
     """
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
-    request = Request.from_options(scene, source, options)
+    # Blocks are no tiles of the plate.
+    request = Request.from_options(scene, source, replace(options, truth_by=TruthBy.HOGELS))
     if request.looks > 1 and not engine.part.everything:
         raise InputError("--part needs the number of hogels beforehand: use --sample, not --until")
     with opened(request, Reference(scene)) as images:

@@ -13,6 +13,7 @@ from xfrustum.compare.judging.verdict import Limits
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest
+from xfrustum.compare.truths import TruthBy, chosen_order
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.scenes import HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import choice, real, wholes
@@ -59,6 +60,8 @@ class VerifyOptions:
     until: float | None = None
     #: seed of a sample
     seed: int = 0
+    #: order in which the truths of a whole plate are decided, with the same verdict
+    truth_by: TruthBy | str = TruthBy.AUTO
     #: whether to keep all channels of the worst hogels
     channels: bool = False
     #: whether to draw a bar on standard error
@@ -83,6 +86,8 @@ class Request:
     sample: PlateSample | None
     #: size of the first look
     apertures: Sequence[Aperture]
+    #: order of the truths
+    truth_by: TruthBy
     #: folder of relative names and of the command; None: the process's
     folder: Path | None = None
 
@@ -125,6 +130,13 @@ class Request:
             limits=_limits(options),
             sample=sample,
             apertures=PathApertures(scene.plate, sample.new_places(0)) if sample else chosen,
+            truth_by=chosen_order(
+                choice(TruthBy, options.truth_by, "truth_by"),
+                scene,
+                refusal="decides all hogels of a plate: leave out --apertures, --sample, --until"
+                if sample or options.apertures
+                else "",
+            ),
         )
 
     @property

@@ -18,6 +18,7 @@ from xfrustum.compare.judging.judged import Figures, HogelNumbers
 from xfrustum.compare.judging.verdict import Hogel, Outcome, Verdict
 from xfrustum.compare.judging.where import Places, where_wrong, wrong_counts
 from xfrustum.compare.sampling import SampleExtent
+from xfrustum.compare.truths import TruthBy
 from xfrustum.reports import inspection
 from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
@@ -143,6 +144,8 @@ class Verification(Verdict, NotebookRepr):
     worst: tuple[Pictured, ...] = field(default=(), repr=False)
     #: of a sample of the plate; None for chosen hogels
     extent: SampleExtent | None = None
+    #: order of the truths
+    truth_by: TruthBy = TruthBy.HOGELS
 
     @property
     def failed(self) -> int:
@@ -233,6 +236,7 @@ class Verification(Verdict, NotebookRepr):
             "compared": str(judging.compared),
             "device_model": judging.device.name,
             "judged": self.judged,
+            "truth_by": str(self.truth_by),
             "storage": self.storage,
             "checks": json_ready(self.checks),
             "diagnosis": json_ready(self.defects()),

@@ -29,6 +29,7 @@ from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
 from xfrustum.compare.run import images_under_way, in_order
+from xfrustum.compare.truths import with_references
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.outputs import progress_bar
@@ -135,6 +136,7 @@ class Run:
             hogels=tuple(hogels),
             worst=tuple(worst.kept),
             extent=extent,
+            truth_by=request.truth_by,
         )
 
     def question(self, done: Callable[[], object] = lambda: None) -> Question:
@@ -167,13 +169,16 @@ class Run:
         """
         most = images_under_way(math.prod(self.request.scene.frustum.resolution))
         with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-            images = ((aperture, self._image(aperture)) for aperture in apertures)
-            tasks = (pool.submit(self._judged, question, *image) for image in images)
+            judged = with_references(self.reference, self.request.truth_by, apertures)
+            tasks = (
+                pool.submit(self._judged, question, aperture, self._image(aperture), reference)
+                for aperture, reference in judged
+            )
             yield from in_order(tasks, most)
 
     def figures(self, question: Question, aperture: Aperture) -> FiguresPair | None:
         """Return the figures of one hogel; None if it is missing."""
-        return self._judged(question, aperture, self._image(aperture))[1]
+        return self._judged(question, aperture, self._image(aperture), self.reference)[1]
 
     def _image(self, aperture: Aperture) -> HogelImage | Problem:
         if aperture in self.kept:
@@ -184,12 +189,16 @@ class Run:
             return problem
 
     def _judged(
-        self, question: Question, aperture: Aperture, image: HogelImage | Problem
+        self,
+        question: Question,
+        aperture: Aperture,
+        image: HogelImage | Problem,
+        reference: Reference,
     ) -> tuple[Hogel, FiguresPair | None]:
         """Judge one hogel; return it with its figures as found and as corrected, or None."""
         if isinstance(image, Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
-        findings, limits, reference = question.findings, self.request.limits, self.reference
+        findings, limits = question.findings, self.request.limits
         encoding, model = findings.encoding, findings.diagnosis.model
         scene = drawn_scene(reference, model).scene
         decoded = encoding.plainly(image) if question.accepts_reading else image

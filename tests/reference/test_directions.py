@@ -139,3 +139,47 @@ def test_means_over_several_samples_are_refused() -> None:
     with pytest.raises(InputError, match="several samples"):
         next(Reference(sampled).by_directions(tile, [(0, 0)]))
     next(Reference(sampled).by_directions(tile, [(0, 0)], colored=False))
+
+
+@pytest.mark.parametrize(
+    ("name", "resolution"),
+    [
+        ("asymmetric", (9, 8)),
+        ("asymmetric-recentered", (9, 8)),
+        ("hard/screen-near-plate", (9, 8)),
+        ("hard/duplicates", (9, 8)),
+        ("hard/surface-through-aperture", (8, 8)),
+        ("hard/vertex-on-aperture", (8, 8)),
+        pytest.param("hard/edge-through-aperture", (64, 64), marks=pytest.mark.slow),
+    ],
+)
+def test_hogels_of_a_decided_tile_keep_every_bit_of_truth_and_gaps(
+    name: str, resolution: tuple[int, int]
+) -> None:
+    scene = small(name, (6, 5), resolution)
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=resolution))
+    hogels = scene.plate.hogels
+    tile = PlateTile(plate=scene.plate, columns=range(hogels[0]), rows=range(hogels[1] // 2, 4))
+    reference = Reference(scene)
+    decided = reference.with_tile(tile, gaps=True)
+    for column in tile.columns:
+        for row in tile.rows:
+            aperture = scene.plate.aperture(column, row)
+            truth, ours = reference.trace(aperture), decided.trace(aperture)
+            gaps = [reference.gaps(aperture, before) for before in (None, truth)]
+            own = [decided.gaps(aperture, before) for before in (None, ours)]
+            pairs = [(getattr(truth, n), getattr(ours, n)) for n in (*CHANNELS, "overruled")]
+            for expected, value in [*pairs, *zip(gaps, own, strict=True)]:
+                assert np.ascontiguousarray(value).tobytes() == expected.tobytes()
+            ties = [set(map(tuple, image.tied_triangles.tolist())) for image in (truth, ours)]
+            assert ties[0] == ties[1]
+
+
+def test_hogels_beside_a_decided_tile_are_decided_alone() -> None:
+    scene = small("asymmetric", (6, 5), (9, 8))
+    tile = PlateTile(plate=scene.plate, columns=range(6), rows=range(2))
+    aside, reference = scene.plate.aperture(1, 3), Reference(scene)
+    decided = reference.with_tile(tile)
+    assert (decided.trace(aside).triangle == reference.trace(aside).triangle).all()
+    inside = scene.plate.aperture(1, 1)
+    assert (decided.gaps(inside) == reference.gaps(inside)).all(), "a tile without gaps"

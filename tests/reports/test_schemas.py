@@ -21,11 +21,11 @@ CONTRACT = {
     "compare": "pixels judged covered at_plate surface triangle displacement_px height radiance",
     "budget": "links",
     "survey": "hogels judged beyond share_beyond_at_most confidence tolerance_px worst workers "
-    "wall_s settings",
+    "wall_s settings truth_by",
     "view": "eyes",
     "plan": "near near_range depth mapping slabs sentence binds split limits plate command",
     "check": "effects unread",
-    "verify": "verdict diagnosis where",
+    "verify": "verdict diagnosis where truth_by",
     "device": "renderer version software subpixel_bits snaps_depth depth filter_bits varyings "
     "tried",
     "conformance-list": "suite cases",

@@ -468,6 +468,9 @@ tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
 decided_by_option = choice(
     "certified embree mitsuba", "Certified truth, or a tracer's own picture.", default="certified"
 )
+truth_option = choice(
+    "auto directions hogels", "Order in which truths of a whole plate are decided.", default="auto"
+)
 tolerance_option = option(POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX)
 seed_option = option(click.IntRange(0), "Start of the random numbers.", default=0)
 encoding_option = choice(

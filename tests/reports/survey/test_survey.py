@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from xfrustum import (
 )
 from xfrustum.cli.main import main
 from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
+from xfrustum.compare.truths import TruthBy, chosen_order
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.survey.survey import survey
@@ -244,3 +246,34 @@ def test_what_is_no_survey_is_refused(
     assert "verify SCENE SOURCE --sample N" in capsys.readouterr().err
     with pytest.raises(InputError, match="at least one setting"):
         survey(scene, [], tmp_path / "x")
+
+
+def test_truths_by_directions_give_the_same_rows(
+    scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "directions"
+    answer = surveyed(scene_path, out, capsys, *COARSE, "--all", "--truth-by", "directions")
+    assert answer["truth_by"] == "directions"
+    # Few hogels of many pixels take fewer passes hogel by hogel.
+    assert json.loads((whole / "survey.json").read_text())["truth_by"] == "hogels"
+    assert rows_of(out).equals(rows_of(whole))
+
+
+def test_truths_of_a_sample_are_not_by_directions(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = surveyed(scene_path, tmp_path, capsys, *COARSE, "--truth-by", "directions")
+    assert answer["status"] == 2 and "give --all too" in answer["errors"]
+
+
+def test_plates_of_many_small_hogels_are_decided_by_directions(scene: Scene) -> None:
+    def order(hogels: tuple[int, int], pixels: int, rows: int | None = None) -> TruthBy:
+        plate = replace(scene.plate, hogels=hogels)
+        frustum = replace(scene.frustum, resolution=(pixels, pixels))
+        many = replace(scene, plate=plate, frustum=frustum)
+        return chosen_order(TruthBy.AUTO, many, rows=rows)
+
+    assert order((500, 500), 32) is TruthBy.DIRECTIONS
+    assert order((500, 500), 32, rows=2) is TruthBy.HOGELS
+    assert order((81, 61), 128) is TruthBy.HOGELS
+    assert order((1000, 1000), 64) is TruthBy.HOGELS, "a tile has too few of such hogels"

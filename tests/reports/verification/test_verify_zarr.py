@@ -147,3 +147,16 @@ def test_unusable_groups_are_refused(
     place = group_of(drawn, **arrays)
     with pytest.raises(InputError, match=problem):
         verify(world, place, encoding=encoding)
+
+
+def test_truths_by_directions_give_the_same_verdict(
+    world: Scene, drawn: dict[Aperture, HogelImage]
+) -> None:
+    place = group_of(drawn, triangle=triangles, color=lambda image: colors(image) / 2)
+    results = [
+        json.dumps(verify(world, place, truth_by=by).summary()) for by in ("hogels", "directions")
+    ]
+    assert results[0].replace('"truth_by": "hogels"', '"truth_by": "directions"') == results[1]
+    assert results[0] != results[1]
+    with pytest.raises(InputError, match="leave out --apertures"):
+        verify(world, place, truth_by="directions", apertures=[(0, 0)])

@@ -236,6 +236,7 @@ class _Survey(options.Measured):
     tolerance_px = options.tolerance_option
     seed = options.seed_option
     tracer = options.tracer_option
+    truth_by = options.truth_option
     resolution = option(
         options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]"
     )
@@ -296,6 +297,7 @@ def survey(request: _Survey) -> int:
         sampling,
         tolerance_px=request.tolerance_px,
         tracer=request.tracer,
+        truth_by=request.truth_by,
         note=options.note,
         progress=request.progress,
         engine=request.engine,

@@ -114,6 +114,7 @@ class _Verify(options.Measured):
             options.SHARE, "Draw hogels until at most this share, such as 1%, fails (95 %)."
         ),
         seed=options.seed_option,
+        truth_by=options.truth_option,
         near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
         accept=option(
             options.ACCEPTED,
@@ -179,6 +180,10 @@ class _Verify(options.Measured):
             return verify(scene, self.source, judged)
         if judged.layout is not None:
             raise click.UsageError("--layout is for this process: leave out --workers and the like")
+        if judged.truth_by == "directions":
+            raise click.UsageError(
+                "--truth-by directions is for this process: leave out --workers and the like"
+            )
         return verify_on(self.engine, scene, self.source, judged, self.out, options.note)
 
 

@@ -1,0 +1,67 @@
+"""Choice between truths decided hogel by hogel and direction by direction, with the same bits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+
+from xfrustum.reference import Reference
+from xfrustum.reference.tiles import TILE_PIXELS, tile_rows
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate, PlateTile
+
+
+class TruthBy(StrEnum):
+    """Order in which the pixels of truths are decided."""
+
+    AUTO = "auto"
+    """The order with fewer passes over the scene."""
+    DIRECTIONS = "directions"
+    """A pass for each pixel of a hogel, over all hogels of a tile."""
+    HOGELS = "hogels"
+    """A pass for each hogel."""
+
+
+def chosen_order(
+    order: TruthBy, scene: Scene, *, refusal: str = "", rows: int | None = None
+) -> TruthBy:
+    """Return the order of the truths of a plate that is judged in tiles of whole rows.
+
+    `refusal` is the reason why hogels are judged one by one, `rows` the largest number of rows of a
+    tile by the caller. InputError if directions are stated, and there is a refusal.
+    """
+    if refusal:
+        if order is TruthBy.DIRECTIONS:
+            raise InputError(f"--truth-by directions {refusal}")
+        return TruthBy.HOGELS
+    if order is not TruthBy.AUTO:
+        return order
+    columns, plate_rows = scene.plate.hogels
+    pixels = math.prod(scene.frustum.resolution)
+    rows = min(tile_rows(scene.frustum, columns), plate_rows, rows or plate_rows)
+    # A tile takes a pass for each pixel of a hogel, or one for each of its hogels.
+    fewer = rows * columns >= pixels and columns * pixels <= TILE_PIXELS
+    return TruthBy.DIRECTIONS if fewer else TruthBy.HOGELS
+
+
+def row_tile(plate: Plate, first: int, stop: int) -> PlateTile:
+    """Return the tile of whole rows of a plate, from `first` to before `stop`."""
+    return PlateTile(plate=plate, columns=range(plate.hogels[0]), rows=range(first, stop))
+
+
+def with_references(
+    reference: Reference, order: TruthBy, apertures: Iterable[Aperture]
+) -> Iterator[tuple[Aperture, Reference]]:
+    """Yield apertures with the reference of their truths; by directions, all of the plate's."""
+    if order is not TruthBy.DIRECTIONS:
+        yield from ((aperture, reference) for aperture in apertures)
+        return
+    plate = reference.scene.plate
+    size = tile_rows(reference.scene.frustum, plate.hogels[0])
+    for first in range(0, plate.hogels[1], size):
+        tile = row_tile(plate, first, min(first + size, plate.hogels[1]))
+        decided = reference.with_tile(tile)
+        for aperture in ApertureBlocks(plate, ((tile.columns, tile.rows),)):
+            yield aperture, decided
