@@ -100,16 +100,16 @@ def _perspective(scene: Scene, tile: PlateTile, screen: Screen, film: tuple[floa
         across = np.zeros(4)
         across[axis], across[3] = distance, -distance * at[axis]
         rows.append((across + (at[axis] - center[axis]) * w) / half[axis])
-    # The planes bound the reach, or lie a little beyond the surfaces before the camera.
-    reach = (-scene.frustum.reach[1], scene.frustum.reach[0])
-    near = distance + sign * (high if before else low)
-    far = distance + sign * (reach[0] if before else reach[1])
-    nearest = reach[1] if before else reach[0]
-    cut = distance + sign * nearest
-    near = cut if cut > 0 and (high if before else low) == nearest else near * (1 - 2.0**-10)
+    # The near plane cuts at the end of the reach, or lies a little before the nearest surface: as
+    # far from the camera as possible, because depth is hyperbolic here. The far plane cuts.
+    heights = (-scene.frustum.reach[1], scene.frustum.reach[0])
+    first, last = reversed(heights) if before else heights
+    surface = high if before else low
+    near, far = distance + sign * surface, distance + sign * last
+    if surface != first:
+        near *= 1 - 2.0**-10
     depth = far / (far - near) * (w - np.array([0.0, 0.0, 0.0, near]))
     matrix = np.stack([*rows, depth, w])
-    heights = (-scene.frustum.reach[1], scene.frustum.reach[0])
     if before:
         return _toward_the_back(matrix, (near, far), heights)
     # This camera looks to the viewer, as C* does: the farthest surface wins.

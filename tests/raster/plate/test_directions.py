@@ -43,8 +43,15 @@ def drawn_and_true(
             yield image.triangle, truth.triangle
 
 
-@pytest.mark.parametrize("depth", list(DepthFormat))
-@pytest.mark.parametrize("name", ["car", "asymmetric", "asymmetric-recentered", BEHIND])
+@pytest.mark.parametrize(
+    ("name", "depth"),
+    [
+        ("car", DepthFormat.D24),
+        ("asymmetric", DepthFormat.D16),
+        ("asymmetric-recentered", DepthFormat.D32F),
+        (BEHIND, DepthFormat.D24),
+    ],
+)
 def test_all_but_few_pixels_show_the_true_triangle(name: str, depth: DepthFormat) -> None:
     scene, tile = seen(name)
     pixels = [(0, 0), (11, 2), (4, 9), (7, 5)]
@@ -118,6 +125,18 @@ def test_means_and_one_side_of_the_plate_are_refused() -> None:
         DirectionRenderer(sampled, tile, PlateContent())
     with DirectionRenderer(sampled, tile, PlateContent(channels=(Channel.TRIANGLE,))):
         pass
+
+
+@pytest.mark.parametrize("height", [None, -50.0, 50.0])
+def test_nothing_is_drawn_of_an_empty_scene(height: float | None) -> None:
+    scene, tile = seen("empty")
+    if height is not None:
+        screen = Screen(height=height, center=(0.0, 0.0), size=(50.0, 50.0))
+        scene = replace(scene, frustum=replace(scene.frustum, fov=None, screen=screen))
+    with DirectionRenderer(scene, tile, PlateContent(channels=DRAWN_CHANNELS)) as renderer:
+        (image,) = renderer.images([(3, 4)])
+    assert image.triangle is not None and (image.triangle == NOTHING).all()
+    assert not image.color.any() and np.isnan(image.height).all()
 
 
 def test_a_screen_among_the_surfaces_is_refused() -> None:
