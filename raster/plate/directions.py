@@ -60,7 +60,8 @@ class DirectionRenderer(ContextOwner):
         self.scene, self.tile, self.content, self.depth = scene, tile, content, depth
         necessary = needed(scene)
         self.effects = necessary if content.effects is None else content.effects
-        if Channel.COLOR in content.channels and scene.sampling != Sampling():
+        self._colored = Channel.COLOR in content.channels
+        if self._colored and scene.sampling != Sampling():
             raise InputError(
                 f"{scene.name}: has several samples a pixel, and images by direction have one; "
                 "draw the plate by hogels"
@@ -84,10 +85,12 @@ class DirectionRenderer(ContextOwner):
     def _prepare(self, first: Pass) -> None:
         scene, size, channels = self.scene, self.tile.size, self.content.channels
         solid, measured = len(scene.faces) > 0, Channel.HEIGHT in channels
-        mirrors = bool(reflective_triangles(scene, self.effects).any())
+        mirrors = self._colored and bool(reflective_triangles(scene, self.effects).any())
         # Normals are looked up by triangle numbers.
         content = replace(self.content, ids=True) if Channel.NORMAL in channels else self.content
-        form = TargetFormat(depth=self.depth, content=content, identified=measured or mirrors)
+        form = TargetFormat(
+            depth=self.depth, content=content, identified=measured or mirrors, colored=self._colored
+        )
         layered = lets_vertices_choose_layers(self._context)
         self._batching = Batching.from_size(size, form, layered=layered)
         self._positions = Positions(self._context, scene) if solid and measured else None
@@ -97,6 +100,7 @@ class DirectionRenderer(ContextOwner):
                 mapping=MAPPINGS[DepthMapping.STANDARD],
                 effects=self.effects,
                 hogels=self._batching.hogels,
+                colored=self._colored,
             )
             # Triangles are sorted by the range of depth, which all pixels share.
             self._picture = PlatePicture(self._context, scene, [first], style)
@@ -149,13 +153,14 @@ class DirectionRenderer(ContextOwner):
         normals = Channel.NORMAL in self.content.channels
         for slot, pixels in waiting:
             with self._context:
-                color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
+                color = slot.target.finish_color() if self._colored else None
+                triangle = slot.target.finish_triangle()
                 heights = [self._height(slot, layer, pixel) for layer, pixel in enumerate(pixels)]
             for layer, pixel in enumerate(pixels):
                 numbers = None if triangle is None else triangle[layer]
                 yield PlateDirection(
                     pixel=pixel,
-                    color=color[layer],
+                    color=None if color is None else color[layer],
                     triangle=numbers if self.content.ids else None,
                     height=heights[layer],
                     normal=None

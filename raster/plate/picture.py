@@ -23,7 +23,7 @@ from xfrustum.raster.device.programs import (
     set_camera,
     set_facing,
 )
-from xfrustum.raster.drawing import Environment, Shading, reflecting
+from xfrustum.raster.drawing import NUMBERS_ALONE, Environment, Shading, reflecting
 from xfrustum.raster.plate.clusters import (
     DRAW_COMMAND,
     FORMATS,
@@ -151,6 +151,8 @@ class PictureStyle:
     mapping: Mapping
     effects: frozenset[Effect]
     hogels: int
+    #: False for triangle numbers alone
+    colored: bool = True
 
 
 class PlateDrawing:
@@ -216,10 +218,16 @@ class PlatePicture:
             return PlateDrawing(context, made, geometry, cameras, style.hogels)
 
         self.drawings = [
-            drawing("hogel.frag", picture_defines(style.mapping, style.effects), geometry.surfaces)
+            drawing(
+                "hogel.frag",
+                picture_defines(style.mapping, style.effects)
+                if style.colored
+                else {**picture_defines(style.mapping, None), **NUMBERS_ALONE},
+                geometry.surfaces,
+            )
         ]
         self.environment: Environment | None = None
-        if mirrors.any():
+        if mirrors.any() and style.colored:
             self.environment = Environment(context, scene)
             defines = reflection_defines(style.effects)
             self.drawings.append(drawing("reflection.frag", defines, geometry.reflections))

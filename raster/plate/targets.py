@@ -43,18 +43,23 @@ class TargetFormat:
     #: Whether a later pass looks up the triangle numbers that were drawn; reading them back implies
     #: it
     identified: bool = False
+    #: False for triangle numbers alone, which are drawn without color
+    colored: bool = True
 
     @property
     def attachments(self) -> dict[int, int]:
         """Internal format of each color attachment; numbered as in `Target`."""
-        color = {COLOR: _COLOR_FORMAT[self.content.color]}
-        return {**color, IDENTITY: GL.GL_RG32UI} if self.identified or self.content.ids else color
+        color = {COLOR: _COLOR_FORMAT[self.content.color]} if self.colored else {}
+        # Passes that look identities up compare the camera's number too.
+        numbers = GL.GL_RG32UI if self.identified else GL.GL_R32UI
+        return {**color, IDENTITY: numbers} if self.identified or self.content.ids else color
 
     @property
     def bytes_per_pixel(self) -> int:
         """Bytes that a pixel takes in all attachments."""
         identity = 8 if IDENTITY in self.attachments else 0
-        return _DEPTH_BYTES[self.depth] + 4 * self.content.color.dtype.itemsize + identity
+        color = 4 * self.content.color.dtype.itemsize if self.colored else 0
+        return _DEPTH_BYTES[self.depth] + color + identity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,18 +84,21 @@ class LayeredTarget:
 
     def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
         self.size, self.layers = size, layers
-        self._content = form.content
+        self._content, self._colored = form.content, form.colored
         formats = {
             GL.GL_COLOR_ATTACHMENT0 + number: form.attachments[number]
             for number in form.attachments
         }
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[form.depth]
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
-        self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
+        outputs = [IDENTITY, COLOR] if form.colored else [IDENTITY]
+        self._picture = framebuffer(self._textures, outputs)
         # Shaders that draw into this framebuffer read the identities, which must not be attached to
         # it.
-        self._radiance = framebuffer(self._textures, [COLOR], depth=False)
-        per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize}
+        self._radiance = (
+            framebuffer(self._textures, [COLOR], depth=False) if form.colored else self._picture
+        )
+        per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize} if form.colored else {}
         if self._content.ids:
             per_pixel[IDENTITY] = 4
         self._pack_bytes = {
@@ -128,7 +136,8 @@ class LayeredTarget:
         # The scissor limits clears and triangles without moving them.
         GL.glEnable(GL.GL_SCISSOR_TEST)
         GL.glScissor(*self._box)
-        GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
+        if self._colored:
+            GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
         if GL.GL_COLOR_ATTACHMENT0 + IDENTITY in self._textures:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
@@ -157,7 +166,8 @@ class LayeredTarget:
 
     def start_reading(self) -> None:
         """Request all pixels; a device that works in parallel returns at once."""
-        self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
+        if self._colored:
+            self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
         if self._content.ids:
             self._start(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT)
 
@@ -178,14 +188,16 @@ class LayeredTarget:
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
 
     def finish_color(self) -> NDArray[Any]:
-        """Wait for the requested linear RGB, (layers, H, W, 3), row 0 at the top."""
+        """Wait for the linear RGB of a colored target, (layers, H, W, 3), row 0 at the top."""
         return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
 
     def finish_triangle(self) -> Numbers | None:
         """Return triangle numbers, (layers, H, W), -1 for none; None without that channel."""
         if not self._content.ids:
             return None
-        return self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32) - 1
+        numbers: Numbers = self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32)
+        numbers -= 1
+        return numbers
 
     def _finish(self, attachment: int, channels: int, kind: np.dtype[Any]) -> NDArray[Any]:
         column, row, width, height = self._box
@@ -204,6 +216,7 @@ class LayeredTarget:
 
     def release(self) -> None:
         """Free the framebuffers, textures and buffers."""
-        GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
+        frames = list({self._picture, self._radiance})
+        GL.glDeleteFramebuffers(len(frames), frames)
         GL.glDeleteTextures([*self._views, *self._textures.values()])
         GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))

@@ -37,9 +37,9 @@ BLOCK_BYTES = 1 << 26
 #: hogels, and a plate of ten million hogels has 40,000 files for each of its arrays.
 MAX_BLOCK_SIDE = 16
 
-#: Columns and rows of hogels, and of their pixels, in a shard by directions. Its chunks are rows of
-#: hogels: long ones, since each costs Zarr some 200 us, and 8 MiB of triangle numbers to a file.
-SHARD_HOGELS, SHARD_PIXELS = (512, 64), (8, 8)
+#: Columns and rows of hogels, and of their pixels, in a shard by directions: 8 MiB of triangle
+#: numbers in a file. Its chunks are few rows of hogels, since each costs Zarr some 200 us.
+SHARD_HOGELS, SHARD_PIXELS, CHUNK_ROWS = (512, 64), (8, 8), 4
 
 #: attribute of the group with everything that decides its pixels
 ATTRIBUTE = "xfrustum"
@@ -284,11 +284,12 @@ class PlateArrays:
     def chunks(self, array: ImageArray) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
         """Return the shapes of chunks and of shards, None without shards.
 
-        Chunks by directions are rows of hogels, because readers take hogels row by row.
+        Chunks by directions are few rows of hogels, because readers take hogels row by row.
         """
         columns, rows = self.side
         film = array.shape if self.film is None else (*self.film[::-1], *array.shape[2:])
-        chunk = (1, 1 if self.film is None else columns, *film)
+        together = (1, 1) if self.film is None else (math.gcd(CHUNK_ROWS, rows), columns)
+        chunk = (*together, *film)
         shard = (rows, columns, *film)
         return chunk, None if shard == chunk else shard
 

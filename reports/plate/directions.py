@@ -37,7 +37,7 @@ from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.disk.input_files import in_words
-from xfrustum.scenes.model.effects import CAMERAS, needed
+from xfrustum.scenes.model.effects import needed
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat
@@ -140,15 +140,13 @@ def open_directions(
         described = described_as(scene, content, "reference, certified", effects, None)
         yield DirectionSource(images=traced, description=described)
         return
-    # Unshaded triangles take half the time, and have the same numbers.
-    drawing = content if colored else replace(content, effects=needed(scene) & CAMERAS)
-    renderer = DirectionRenderer(scene, tile, drawing, depth)
+    renderer = DirectionRenderer(scene, tile, content, depth)
 
     def drawn(tile: PlateTile, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
         nonlocal renderer
         if tile != renderer.tile:
             renderer.release()
-            renderer = DirectionRenderer(scene, tile, drawing, depth)
+            renderer = DirectionRenderer(scene, tile, content, depth)
         return renderer.images(pixels)
 
     try:
