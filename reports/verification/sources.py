@@ -282,7 +282,7 @@ class StoredPlate(Source):
             return of_stored(StoredPixels(rgb=colors), camera, self.encoding)
         shape = camera.resolution[::-1]
         nothing = np.full(shape, NOTHING, dtype=np.int32)
-        # Numbers beyond 32 bits stay strange: no scene has so many triangles.
+        # Numbers beyond 32 bits become the largest, which is no triangle of a scene.
         limits = np.iinfo(np.int32)
         triangle = nothing if numbers is None else np.clip(numbers, limits.min, limits.max)
         return HogelImage(
