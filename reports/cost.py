@@ -32,9 +32,10 @@ from xfrustum.reports.common.templates_environment import html_page, plain_text
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
+from xfrustum.reports.plate.ways import DEPTH
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import DISPLACEMENT_TIE_PX, aligned, displacement_words
-from xfrustum.reports.ways import CONTENT, DEPTH, DirectionsResult, measure_directions
+from xfrustum.reports.ways import CONTENT, DirectionsResult, measure_directions
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed

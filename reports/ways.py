@@ -13,20 +13,18 @@ from xfrustum.compare.planning.ways import (
     DirectionErrors,
     WaySpeeds,
     direction_errors,
-    measure_speeds,
+    measure_plate,
     spread_pixels,
     tile_about,
 )
 from xfrustum.reference import Reference
 from xfrustum.reports.common.templates_environment import sentence
+from xfrustum.reports.plate.ways import DEPTH
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.model.plate_content import PlateContent
-from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 #: Images of the timed plates: color in the type that plates are stored in, and triangle numbers.
 CONTENT = PlateContent(ids=True)
-#: depth buffer by directions, as `plate` has it
-DEPTH = DepthFormat.D32F
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +61,7 @@ def measure_directions(
     try:
         every = [direction_errors(reference, tile, pixels, DEPTH) for tile in tiles]
         errors = max(every, key=lambda some: some.fraction)
-        speeds = measure_speeds(scene, settings, CONTENT)
+        speeds = measure_plate(scene, [settings], CONTENT).speeds
     except InputError as error:
         return DirectionsResult(refused=str(error))
     return DirectionsResult(errors=errors, speeds=speeds)

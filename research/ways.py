@@ -19,7 +19,7 @@ import numpy as np
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.planning import ways
-from xfrustum.compare.planning.ways import PlateWay, WaySpeeds
+from xfrustum.compare.planning.ways import PlateWay
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, open_workers
@@ -70,7 +70,7 @@ class Row(Cell):
     surface_fraction: float  #: share of the judged pixels with a wrong surface
     displacement_p99_px: float  #: of the worst judged hogel; 0 by directions
     seconds: float  #: of the whole plate, from a part
-    predicted_s: float  #: from the scene's speeds on two other plates
+    predicted_s: float  #: from passes over two other plates, timed in turns
 
 
 @dataclass(frozen=True)
@@ -109,18 +109,10 @@ def _opened(name: str) -> Scene:
     return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
 
 
-@cache
-def _speeds(name: str) -> WaySpeeds:
-    """Return the speeds of a scene, once in a process."""
-    scene = _opened(name)
-    usual = DoubleFrustum(near=1e-3 * scene.frustum.longest_reach, depth=DepthFormat.D24)
-    return ways.measure_speeds(scene, usual, CONTENT)
-
-
 def measure(cells: Sequence[Cell]) -> Iterator[Row]:
     """Measure the ways to draw one plate."""
     scene = ways.with_hogels(_opened(cells[0].scene), cells[0].longest)
-    speeds, hogels = _speeds(cells[0].scene), math.prod(scene.plate.hogels)
+    hogels = math.prod(scene.plate.hogels)
     tile = ways.tile_about(scene.plate, scene.plate.middle, ways.COMPARED_SIDE)
     columns, rows = (
         np.linspace(side[0], side[-1], JUDGED_HOGELS).astype(int).tolist()
@@ -132,8 +124,8 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
     reference = Reference(scene)
     truths = [reference.trace(aperture, colored=False) for aperture in apertures]
     pairs = [cell.settings(scene) for cell in cells if cell.way is not PlateWay.DIRECTIONS]
-    turned, taken = ways.plate_seconds(scene, pairs, CONTENT)
-    seconds = dict(zip(pairs, taken, strict=True))
+    times = ways.measure_plate(scene, pairs, CONTENT)
+    seconds = dict(zip(pairs, times.hogels_s, strict=True))
     with Rasterizer(scene) as rasterizer:
         for cell in cells:
             if cell.way is PlateWay.DIRECTIONS:
@@ -145,8 +137,8 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                     judged=errors.judged,
                     surface_fraction=errors.fraction,
                     displacement_p99_px=0.0,
-                    seconds=turned,
-                    predicted_s=speeds.directions_s(hogels),
+                    seconds=times.directions_s,
+                    predicted_s=times.speeds.directions_s(hogels),
                 )
                 continue
             settings = cell.settings(scene)
@@ -164,7 +156,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 surface_fraction=wrong / judged,
                 displacement_p99_px=max(map(displacement_p99, numbers)),
                 seconds=seconds[settings],
-                predicted_s=speeds.hogels_s(hogels),
+                predicted_s=times.speeds.hogels_s(hogels),
             )
 
 
@@ -208,36 +200,40 @@ class Crossover:
 
 
 def crossovers(rows: Sequence[Row]) -> list[Crossover]:
-    """Return the crossovers of all scenes: two cameras with the middle near, and directions."""
+    """Return the crossovers of all scenes, of two cameras with the fastest near and directions."""
     return [
         Crossover(
             scene=scene,
-            measured=_crossing(_lines(rows, scene, "seconds")),
-            predicted=_crossing(_lines(rows, scene, "predicted_s")),
+            measured=_crossing(_ratios(rows, scene, "seconds")),
+            predicted=_crossing(_ratios(rows, scene, "predicted_s")),
         )
         for scene in dict.fromkeys(row.scene for row in rows)
     ]
 
 
-def _lines(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float, float]]:
-    """Return hogels, seconds by two cameras (least of all nears), and seconds by directions."""
+def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float]]:
+    """Return hogels, and seconds by directions over the least seconds by two cameras."""
     own = [row for row in rows if row.scene == scene]
-    lines = []
-    for hogels in sorted({row.hogels for row in own}):
-        taken = {
-            way: min(getattr(row, name) for row in own if (row.hogels, row.way) == (hogels, way))
-            for way in (PlateWay.TWO_CAMERAS, PlateWay.DIRECTIONS)
-        }
-        lines.append((hogels, *taken.values()))
-    return lines
+
+    def least(hogels: int, way: PlateWay) -> float:
+        return min(getattr(row, name) for row in own if (row.hogels, row.way) == (hogels, way))
+
+    return [
+        (hogels, least(hogels, PlateWay.DIRECTIONS) / least(hogels, PlateWay.TWO_CAMERAS))
+        for hogels in sorted({row.hogels for row in own})
+    ]
 
 
-def _crossing(lines: Sequence[tuple[int, float, float]]) -> float | None:
-    """Return the hogels where both lines meet, straight between plates; None if they do not."""
-    for (fewer, *first), (more, *second) in pairwise(lines):
-        before, after = first[0] - first[1], second[0] - second[1]
-        if before < 0 <= after:
-            return fewer + (more - fewer) * before / (before - after)
+def _crossing(ratios: Sequence[tuple[int, float]]) -> float | None:
+    """Return the hogels at which both ways take equally long; None outside the plates.
+
+    The ratio is W H (pass / N + cell) / hogel: a straight line in 1 / N. Other load, which changes
+    from plate to plate, cancels in it.
+    """
+    for (fewer, above), (more, below) in pairwise(ratios):
+        if above > 1 >= below:
+            share = (above - 1) / (above - below)
+            return 1 / ((1 - share) / fewer + share / more)
     return None
 
 

@@ -36,7 +36,7 @@ FEW_HOGELS, MANY_HOGELS = 64, 512
 #: Passes, and hogels, of a timing: several submissions.
 TIMED_PASSES, TIMED_HOGELS = 8, 32
 #: Timings of each quantity: the least counts, because other load only adds to it.
-TIMINGS = 3
+TIMINGS = 4
 #: Largest side of a tile whose images are compared with the truth, hogels, and their number.
 COMPARED_SIDE, COMPARED_PASSES = 96, 16
 
@@ -145,46 +145,42 @@ class TimedPlate:
         return [self.scene.plate.aperture(k % columns, k // columns) for k in dict.fromkeys(places)]
 
 
-def plate_seconds(
+@dataclass(frozen=True, kw_only=True)
+class PlateTimes:
+    """Seconds of a whole plate from a part of it, and the speeds that predict them."""
+
+    directions_s: float
+    hogels_s: tuple[float, ...]  #: by each setting of two cameras
+    speeds: WaySpeeds
+
+
+def measure_plate(
     scene: Scene, settings: Sequence[DoubleFrustum], content: PlateContent
-) -> tuple[float, list[float]]:
-    """Return the seconds of the whole plate by directions, and by hogels with each setting.
+) -> PlateTimes:
+    """Return the seconds of a plate by directions, and by hogels with each setting, and speeds.
 
-    They follow from a part of the plate; all take turns. InputError where the scene cannot be drawn
-    by directions, or there is no usable OpenGL.
-    """
-    timed = TimedPlate(scene=scene, content=content)
-    shares = (
-        math.prod(scene.frustum.resolution) / len(timed.pixels),
-        math.prod(scene.plate.hogels) / len(timed.apertures),
-    )
-    with ExitStack() as stack:
-        runs = [timed.passes(stack, settings[0].depth)]
-        runs += [timed.hogels(stack, each) for each in settings]
-        first, *others = _seconds(runs)
-    return shares[0] * first, [shares[1] * seconds for seconds in others]
-
-
-def measure_speeds(scene: Scene, settings: DoubleFrustum, content: PlateContent) -> WaySpeeds:
-    """Return the measured speeds of both ways to draw the plates of a scene.
-
-    Passes are timed over two plates of the scene's size, of few hogels and of many: a straight line
-    through both is the prediction. Hogels are timed with the settings, all over the plate.
+    Passes are also timed over two plates of the scene's size, of few hogels and of many: a straight
+    line through both predicts the passes over all other plates, and the first setting the hogels.
     InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
     """
     plates = [with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS)]
-    few, many, own = (TimedPlate(scene=each, content=content) for each in (*plates, scene))
+    timed = [TimedPlate(scene=each, content=content) for each in (*plates, scene)]
+    own, pixels, hogels = timed[-1], math.prod(scene.frustum.resolution), scene.plate.hogels
     with ExitStack() as stack:
-        runs = [each.passes(stack, settings.depth) for each in (few, many)]
-        first, second, hogels = _seconds([*runs, own.hogels(stack, settings)])
-    first, second = first / len(few.pixels), second / len(many.pixels)
+        runs = [each.passes(stack, settings[0].depth) for each in timed]
+        runs += [own.hogels(stack, each) for each in settings]
+        few, many, whole, *pairs = _seconds(runs)
+    few, many, whole = (seconds / len(own.pixels) for seconds in (few, many, whole))
+    pairs = [seconds / len(own.apertures) for seconds in pairs]
     least, most = (math.prod(each.plate.hogels) for each in plates)
-    cell_s = max(second - first, 0.0) / (most - least)
-    return WaySpeeds(
-        pixels=math.prod(scene.frustum.resolution),
-        pass_s=max(first - least * cell_s, 0.0),
-        cell_s=cell_s,
-        hogel_s=hogels / len(own.apertures),
+    cell_s = max(many - few, 0.0) / (most - least)
+    speeds = WaySpeeds(
+        pixels=pixels, pass_s=max(few - least * cell_s, 0.0), cell_s=cell_s, hogel_s=pairs[0]
+    )
+    return PlateTimes(
+        directions_s=pixels * whole,
+        hogels_s=tuple(math.prod(hogels) * seconds for seconds in pairs),
+        speeds=speeds,
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from xfrustum.compare.planning.ways import (
     WaySpeeds,
     direction_errors,
-    measure_speeds,
+    measure_plate,
     spread_pixels,
     tile_about,
 )
@@ -58,14 +58,17 @@ def test_spread_pixels_reach_every_quarter_of_the_film(resolution: tuple[int, in
 def test_speeds_are_measured_and_scenes_around_the_screen_refused() -> None:
     content = PlateContent(ids=True)
     scene = small("asymmetric")
-    speeds = measure_speeds(scene, DoubleFrustum(near=1.0), content)
+    settings = [DoubleFrustum(near=1.0), DoubleFrustum(near=0.1, slabs=(20.0,))]
+    times = measure_plate(scene, settings, content)
+    assert times.directions_s > 0 and min(times.hogels_s) > 0 and len(times.hogels_s) == 2
+    speeds = times.speeds
     assert speeds.pixels == 63 and speeds.hogel_s > 0 and speeds.pass_s + speeds.cell_s > 0
     screen = small("asymmetric-recentered")
     assert screen.frustum.screen is not None
     inside = replace(screen.frustum.screen, height=(screen.bounds[0][2] + screen.bounds[1][2]) / 2)
     screen = replace(screen, frustum=replace(screen.frustum, screen=inside))
     with pytest.raises(InputError, match="draw the plate by hogels"):
-        measure_speeds(screen, DoubleFrustum(near=1.0), content)
+        measure_plate(screen, settings, content)
 
 
 def sheets(apart: float) -> Scene:
