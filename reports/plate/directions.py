@@ -63,10 +63,16 @@ def arrays_by_directions(
     """Return the arrays of a new store by directions; parameters as for `write_directions`.
 
     Its tiles are whole shards, of which two blocks of pixels fit into the memory: one is written
-    while the next one is drawn. InputError if the memory is too small for a tile.
+    while the next one is drawn. InputError if the memory is too small for a tile, or a shard too
+    large.
     """
     arrays = arrays_of(scene, content, block, directions=True)
     (columns, rows), (width, height) = arrays.plate.hogels, arrays.side
+    if max(width, height) > MAX_SIDE:
+        raise InputError(
+            f"--block {width}x{height}: a tile has at most {MAX_SIDE:,} columns and rows of "
+            "hogels; give a smaller --block"
+        )
     assert arrays.film is not None
     share = math.prod(arrays.film) / math.prod(arrays.frustum.resolution)
     hogel_bytes = 2 * arrays.hogel_bytes * share + (DRAWN_BYTES if drawn else TRACED_BYTES)
@@ -255,15 +261,18 @@ def write_directions(
             else:
                 workers.make(job, blocks, bar)
         # A process that was killed after its last block has not marked its hogels.
-        for block in {block.tile: block for block in blocks}.values():
-            store.mark(block)
+        last = {block.tile: block for block in blocks}
+        finished_tiles = {tile for tile, block in last.items() if store.mark(block)}
     begun_tiles = {block.tile for block in missing}
-    hogels = sum(len(columns) * len(rows) for columns, rows in begun_tiles)
+    hogels, present = (
+        sum(len(columns) * len(rows) for columns, rows in tiles)
+        for tiles in (begun_tiles, finished_tiles - begun_tiles)
+    )
     damaged_hogels = sum(int(hogel.sum()) for hogel in broken.values())
     return PlateFiles(
         out=out,
         drawn=hogels,
-        present=scene.plate.hogels[0] * scene.plate.hogels[1] - hogels,
+        present=present,
         damaged=damaged_hogels,
         notes=damage_notes(out, damaged_hogels),
         passes=sum(map(job.size, missing)),

@@ -162,12 +162,18 @@ class PlateStore:
                     array[block.image_selection] = tile.values[name]
         self.mark(block)
 
-    def mark(self, block: Block) -> None:
-        """Mark the hogels of a tile by directions as finished if all of their pixels are there."""
-        if self._flags(block).all() or not self.has_files(replace(block, film=None)):
-            return
+    def mark(self, block: Block) -> bool:
+        """Mark the hogels of a tile by directions as finished, and return whether they are.
+
+        They are if all of their pixels are there.
+        """
+        if self._flags(block).all():
+            return True
+        if not self.has_files(replace(block, film=None)):
+            return False
         with refused(f"--out {self.out}: cannot write there"):
             self._finished[block.selection] = np.ones(block.shape, np.uint8)
+        return True
 
     def remove_partial(self) -> None:
         """Remove the files of killed processes, unless a process is writing."""

@@ -135,8 +135,11 @@ def test_hogels_are_finished_when_the_last_part_is_there(clean: Path, tmp_path: 
     out, here = tmp_path / "x.zarr", small().plate.aperture(0, 0)
     for number, finished in ((2, False), (1, True)):
         files = drawn(out, engine=Engine(part=Part(number=number, count=2)))
-        assert 0 < files.passes < VIEWS
+        assert 0 < files.passes < VIEWS and files.present == 0
         assert PlateReader(out).finished(here) == finished
+        # Half of the pixels of all hogels is no finished hogel.
+        again = drawn(out, engine=Engine(part=Part(number=number, count=2)))
+        assert (again.drawn, again.present, again.passes) == (0, 28 * finished, 0)
     assert tree(out) == tree(clean)
 
 
@@ -190,6 +193,7 @@ def test_contents_and_scenes_without_views_are_refused(tmp_path: Path) -> None:
     certain = PlateContent(channels=(Channel.CERTAINTY,))
     lit = replace(scene, transport=Transport(shadows=True, samples=4))
     fine = replace(scene, sampling=Sampling(supersample=2))
+    long = replace(scene, plate=Plate(size=(80.0, 60.0), hogels=(20_000, 1)))
     refusals: list[tuple[Any, DepthFormat | None, PlateOptions, int, str]] = [
         (scene, D24, PlateOptions(content=certain), 1 << 30, "certainty is the truth's"),
         (scene, D24, PlateOptions(judge=True), 1 << 30, "--judge"),
@@ -197,6 +201,13 @@ def test_contents_and_scenes_without_views_are_refused(tmp_path: Path) -> None:
         (lit, None, PlateOptions(), 1 << 30, "light paths"),
         (scene, D24, PlateOptions(), 1000, "--memory 1000 bytes: a tile of 7 x 4 hogels takes"),
         (small("car-transfer"), D24, PlateOptions(), 1 << 30, "reach the screen"),
+        (
+            long,
+            D24,
+            PlateOptions(block=(20_000, 1)),
+            1 << 30,
+            "--block 20000x1: a tile has at most",
+        ),
     ]
     for scene_, depth, how, memory, message in refusals:
         with pytest.raises(InputError, match=message):
@@ -255,6 +266,7 @@ def test_the_way_with_fewer_images_is_chosen_unless_options_decide(tmp_path: Pat
     [
         (["--near", "0.1", "--by", "directions"], "--near is a setting of two cameras"),
         (["--by", "directions", "--pivot", "camera"], "--pivot is a setting of two cameras"),
+        (["--truth", "--by", "directions", "--depth", "d16"], "--depth is a setting of a raster"),
         (["--by", "directions", "--apertures", "0,0"], "leave out --apertures"),
         (["--by", "directions", "--judge"], "--judge compares hogels"),
         (["--by", "hogels"], "Missing option '--near'"),

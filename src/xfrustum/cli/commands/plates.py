@@ -57,12 +57,14 @@ class _Plate(options.Measured):
     def settings(self) -> DoubleFrustum | None:
         """The two cameras; None for truths and by directions."""
         # By directions there is a depth buffer, and no other setting of the cameras.
-        directions = self.by == "directions" or (self.by == "auto" and not self.truth)
+        directions = self.by != "hogels" and not self.truth
         others = [name for name in self.named if name != "depth" or not directions]
         if self.by == "directions" and others:
+            lacking = (
+                "a rasterizer, and --truth" if self.truth else "two cameras, and --by directions"
+            )
             raise click.UsageError(
-                f"--{others[0]} is a setting of two cameras, and --by directions has none: leave "
-                "it out"
+                f"--{others[0]} is a setting of {lacking} has none: leave it out"
             )
         return options.settings_of(**self.named) if others else None
 
