@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -129,3 +130,22 @@ def test_the_published_numbers_are_those_of_the_paper(shared_data: Path) -> None
     for polygons, share, machines in PAPER:
         speeds = " | ".join(f"{frames} | {rate:,}" for frames, rate in machines.values())
         assert f"| {polygons:,} | {100 * share:.1f}% | {speeds} |" in text
+
+
+def test_rays_are_raced_on_a_mesh_of_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "ball.stl")
+    words = ["bench", "rays", str(tmp_path / "ball.stl"), "--rays=50", "--repeat=1"]
+    assert main([*words, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["arrays"] == array_device()
+    assert [race["kind"] for race in result["races"]] == ["random", "coherent", "grazing"]
+    for race in result["races"]:
+        assert (race["mesh"], race["triangles"], race["rays"]) == ("ball", 80, 50)
+        assert set(race["rates"]) == {"exact", "embree", "native", "bare"}
+        assert set(race["ratios"]) == {"exact/embree", "exact/native"}
+        assert race["rates"]["exact"] > 0
+    assert main(words) == 0
+    assert "exact/embree" in capsys.readouterr().out
+    assert main(["bench", "rays", str(tmp_path / "none.stl")]) == 2

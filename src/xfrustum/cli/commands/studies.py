@@ -115,10 +115,10 @@ def _repeat(count: int) -> Any:
 
 def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None:
     """Run a benchmark with the stated options, and print its results."""
-    from xfrustum.research import benchmarks, table1
+    from xfrustum.research import benchmarks, ray_rates, table1
 
-    # Table 1 has its own module; all other benchmarks share one.
-    own = table1 if name == "table1" else benchmarks
+    # Table 1 and rays have their own modules; all other benchmarks share one.
+    own = {"table1": table1, "rays": ray_rates}.get(name, benchmarks)
     settings = options.present(**settings, progress=request.progress)
     result = getattr(own, f"benchmark_{name}")(*what, **settings)
     request.tell(lambda: result, lambda: getattr(own, f"{name}_table")(result))
@@ -192,6 +192,29 @@ class _Table1(Measured):
 def table1(request: _Table1) -> None:
     """Measure table 1 of the paper on the project's own car."""
     _measured(request, "table1", request.resolution, request.repeat)
+
+
+class _Rays(Measured):
+    mesh: Path | None = options.argument(metavar="[MESH]", required=False, type=FOLDER)
+    rays = option(COUNT_FROM_1, "In each race.", default=1_000_000)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench rays --rays 1000 --repeat 1", bench)
+def rays(request: _Rays) -> None:
+    """Measure exact rays of a mesh beside trimesh's two classes and bare Embree.
+
+    Without MESH: a sphere, the car, and ../shared/data/stanford-bunny.obj where it is beside the
+    checkout.
+    """
+    from xfrustum.research import ray_rates
+
+    meshes = (
+        ray_rates.default_meshes()
+        if request.mesh is None
+        else {request.mesh.stem: ray_rates.read_mesh(request.mesh)}
+    )
+    _measured(request, "rays", meshes, rays=request.rays, repeat=request.repeat)
 
 
 class _Selfcheck(options.Measured):
