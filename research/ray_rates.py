@@ -35,6 +35,9 @@ RAYS, NATIVE_RAYS = 1_000_000, 100
 #: distance of starts of grazing rays from the point that they touch, in sizes of the mesh
 GRAZING_START = 2.0
 
+#: distance of grazing rays from vertices, in sizes of the mesh
+OFF_VERTICES = 1e-4
+
 
 def default_meshes() -> dict[str, trimesh.Trimesh]:
     """Return a sphere, the car, and the scan with the test data where it is beside the checkout."""
@@ -71,14 +74,15 @@ def rays_of_kinds(mesh: trimesh.Trimesh, count: int) -> dict[str, tuple[Floats, 
     u, v = np.divmod(np.arange(count), side)
     film = np.stack((v / side - 0.5, 0.5 - u / side, np.full(count, -1.0)), axis=1)
     eye = (low + high) / 2 + [0.0, 0.0, 1.2 * size]
-    # Tangents of the surface at its vertices.
+    # Tangents at vertices, moved off them: through a vertex itself integers decide every ray.
     vertex = rng.integers(0, len(mesh.vertices), count)
     tangent = np.cross(mesh.vertex_normals[vertex], rng.normal(size=(count, 3)))
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    touched = mesh.vertices[vertex] + rng.normal(scale=OFF_VERTICES * size, size=(count, 3))
     return {
         "random": (inside, rng.normal(size=(count, 3))),
         "coherent": (np.tile(eye, (count, 1)), film),
-        "grazing": (mesh.vertices[vertex] - GRAZING_START * size * tangent, tangent),
+        "grazing": (touched - GRAZING_START * size * tangent, tangent),
     }
 
 
