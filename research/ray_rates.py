@@ -77,7 +77,9 @@ def rays_of_kinds(mesh: trimesh.Trimesh, count: int) -> dict[str, tuple[Floats, 
     # Tangents at vertices, moved off them: through a vertex itself integers decide every ray.
     vertex = rng.integers(0, len(mesh.vertices), count)
     tangent = np.cross(mesh.vertex_normals[vertex], rng.normal(size=(count, 3)))
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    length = np.linalg.norm(tangent, axis=1, keepdims=True)
+    # Vertices without triangles have no normal.
+    tangent = np.where(length > 0, tangent / np.where(length > 0, length, 1.0), [1.0, 0.0, 0.0])
     touched = mesh.vertices[vertex] + rng.normal(scale=OFF_VERTICES * size, size=(count, 3))
     return {
         "random": (inside, rng.normal(size=(count, 3))),

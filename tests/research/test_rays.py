@@ -1,0 +1,20 @@
+"""The museum of wrong hits: exact rays are right at every exhibit, and others are not."""
+
+import pytest
+
+from xfrustum.research import rays
+from xfrustum.research.rays import CONTESTANTS, museum, museum_table
+
+
+def test_exact_rays_are_right_at_every_exhibit() -> None:
+    verdicts = museum()
+    assert len(verdicts) == 6
+    assert all(verdict.wrong["ExactIntersector"] == 0 for verdict in verdicts)
+    wrong = [verdict.wrong["Embree by trimesh"] for verdict in verdicts]
+    assert wrong.count(0) >= 1 and max(wrong) == 160
+
+
+def test_the_table_has_a_row_for_each_exhibit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rays, "RAYS", 4)
+    head, *rows = museum_table().splitlines()
+    assert all(name in head for name in CONTESTANTS) and len(rows) == 6
