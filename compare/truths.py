@@ -30,20 +30,25 @@ def chosen_order(
     """Return the order of the truths of a plate that is judged in tiles of whole rows.
 
     `refusal` is the reason why hogels are judged one by one, `rows` the largest number of rows of a
-    tile by the caller. InputError if directions are stated, and there is a refusal.
+    tile by the caller. InputError if directions are stated, and there is a refusal, or a row of
+    hogels is larger than a tile.
     """
+    columns, plate_rows = scene.plate.hogels
+    pixels = math.prod(scene.frustum.resolution)
+    if not refusal and columns * pixels > TILE_PIXELS:
+        refusal = (
+            f"decides whole rows of hogels: {columns:,} hogels of {pixels:,} pixels are more than "
+            f"the {TILE_PIXELS:,} pixels that are held at once; use hogels, or fewer pixels"
+        )
     if refusal:
         if order is TruthBy.DIRECTIONS:
             raise InputError(f"--truth-by directions {refusal}")
         return TruthBy.HOGELS
     if order is not TruthBy.AUTO:
         return order
-    columns, plate_rows = scene.plate.hogels
-    pixels = math.prod(scene.frustum.resolution)
     rows = min(tile_rows(scene.frustum, columns), plate_rows, rows or plate_rows)
     # A tile takes a pass for each pixel of a hogel, or one for each of its hogels.
-    fewer = rows * columns >= pixels and columns * pixels <= TILE_PIXELS
-    return TruthBy.DIRECTIONS if fewer else TruthBy.HOGELS
+    return TruthBy.DIRECTIONS if rows * columns >= pixels else TruthBy.HOGELS
 
 
 def row_tile(plate: Plate, first: int, stop: int) -> PlateTile:

@@ -18,9 +18,9 @@ from xfrustum.reference.lines.lines import RayBundle, TileLines, crossed_frustum
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.plate import Frustum, PlateTile
 
-#: Pixels of all hogels of a tile that is decided at once. A pixel takes 13 bytes, and 16 more with
-#: gaps: 120 MB.
-TILE_PIXELS = 1 << 22
+#: Largest number of pixels of all hogels of a tile, decided at once. A pixel takes 13 bytes, and 16
+#: more with gaps: 440 MB, or 970 MB.
+TILE_PIXELS = 1 << 25
 
 #: triangles across the plate whose boxes are compared with apertures at once
 TOUCHING_AT_ONCE = 1 << 14

@@ -64,6 +64,10 @@ PIXELS_PER_HOGEL = 1 << 16
 #: number of blocks even of a small sample, so that several workers have work
 MIN_BLOCKS = 16
 
+#: Smallest number of hogels, in whole rows, of a block whose truths are decided by directions: a
+#: pass over the scene serves them all, and a killed process loses two minutes of work.
+DIRECTIONS_BLOCK = 1 << 12
+
 
 @dataclass(frozen=True)
 class Device:
@@ -239,7 +243,11 @@ def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
 def rows_per_block(scene: Scene) -> int:
     """Return the whole rows of a block whose truths are decided by directions."""
     columns, rows = scene.plate.hogels
-    return min(tile_rows(scene.frustum, columns), math.ceil(rows / MIN_BLOCKS))
+    return min(
+        tile_rows(scene.frustum, columns),
+        math.ceil(rows / MIN_BLOCKS),
+        math.ceil(DIRECTIONS_BLOCK / columns),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

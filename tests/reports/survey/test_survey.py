@@ -1,6 +1,7 @@
 """Surveys of small plates: their rows, their answer, their page, and how they go on."""
 
 import json
+import math
 import os
 import shutil
 from dataclasses import replace
@@ -25,6 +26,7 @@ from xfrustum import (
 from xfrustum.cli.main import main
 from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
 from xfrustum.compare.truths import TruthBy, chosen_order
+from xfrustum.reference.tiles import TILE_PIXELS
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.survey.survey import survey
@@ -276,4 +278,13 @@ def test_plates_of_many_small_hogels_are_decided_by_directions(scene: Scene) -> 
     assert order((500, 500), 32) is TruthBy.DIRECTIONS
     assert order((500, 500), 32, rows=2) is TruthBy.HOGELS
     assert order((81, 61), 128) is TruthBy.HOGELS
-    assert order((1000, 1000), 64) is TruthBy.HOGELS, "a tile has too few of such hogels"
+    assert order((1000, 1000), 64) is TruthBy.DIRECTIONS
+    assert order((81, 61), 1024) is TruthBy.HOGELS, "a row of such hogels does not fit a tile"
+
+
+def test_rows_of_hogels_too_large_for_a_tile_are_refused(scene: Scene) -> None:
+    plate = replace(scene.plate, hogels=(81, 61))
+    wide = replace(scene, plate=plate, frustum=replace(scene.frustum, resolution=(1024, 1024)))
+    assert math.prod(wide.frustum.resolution) * wide.plate.hogels[0] > TILE_PIXELS
+    with pytest.raises(InputError, match="whole rows of hogels"):
+        chosen_order(TruthBy.DIRECTIONS, wide)
