@@ -147,7 +147,7 @@ class ExactMesh:
         size = max(size, MIN_RELATIVE_SIZE * float(np.abs(triangles).max()))
         #: power of two by which lengths are multiplied, so that the size is at most 1
         self._scale = -int(np.frexp(size)[1])
-        scaled, middle = np.ldexp(triangles, self._scale), np.ldexp(middle, self._scale)
+        scaled, middle = _shifted(triangles, self._scale), _shifted(middle, self._scale)
         centered = scaled - middle
         self._boxes = Boxes(build_tree(centered))
         self._corners = Triangles(scaled)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 
-#: Neighbors on either side among which a cluster chooses. More cost time and gain little.
-RADIUS = 8
+#: Neighbors on either side among which a cluster chooses. With 8 the sum of all boxes' areas, which
+#: a walk's time follows, is 12 % larger to 1 % smaller (car, truck, car body).
+RADIUS = 3
 
 #: Smallest share of clusters that a round must merge. Areas that fall along the curve would let
 #: every cluster choose the next: then neighbors merge pairwise, so that rounds remain few.
@@ -44,7 +45,11 @@ class Tree:
 
 def build_tree(corners: Floats) -> Tree:
     """Build the tree of at least one triangle (F, 3, 3) with coordinates of about unit size."""
-    low, high = _outward(corners.min(axis=1), corners.max(axis=1))
+    # Two minima of whole arrays are several times as fast as one along an axis of three.
+    first, second, third = corners.transpose(1, 0, 2)
+    low, high = _outward(
+        np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
+    )
     order = np.argsort(_morton_codes((low + high) * np.float32(0.5)), kind="stable")
     boxes = np.concatenate((low[order].T, high[order].T))
     count = len(order)
