@@ -28,10 +28,12 @@ from xfrustum.reference import Reference, backend
 from xfrustum.reference.backend import UInt32, dr
 from xfrustum.reference.certify import occlusion
 from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.certify.directions import DirectionLines
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.filter import Filter
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.certify.filter import Filter, PencilLines
+from xfrustum.reference.lines.lines import TileLines, crossed_frustum
 from xfrustum.scenes import open_scene
+from xfrustum.scenes.plate.plate import PlateTile
 
 assert backend.ARRAYS == "cuda"
 if "plain" in sys.argv:  # without the remedy
@@ -48,9 +50,15 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(8, 8)))
     reference, rows, shape = Reference(scene), range(8), (8, 8)
     pencil = crossed_frustum(scene.frustum, scene.plate.middle)
-    narrow = Filter(reference._triangles, pencil, ExactPencil(scene.triangles, pencil))
-    narrow.classify_pixels(rows)
-    narrow.gaps(rows)
+    tile = PlateTile(plate=scene.plate, columns=range(2), rows=range(2))
+    grid = TileLines(scene.frustum, tile).of_pixel((3, 4))
+    with backend.recording():
+        by_hogel = PencilLines(pencil, ExactPencil(scene.triangles, pencil))
+        by_direction = DirectionLines(grid, reference._triangles)
+    for lines, some in ((by_hogel, rows), (by_direction, range(2))):
+        narrow = Filter(reference._triangles, lines)
+        narrow.classify_pixels(some)
+        narrow.gaps(some)
     seen = FirstSurfaces(
         triangle=np.zeros(shape, np.int32), s=np.ones(shape), certainty=np.zeros(shape, np.uint8),
         tied_triangles=np.zeros((0, 3), np.int64),
