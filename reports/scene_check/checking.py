@@ -336,7 +336,7 @@ def _looks(part: SceneObject) -> dict[str, str]:
         usable = int(np.isfinite(part.vertex_normals).all(axis=1).sum())
         if usable:
             source = _SOURCES[part.normals_made]
-            normals = f"{source}, at {usable:,} of {len(part.vertices):,} vertices"
+            normals = f"{source}, at {_share(usable, len(part.vertices))} vertices"
     if part.vertex_colors is not None:
         different = bool((part.vertex_colors != part.vertex_colors[0]).any())
         colors = f"of the mesh, {'one per vertex' if different else 'the same at all vertices'}"
@@ -346,8 +346,12 @@ def _looks(part: SceneObject) -> dict[str, str]:
         if number is not None and part.textures:
             shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
             pictures = counted(len(part.textures), "picture")
-            textures = f"{pictures}, on {shown:,} of {len(part.faces):,} triangles"
+            textures = f"{pictures}, on {_share(shown, len(part.faces))} triangles"
     return {"normals": normals, "colors": colors, "textures": textures}
+
+
+def _share(number: int, count: int) -> str:
+    return "all" if number == count else f"{number:,} of {count:,}"
 
 
 _SOURCES = {

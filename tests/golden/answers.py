@@ -151,6 +151,7 @@ EXPECTED = {
     r".*\.radiance\.noise\.(farthest|without_noise)": "removed: no page and no document used them",
     r"report-.*\.scout\.looks": "removed: no page and no document used them",
     r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, shading from colors alone",
+    r"check-.*\.textures": "without the size of pictures, which no effect depends on",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression: answers that differ or have gone, and why the new one is right."""
