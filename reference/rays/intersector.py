@@ -194,16 +194,7 @@ class ExactIntersector:
         if max_hits < 1:
             raise InputError(f"max_hits: {max_hits} is less than 1; pass a positive number")
         if not multiple_hits:
-            first = self._exact.first(rays)
-            ray = np.flatnonzero(first.triangle >= 0)
-            t = first.t[ray]
-            return AllHits(
-                ray=ray,
-                triangle=first.triangle[ray],
-                t=t,
-                position=rays.origins[ray] + t[:, None] * rays.directions[ray],
-                place=np.zeros(len(ray), dtype=np.int64),
-            )
+            return self._exact.first_points(rays)
         hits = self._exact.all(rays)
         number = np.arange(len(hits.ray)) - np.searchsorted(hits.ray, hits.ray, "left")
         if not each_place:

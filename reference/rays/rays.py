@@ -45,6 +45,9 @@ PAIRS_AT_ONCE = 1 << 15
 #: finer steps than 2^-53 there. A smaller mesh, or a single point, is scaled by its distance.
 MIN_RELATIVE_SIZE = 2.0**-40
 
+#: largest double
+LARGEST = float(np.finfo(np.float64).max)
+
 #: Count of a pair that is not surely met: a single one already leaves its ray open
 DOUBTFUL_WEIGHT = 2
 
@@ -59,7 +62,8 @@ class FirstHits:
         (N,) number of the first triangle, the smallest of a tie, -1 for none.
     t
         (N,) place along the ray in lengths of its direction, NaN for none. It is the nearest double
-        where the certainty is `EXACT` or `TIE`, and within a few roundings where it is `PROVEN`.
+        where the certainty is `EXACT` or `TIE`. Where it is `PROVEN`, the sign is right; close to
+        an origin, roundings of the coordinates may be large relative to t.
     certainty
         (N,) `Certainty` of each answer: proven in doubles, decided in integers, or a tie.
     ties
@@ -113,6 +117,13 @@ class RayBatch:
         x, y, z = np.abs(self.directions).T
         return np.frexp(np.maximum(np.maximum(x, y), z))[1].astype(np.int64)
 
+    def points(self, lengths: Floats) -> Floats:
+        """Return the points (N, 3) at t times 2^`exponents`.
+
+        t itself is no double where a direction is very short or long.
+        """
+        return self.origins + lengths[:, None] * _shifted(self.directions, -self.exponents[:, None])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidates:
@@ -159,13 +170,31 @@ class ExactMesh:
 
     def first(self, rays: RayBatch) -> FirstHits:
         """Return the first surfaces along rays."""
+        return self._first(rays)[0]
+
+    def first_points(self, rays: RayBatch) -> AllHits:
+        """Return the first surface alone of rays that meet any; of a tie, the smallest triangle."""
+        first, lengths = self._first(rays)
+        ray = np.flatnonzero(first.triangle >= 0)
+        return AllHits(
+            ray=ray,
+            triangle=first.triangle[ray],
+            t=first.t[ray],
+            position=rays[ray].points(lengths[ray]),
+            place=np.zeros(len(ray), dtype=np.int64),
+        )
+
+    def _first(self, rays: RayBatch) -> tuple[FirstHits, Floats]:
+        """Return the first surfaces along rays, and t times 2^`exponents` (N,)."""
         triangle = np.full(len(rays), NOTHING, dtype=np.int64)
-        t = np.full(len(rays), np.nan)
+        t, lengths = np.full((2, len(rays)), np.nan)
         certainty = np.full(len(rays), Certainty.PROVEN, dtype=np.uint8)
         ties = [np.zeros((0, 2), dtype=np.int64)]
         for part in _batches(len(rays)):
             batch = rays[part]
-            triangle[part], t[part], *doubtful = self._filtered(batch)
+            triangle[part], places, *doubtful = self._filtered(batch)
+            t[part] = _shifted(places, -batch.exponents - self._scale)
+            lengths[part] = _shifted(places, -self._scale)
             for ray, hits in self._decided(batch, *doubtful).items():
                 number = part.start + ray
                 certainty[number] = Certainty.EXACT
@@ -174,10 +203,12 @@ class ExactMesh:
                 place = min(hits)[0]
                 winners = sorted(triangle for at, triangle in hits if at == place)
                 triangle[number], t[number] = winners[0], nearest_double(place)
+                lengths[number] = _nearest(place, batch.exponents[ray])
                 if len(winners) > 1:
                     certainty[number] = Certainty.TIE
                     ties.append(np.array([(number, winner) for winner in winners]))
-        return FirstHits(triangle=triangle, t=t, certainty=certainty, ties=np.concatenate(ties))
+        hits = FirstHits(triangle=triangle, t=t, certainty=certainty, ties=np.concatenate(ties))
+        return hits, lengths
 
     def all(self, rays: RayBatch) -> AllHits:
         """Return all surfaces along rays."""
@@ -231,7 +262,10 @@ class ExactMesh:
         return examined
 
     def _filtered(self, batch: RayBatch) -> tuple[Indices, Floats, Indices, Indices]:
-        """Return first triangles and t where doubles prove them, and the pairs of other rays."""
+        """Return first triangles and t where doubles prove them, and the pairs of other rays.
+
+        t is in the mesh's units.
+        """
         with recording():
             rays = self._on_device(batch)
             limit = self._proposed_limit(rays)
@@ -257,7 +291,7 @@ class ExactMesh:
             doubtful = _compressed(possible, ray, triangle)
             far = np.flatnonzero(rays.far.numpy())
             settled = number.numpy().astype(np.int64), place.numpy()
-        return settled[0], _shifted(settled[1], -batch.exponents - self._scale), *doubtful, far
+        return *settled, *doubtful, far
 
     def _proposed_limit(self, rays: Rays) -> Any:
         """Return the last t at which the first surface of each ray may lie, as Embree suggests."""
@@ -310,12 +344,15 @@ class ExactMesh:
             number = doubtful[pair]
             met[number] = True
             pairs.t[number] = _nearest(place, exponents[pairs.ray[number]])
-            pairs.error[number] = UNDERFLOW + ROUNDING * abs(pairs.t[number])
+            # An infinite t has a finite error: infinity minus infinity has no order.
+            pairs.error[number] = UNDERFLOW + ROUNDING * min(abs(pairs.t[number]), LARGEST)
         pairs = pairs[np.flatnonzero(met)]
         pairs = pairs[np.lexsort((pairs.t - pairs.error, pairs.ray))]
-        # Pairs whose places may coincide or change their order are sorted by integers.
+        # Pairs whose places may coincide or change their order are sorted by integers. t of a ray
+        # from afar may be infinite in the mesh's units, and a double in the caller's.
         group = _overlapping(pairs)
-        together = np.flatnonzero(np.bincount(group)[group] > 1)
+        together = np.flatnonzero((np.bincount(group)[group] > 1) | np.isinf(pairs.t))
+        lengths = _shifted(pairs.t, -self._scale)
         places = [
             place for _, place in self._places(batch, pairs.ray[together], pairs.triangle[together])
         ]
@@ -329,19 +366,18 @@ class ExactMesh:
             order[position] = together[chosen]
             begins[position] = keys[chosen][:2] != before
             before = keys[chosen][:2]
-            exponent = exponents[pairs.ray[order[position]]]
-            pairs.t[order[position]] = _nearest(places[chosen], exponent)
-        pairs = pairs[order]
+            exponent = batch.exponents[pairs.ray[order[position]]]
+            lengths[order[position]] = _nearest(places[chosen], exponent)
+        pairs, lengths = pairs[order], lengths[order]
         # Places are numbered through all rays, and again from the first of each ray.
         number = np.cumsum(begins)
         first = np.searchsorted(pairs.ray, pairs.ray, "left")
         rays = batch[pairs.ray]
-        moved = pairs.t[:, None] * _shifted(rays.directions, -rays.exponents[:, None])
         return AllHits(
             ray=pairs.ray + start,
             triangle=pairs.triangle,
-            t=_shifted(pairs.t, -rays.exponents - self._scale),
-            position=rays.origins + _shifted(moved, -self._scale),
+            t=_shifted(lengths, -rays.exponents),
+            position=rays.points(lengths),
             place=number - number[first],
         )
 

@@ -98,6 +98,25 @@ def test_a_ray_meets_the_surface_on_which_it_starts_unless_told_otherwise(
     assert box.ray.first(start, [[0, 0, 4]], t_min=beyond).t.tolist() == [0.25]
 
 
+@pytest.mark.parametrize("several", [True, False])
+@pytest.mark.parametrize(
+    ("size", "start", "speed"),
+    [(1.0, 0.0, 5e-324), (1.0, 0.0, 1e300), (2.0**-100, 0.0, 1e300), (2.0**-100, -1e300, 1.0)],
+)
+def test_points_are_finite_where_t_is_no_double(
+    size: float, start: float, speed: float, several: bool
+) -> None:
+    """t is 1e323, or below the smallest double, or no double in units of the mesh."""
+    corners = size * np.array([[-1.0, -1, 1], [1, -1, 1], [0, 1, 1]])
+    ray = ExactIntersector(trimesh.Trimesh(corners, [[0, 1, 2]], process=False))
+    point, _, triangle = ray.intersects_location(
+        [[0, 0, start]], [[0, 0, speed]], multiple_hits=several
+    )
+    assert triangle.tolist() == [0]
+    # A point is rounded as the origin is.
+    assert point == pytest.approx(np.array([[0, 0, size]]), rel=1e-15, abs=1e-15 * abs(start))
+
+
 def test_changes_of_the_mesh_count_and_copies_answer_alike(box: trimesh.Trimesh) -> None:
     below = [[0.2, 0.1, -2.0]]
     before = box.ray.first(below, UP)
