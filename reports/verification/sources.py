@@ -440,7 +440,7 @@ def opened(request: Request, reference: Reference) -> Iterator[Source]:
     elif not isinstance(source, str):
         assert source is not None
         yield Function(function=source, **common)
-    elif options.layout is None and (Path(source) / METADATA).is_file():
+    elif options.layout is None and _is_group(Path(source)):
         stated = options.encoding is not None
         yield StoredPlate(place=Path(source), stated=stated, **common)
     elif options.layout is not None or is_place(source, request.scene.plate):
@@ -498,3 +498,10 @@ def require_state(request: Request, state: str) -> None:
             "give all the same files by the same paths, and leave them as they are while hogels "
             "are judged"
         )
+
+
+def _is_group(place: Path) -> bool:
+    """Return whether a folder is a Zarr group; a name too long for a file is none."""
+    with suppress(OSError):
+        return (place / METADATA).is_file()
+    return False
