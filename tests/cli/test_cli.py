@@ -199,7 +199,7 @@ BAD = [
     ("plan boxes.toml --viewer=600parsec", "not known"),
     ("plan boxes.toml --viewer=5mm --ipd=30 --quiet", "larger distance"),
     ("plate asymmetric --truth --near 0.1 --out x.zarr", "leave out --near"),
-    ("plate asymmetric --depth d16 --out x.zarr", "give --near too"),
+    ("plate asymmetric --by hogels --depth d16 --out x.zarr", "give --near too"),
     ("plate asymmetric --near 0.1 --shadows --out x.zarr", "add --truth"),
     ("plate asymmetric --near 0.1 --channels certainty --out x.zarr", "certainty"),
     *(
