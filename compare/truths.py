@@ -35,14 +35,16 @@ def chosen_order(
     """
     columns, plate_rows = scene.plate.hogels
     pixels = math.prod(scene.frustum.resolution)
-    if not refusal and columns * pixels > TILE_PIXELS:
-        refusal = (
-            f"decides whole rows of hogels: {columns:,} hogels of {pixels:,} pixels are more than "
-            f"the {TILE_PIXELS:,} pixels that are held at once; use hogels, or fewer pixels"
-        )
-    if refusal:
-        if order is TruthBy.DIRECTIONS:
+    if order is TruthBy.DIRECTIONS:
+        if refusal:
             raise InputError(f"--truth-by directions {refusal}")
+        if columns * pixels > TILE_PIXELS:
+            raise InputError(
+                f"--truth-by directions decides whole rows of hogels: {columns:,} hogels of "
+                f"{pixels:,} pixels are more than the {TILE_PIXELS:,} pixels that are held at "
+                "once; use hogels, or fewer pixels"
+            )
+    if refusal or columns * pixels > TILE_PIXELS:
         return TruthBy.HOGELS
     if order is not TruthBy.AUTO:
         return order
