@@ -36,6 +36,7 @@ from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.shading.light import LINEAR
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.shadows import ShadowedShader
 from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
 from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
@@ -422,22 +423,32 @@ class PathTracer:
         return LightPaths(self.scene)
 
     @cached_property
-    def _shadowed(self) -> tuple[Triangles, ShadowedShader]:
-        return Triangles(self.scene.triangles), ShadowedShader(self.scene)
+    def _triangles(self) -> Triangles:
+        return Triangles(self.scene.triangles)
 
-    def _with_shadows(self, aperture: Aperture) -> Floats:
-        """Return mean direct light (H, W, 3) over the points of each pixel, with exact shadows."""
+    @cached_property
+    def _shaders(self) -> tuple[Shader, ShadowedShader]:
+        """Direct light without shadows, and with exact ones."""
+        return Shader(self.scene), ShadowedShader(self.scene)
+
+    def _direct(self, aperture: Aperture, *, shadows: bool) -> Floats:
+        """Return mean direct light (H, W, 3) over the points of each pixel, shadows exact."""
         side, rows = points_per_side(self.scene.sampling), range(self.scene.frustum.resolution[1])
-        return mean_color(self.scene, *self._shadowed, [aperture], side, rows)
+        shader = self._shaders[shadows]
+        return mean_color(self.scene, self._triangles, shader, [aperture], side, rows)
 
-    def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
-        """Return the radiance through the middle of an aperture.
+    def render(
+        self, aperture: Aperture, transport: Transport, seed: int = 0, *, exact: bool | None = None
+    ) -> RadianceEstimate:
+        """Return the radiance through the middle of an aperture; equal seeds give equal paths.
 
-        The same seed gives the same paths. Without shadows and interreflection the result is the
-        direct light that `Reference.trace` shows; with shadows alone it is exact, and has no noise.
+        Direct light can be `exact`, without paths and noise, with shadows and without; by default
+        it is with shadows alone. Without shadows both ways agree to the rounding of colors.
         """
-        if transport.shadows and not transport.interreflection and len(self.scene.faces):
-            mean = self._with_shadows(aperture)
+        if exact is None:
+            exact = transport.shadows and not transport.interreflection
+        if exact and len(self.scene.faces):
+            mean = self._direct(aperture, shadows=transport.shadows)
             return RadianceEstimate(
                 mean=mean, variance_of_mean=np.zeros_like(mean), samples=transport.samples
             )

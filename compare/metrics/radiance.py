@@ -160,10 +160,6 @@ class LeftOutNumbers:
     alpha: float
 
 
-#: Largest relative rounding of a color that Mitsuba sums in float32, in a few dozen operations
-FLOAT32_STEPS = 64 * 2.0**-24
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOut:
     """Effect of shadows and interreflection on an image."""
@@ -181,14 +177,18 @@ def transported(
     transport: Transport,
     *,
     seed: int = 0,
+    exact: bool | None = None,
     done: Done = lambda: None,
 ) -> RadianceEstimate:
-    """Return the color of an aperture by light paths; `done` is called after each sub-aperture."""
+    """Return the color of an aperture, as `PathTracer.render` does, over its sub-apertures.
+
+    `done` is called after each.
+    """
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
     mean, variance = np.zeros(()), np.zeros(())
     for number, point in enumerate(points):
-        part = tracer.render(point, transport, seed=seed + number)
+        part = tracer.render(point, transport, seed=seed + number, exact=exact)
         mean = mean + part.mean / len(points)
         # Sub-apertures are sampled independently: their variances add.
         variance = variance + part.variance_of_mean / len(points) ** 2
@@ -201,11 +201,10 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
     """Measure the effect of the light transport of a scene on an image."""
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
-    without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)
-    if not full.variance_of_mean.any():
-        # Exact shadows only darken: below the rounding of float32 colors, nothing has changed.
-        same = np.abs(full.mean - without.mean) <= FLOAT32_STEPS * np.abs(without.mean)
-        full = replace(full, mean=np.where(same, without.mean, full.mean))
+    # By the same arithmetic as `full`: a pixel that no shadow reaches must not differ by rounding.
+    exact = not scene.transport.interreflection
+    seed = scene.sampling.aperture
+    without = transported(scene, aperture, local, seed=seed, exact=exact, done=done)
     # Welch's degrees of freedom are at least the smaller of the two samples' own.
     difference = RadianceEstimate(
         mean=full.mean - without.mean,
