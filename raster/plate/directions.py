@@ -8,8 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import moderngl
-import numpy as np
-from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import MAPPINGS, Pass
 from xfrustum.raster.cameras.directions import direction_pass
@@ -21,12 +19,12 @@ from xfrustum.raster.plate.picture import (
     Batching,
     PictureStyle,
     PlatePicture,
+    Rounds,
     Slot,
     lets_vertices_choose_layers,
-    make_rounds,
+    read_heights,
     reflective_triangles,
 )
-from xfrustum.raster.plate.renderer import groups
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -104,7 +102,7 @@ class DirectionRenderer(ContextOwner):
             )
             # Triangles are sorted by the range of depth, which all pixels share.
             self._picture = PlatePicture(self._context, scene, [first], style)
-        self._rounds = make_rounds(
+        self._rounds = Rounds(
             self._context,
             self._batching,
             lambda: LayeredTarget(size, self._batching.hogels, form),
@@ -114,28 +112,12 @@ class DirectionRenderer(ContextOwner):
     def release(self) -> None:
         """Free the context and everything in it."""
         with self._context:
-            for slot in (slot for slots in self._rounds for slot in slots):
-                slot.target.release()
+            self._rounds.release()
         self._context.release()
 
     def images(self, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
-        """Draw pixels of all hogels, and yield their images in the same order.
-
-        While one round of submissions is drawn, the round before it is read back.
-        """
-        waiting: list[tuple[Slot, list[Pixel]]] = []
-        submissions = groups(pixels, self._batching.hogels)
-        for number, submitted in enumerate(groups(submissions, self._batching.submissions)):
-            drawn = list(zip(self._rounds[number % len(self._rounds)], submitted, strict=False))
-            with self._context:
-                for slot, group in drawn:
-                    self._draw(slot, group)
-                    GL.glFlush()
-                for slot, _ in drawn:
-                    slot.target.start_reading()
-            yield from self._finish(waiting)
-            waiting = drawn
-        yield from self._finish(waiting)
+        """Draw pixels of all hogels, and yield their images in the same order."""
+        return self._rounds.stream(pixels, self._draw, self._finish)
 
     def _draw(self, slot: Slot, pixels: Sequence[Pixel]) -> None:
         picture = self._picture
@@ -149,34 +131,25 @@ class DirectionRenderer(ContextOwner):
         if picture.environment is not None:
             picture.reflect(slot, passes[:1], [draws[REFLECTION]], moderngl.DEPTH_TEST)
 
-    def _finish(self, waiting: Sequence[tuple[Slot, list[Pixel]]]) -> Iterator[PlateDirection]:
+    def _finish(self, slot: Slot, pixels: Sequence[Pixel]) -> Iterator[PlateDirection]:
         normals = Channel.NORMAL in self.content.channels
-        for slot, pixels in waiting:
-            with self._context:
-                color = slot.target.finish_color() if self._colored else None
-                triangle = slot.target.finish_triangle()
-                heights = [self._height(slot, layer, pixel) for layer, pixel in enumerate(pixels)]
-            for layer, pixel in enumerate(pixels):
-                numbers = None if triangle is None else triangle[layer]
-                yield PlateDirection(
-                    pixel=pixel,
-                    color=None if color is None else color[layer],
-                    triangle=numbers if self.content.ids else None,
-                    height=heights[layer],
-                    normal=None
-                    if numbers is None or not normals
-                    else normals_of(self.scene, numbers),
-                )
+        with self._context:
+            color = slot.target.finish_color() if self._colored else None
+            triangle = slot.target.finish_triangle()
+            heights = [self._height(slot, layer, pixel) for layer, pixel in enumerate(pixels)]
+        for layer, pixel in enumerate(pixels):
+            numbers = None if triangle is None else triangle[layer]
+            yield PlateDirection(
+                pixel=pixel,
+                color=None if color is None else color[layer],
+                triangle=numbers if self.content.ids else None,
+                height=heights[layer],
+                normal=None if numbers is None or not normals else normals_of(self.scene, numbers),
+            )
 
     def _height(self, slot: Slot, layer: int, pixel: Pixel) -> Singles | None:
         """Return the heights (rows, columns) of an image; None if they are not a channel."""
         if Channel.HEIGHT not in self.content.channels:
             return None
-        width, height = slot.target.size
-        if self._positions is None:
-            return np.full((height, width), np.nan, dtype=np.float32)
         camera = direction_pass(self.scene, self.tile, pixel)
-        places = np.arange(height * width)
-        points = self._positions.read(slot.target.layer(layer), [camera], places)
-        # Copy the heights, so that the memory of the other two coordinates is freed.
-        return np.array(points[2].reshape(height, width))
+        return read_heights(slot, layer, self._positions, [camera])

@@ -6,8 +6,10 @@ hogels, and owns its target and buffers until it is read back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import TypeVar
 
 import moderngl
 import numpy as np
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import Mapping, Pass, lines_of_pixels
+from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.device.programs import (
     Defines,
     picture_defines,
@@ -117,28 +120,92 @@ class Slot:
     commands: list[list[moderngl.Buffer]]
 
 
-def make_rounds(
-    context: moderngl.Context,
-    batching: Batching,
-    make_target: Callable[[], LayeredTarget],
-    counts: tuple[int, int],
-) -> list[list[Slot]]:
-    """Return the slots of every round; `counts` are the numbers of drawings and cameras."""
-    drawings, cameras = counts
+Item = TypeVar("Item")
+Drawn = TypeVar("Drawn")
 
-    def buffers(reserve: int) -> list[moderngl.Buffer]:
-        return [context.buffer(reserve=reserve, dynamic=True) for _ in range(cameras)]
 
-    def slot() -> Slot:
-        # These buffers grow as needed.
-        commands = [buffers(DRAW_COMMAND.itemsize) for _ in range(drawings)]
-        return Slot(
-            target=make_target(),
-            hogels=buffers(HOGEL.itemsize * batching.hogels),
-            commands=commands,
-        )
+def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
+    """Yield consecutive items, `size` at a time."""
+    rest = iter(items)
+    while group := list(islice(rest, size)):
+        yield group
 
-    return [[slot() for _ in range(batching.submissions)] for _ in range(ROUNDS)]
+
+class Rounds:
+    """Rounds of submissions: one is drawn while the round before it is read back."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        batching: Batching,
+        make_target: Callable[[], LayeredTarget],
+        counts: tuple[int, int],
+    ) -> None:
+        """Make the slots of every round; `counts` are the numbers of drawings and cameras."""
+        self._context, self._batching = context, batching
+        drawings, cameras = counts
+
+        def buffers(reserve: int) -> list[moderngl.Buffer]:
+            return [context.buffer(reserve=reserve, dynamic=True) for _ in range(cameras)]
+
+        def slot() -> Slot:
+            # These buffers grow as needed.
+            commands = [buffers(DRAW_COMMAND.itemsize) for _ in range(drawings)]
+            return Slot(
+                target=make_target(),
+                hogels=buffers(HOGEL.itemsize * batching.hogels),
+                commands=commands,
+            )
+
+        self.slots = [[slot() for _ in range(batching.submissions)] for _ in range(ROUNDS)]
+
+    def stream(
+        self,
+        items: Iterable[Item],
+        draw: Callable[[Slot, list[Item]], object],
+        finish: Callable[[Slot, list[Item]], Iterable[Drawn]],
+    ) -> Iterator[Drawn]:
+        """Draw items, a layer each, and yield what `finish` reads back, in the same order.
+
+        The context is current while `draw` runs.
+        """
+        waiting: list[tuple[Slot, list[Item]]] = []
+        submissions = groups(items, self._batching.hogels)
+        for number, submitted in enumerate(groups(submissions, self._batching.submissions)):
+            drawn = list(zip(self.slots[number % ROUNDS], submitted, strict=False))
+            # OpenGL draws in the current context, and the caller may have others.
+            with self._context:
+                for slot, group in drawn:
+                    draw(slot, group)
+                    # The device fills these pixels while the next submission's vertices are
+                    # transformed.
+                    GL.glFlush()
+                # A driver that draws in software finishes everything before it lets anything be
+                # read.
+                for slot, _ in drawn:
+                    slot.target.start_reading()
+            for slot, group in waiting:
+                yield from finish(slot, group)
+            waiting = drawn
+        for slot, group in waiting:
+            yield from finish(slot, group)
+
+    def release(self) -> None:
+        """Free the targets; the context must be current."""
+        for slot in (slot for slots in self.slots for slot in slots):
+            slot.target.release()
+
+
+def read_heights(
+    slot: Slot, layer: int, positions: Positions | None, passes: Sequence[Pass]
+) -> Singles:
+    """Return the heights (H, W) of one layer, NaN for none; the context must be current."""
+    width, height = slot.target.size
+    if positions is None or not passes:
+        return np.full((height, width), np.nan, dtype=np.float32)
+    points = positions.read(slot.target.layer(layer), passes, np.arange(height * width))
+    # Copy the heights, so that the memory of the other two coordinates is freed.
+    return np.array(points[2].reshape(height, width))
 
 
 # Drawing

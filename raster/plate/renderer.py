@@ -5,8 +5,7 @@ docs/adr/0006 has the reasons. Images equal those by `Rasterizer`, bit for bit.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Self, TypeVar
+from typing import Self
 
 import moderngl
 import numpy as np
@@ -28,9 +27,11 @@ from xfrustum.raster.plate.picture import (
     Batching,
     PictureStyle,
     PlatePicture,
+    Rounds,
     Slot,
+    groups,
     lets_vertices_choose_layers,
-    make_rounds,
+    read_heights,
     reflective_triangles,
 )
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
@@ -96,16 +97,6 @@ class FilmWindows:
 WHOLE = FilmWindows(windows=WHOLE_FILM, box=None)
 
 
-Item = TypeVar("Item")
-
-
-def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield consecutive items, `size` at a time."""
-    rest = iter(items)
-    while group := list(islice(rest, size)):
-        yield group
-
-
 class PlateRenderer(ContextOwner):
     """Scene on the GPU, uploaded once, drawn from many apertures with the same settings.
 
@@ -164,7 +155,7 @@ class PlateRenderer(ContextOwner):
             passes = self._passes(self.scene.plate.middle)
             self._picture = PlatePicture(self._context, self.scene, passes, style)
         drawings = 0 if self._picture is None else len(self._picture.drawings)
-        self._rounds = make_rounds(
+        self._rounds = Rounds(
             self._context,
             self.batching,
             lambda: LayeredTarget(size, self.batching.hogels, form),
@@ -174,8 +165,7 @@ class PlateRenderer(ContextOwner):
     def release(self) -> None:
         """Free the context and everything in it."""
         with self._context:
-            for slot in (slot for slots in self._rounds for slot in slots):
-                slot.target.release()
+            self._rounds.release()
         self._context.release()
 
     def hogels(
@@ -201,26 +191,12 @@ class PlateRenderer(ContextOwner):
     def _stream(
         self, apertures: Iterable[Aperture], parts: FilmParts | None = None
     ) -> Iterator[PlateHogel]:
-        waiting: list[tuple[Slot, list[Aperture]]] = []
         size = self.scene.frustum.resolution
-        submissions = groups(apertures, self.batching.hogels)
-        for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
-            slots = self._rounds[number % len(self._rounds)]
-            drawn = list(zip(slots, submitted, strict=False))
-            # OpenGL draws in the current context, and the caller may have others.
-            with self._context:
-                for slot, group in drawn:
-                    self._draw(slot, group, FilmWindows.from_apertures(group, parts, size))
-                    # The device fills these pixels while the next submission's vertices are
-                    # transformed.
-                    GL.glFlush()
-                # A driver that draws in software finishes everything before it lets anything be
-                # read.
-                for slot, _ in drawn:
-                    slot.target.start_reading()
-            yield from self._finish(waiting)
-            waiting = drawn
-        yield from self._finish(waiting)
+
+        def draw(slot: Slot, group: list[Aperture]) -> None:
+            self._draw(slot, group, FilmWindows.from_apertures(group, parts, size))
+
+        return self._rounds.stream(apertures, draw, self._finish)
 
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
@@ -231,7 +207,7 @@ class PlateRenderer(ContextOwner):
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:
             for number, group in enumerate(groups(apertures, self.batching.hogels)):
-                slot = self._rounds[0][number % self.batching.submissions]
+                slot = self._rounds.slots[0][number % self.batching.submissions]
                 self._draw(slot, group, enabled=enabled)
                 GL.glFlush()
             GL.glFinish()
@@ -272,25 +248,22 @@ class PlateRenderer(ContextOwner):
             drawn = [counts[REFLECTION] for counts in draws]
             picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
 
-    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
+    def _finish(self, slot: Slot, apertures: Sequence[Aperture]) -> Iterator[PlateHogel]:
         normals = Channel.NORMAL in self.content.channels
-        for slot, apertures in waiting:
-            with self._context:
-                color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
-                heights = [
-                    self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)
-                ]
-            for layer, aperture in enumerate(apertures):
-                numbers = None if triangle is None else triangle[layer]
-                yield PlateHogel(
-                    aperture=aperture,
-                    color=color[layer],
-                    triangle=numbers if self.content.ids else None,
-                    height=heights[layer],
-                    normal=None
-                    if numbers is None or not normals
-                    else normals_of(self.scene, numbers),
-                )
+        with self._context:
+            color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
+            heights = [
+                self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)
+            ]
+        for layer, aperture in enumerate(apertures):
+            numbers = None if triangle is None else triangle[layer]
+            yield PlateHogel(
+                aperture=aperture,
+                color=color[layer],
+                triangle=numbers if self.content.ids else None,
+                height=heights[layer],
+                normal=None if numbers is None or not normals else normals_of(self.scene, numbers),
+            )
 
     def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:
         """Return the heights (H, W) of a hogel; None if they are not a channel."""
@@ -298,10 +271,4 @@ class PlateRenderer(ContextOwner):
         # Sub-apertures contribute only color.
         if not measured or aperture != self.scene.plate.aperture(*aperture.index):
             return None
-        passes = self._passes(aperture)
-        width, height = slot.target.size
-        if self._positions is None or not passes:
-            return np.full((height, width), np.nan, dtype=np.float32)
-        points = self._positions.read(slot.target.layer(layer), passes, np.arange(height * width))
-        # Copy the heights, so that the memory of the other two coordinates is freed.
-        return np.array(points[2].reshape(height, width))
+        return read_heights(slot, layer, self._positions, self._passes(aperture))
