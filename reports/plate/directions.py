@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from typing import Any
 from xfrustum.raster.plate.directions import DirectionRenderer, Pixel
 from xfrustum.raster.plate.one_by_one import plate_direction
 from xfrustum.reference import Reference
-from xfrustum.reports.blocks import Job, open_workers
+from xfrustum.reports.blocks import open_workers
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.plate.arrays import LAYOUT, Block, PlateArrays, Tile, description_of
 from xfrustum.reports.plate.plate import (
@@ -28,12 +28,13 @@ from xfrustum.reports.plate.plate import (
     PlateFiles,
     PlateOptions,
     PlateSession,
+    StoreJob,
     arrays_of,
     damage_notes,
     described_as,
     filled,
 )
-from xfrustum.reports.plate.store import PlateStore, open_store
+from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.disk.input_files import in_words
@@ -165,26 +166,11 @@ def open_directions(
 
 
 @dataclass(frozen=True, kw_only=True)
-class DirectionJob(Job):
+class DirectionJob(StoreJob):
     """Plate that is drawn by directions; parameters as for `write_directions`."""
 
-    name = "plate"
     unit = "view"
-    scene: Scene
-    #: None for truths
-    depth: DepthFormat | None
-    out: Path
-    arrays: PlateArrays
-    options: PlateOptions
-
-    @cached_property
-    def store(self) -> PlateStore:
-        """The store, opened for reading by this process after a session has created it."""
-        return PlateStore(self.out, self.arrays)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # Every process opens the store separately.
-        return {name: value for name, value in vars(self).items() if name != "store"}
+    depth: DepthFormat | None  #: None for truths
 
     def finished(self, block: Block) -> bool:
         """Return whether the store has a block."""
@@ -193,10 +179,6 @@ class DirectionJob(Job):
     def size(self, block: Block) -> int:
         """Return the number of images of a block."""
         return len(block.pixels)
-
-    def words(self, block: Block) -> str:
-        """Return the number of a block and its store."""
-        return f"block {block.number} of {self.out}"
 
     @contextmanager
     def open(self) -> Iterator[PlateSession]:

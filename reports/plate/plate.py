@@ -291,13 +291,11 @@ class PlateFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlateJob(Job):
-    """Plate that is drawn block by block; parameters as for `write_plate`."""
+class StoreJob(Job):
+    """Blocks of a plate, of which each process opens the store separately."""
 
     name = "plate"
     scene: Scene
-    #: None for truths
-    settings: DoubleFrustum | None
     out: Path
     arrays: PlateArrays
     options: PlateOptions
@@ -308,8 +306,18 @@ class PlateJob(Job):
         return PlateStore(self.out, self.arrays)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Every process opens the store separately.
         return {name: value for name, value in vars(self).items() if name != "store"}
+
+    def words(self, block: Block) -> str:
+        """Return the number of a block and its store."""
+        return f"block {block.number} of {self.out}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateJob(StoreJob):
+    """Plate that is drawn block by block; parameters as for `write_plate`."""
+
+    settings: DoubleFrustum | None  #: None for truths
 
     def finished(self, block: Block) -> bool:
         """Return whether the store has all requested hogels of a block."""
@@ -318,10 +326,6 @@ class PlateJob(Job):
     def size(self, block: Block) -> int:
         """Return the number of requested hogels of a block."""
         return len(block.apertures)
-
-    def words(self, block: Block) -> str:
-        """Return the number of a block and its store."""
-        return f"block {block.number} of {self.out}"
 
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
