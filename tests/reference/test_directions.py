@@ -9,8 +9,9 @@ import pytest
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
+from xfrustum.reference.certify.directions import ExactGrid
 from xfrustum.reference.lines.lines import PixelLines, TileLines
-from xfrustum.scenes import HogelImage, InputError, Plate, Scene, open_scene
+from xfrustum.scenes import Frustum, HogelImage, InputError, Plate, Scene, Screen, open_scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.direction_image import DirectionImage
@@ -85,6 +86,7 @@ def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int
         "hard/screen-near-plate",
         "hard/screen-near-plate-in-front",
         "hard/duplicates",
+        "hard/triangle-in-plate",
         "empty",
     ],
 )
@@ -183,3 +185,49 @@ def test_hogels_beside_a_decided_tile_are_decided_alone() -> None:
     assert (decided.trace(aside).triangle == reference.trace(aside).triangle).all()
     inside = scene.plate.aperture(1, 1)
     assert (decided.gaps(inside) == reference.gaps(inside)).all(), "a tile without gaps"
+
+
+def aimed_triangles(
+    lines: PixelLines, random: np.random.Generator, side: tuple[int, int]
+) -> np.ndarray:
+    """Return a triangle for each line, with its extreme corner on the line but for rounding.
+
+    The other two corners lie toward `side` in x and y, so that the first ends the projection.
+    """
+    points, directions = lines.points().reshape(-1, 3), lines.directions().reshape(-1, 3)
+    s = random.uniform(*np.array(lines.s_range) / 2, len(points))
+    first = points + s[:, None] * directions
+    reach = 0.4 * np.array(lines.pitch)
+    corners = np.repeat(first[:, None], 3, axis=1)
+    corners[:, 1, :2] += side * reach * random.uniform(0.2, 1.0, (len(points), 2))
+    corners[:, 2, 0] += side[0] * reach[0] * random.uniform(0.2, 1.0, len(points))
+    return corners
+
+
+@pytest.mark.parametrize("side", [(1, 1), (-1, -1)])
+@pytest.mark.parametrize("screen", [None, 77.0, -77.0])
+def test_corners_on_lines_are_decided_as_in_rationals(
+    screen: float | None, side: tuple[int, int]
+) -> None:
+    """A corner within a rounding of a line: a box or a row without its margin loses the pixel."""
+    frustum = Frustum(
+        resolution=(7, 5),
+        reach=(40.0, 40.0),
+        fov=(0.7, 0.6) if screen is None else None,
+        screen=None if screen is None else Screen(height=screen, center=(3.0, 1.0), size=(50, 40)),
+    )
+    plate = Plate(size=(39.0, 31.0), hogels=(26, 21))
+    tile = PlateTile(plate=plate, columns=range(26), rows=range(21))
+    met = 0
+    for seed, pixel in enumerate([(0, 1), (5, 4), (2, 0)]):
+        lines = TileLines(frustum, tile).of_pixel(pixel)
+        triangles = aimed_triangles(lines, np.random.default_rng(seed), side)
+        decided = Certifier(Triangles(triangles), lines).decide(range(21))
+        exact = ExactGrid(triangles, lines)
+        # Other triangles lie within a cell of their own line, in its row and column.
+        for number in range(len(triangles)):
+            place = np.unravel_index(number, decided.triangle.shape)
+            meets = exact.meets(number, number) is not None
+            met += meets
+            assert (decided.triangle[place] == number) == meets
+    assert 100 < met < 3 * len(triangles) - 100
